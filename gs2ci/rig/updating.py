@@ -42,6 +42,7 @@ UNITS: Final = {
     "right_dd_px": "px",
     "right_dr_px": "px",
     "right_rr_px": "px",
+    "radial5_px": "px",
     "blur_px2": "px²",
     "leak": "1",
 }
@@ -269,6 +270,7 @@ _GROUPS: Final = (
     ("stretch", "shear"),
     ("radial_px",),
     _BENT,
+    ("radial5_px",),
     ("blur_px2",),
     ("leak",),
 )

@@ -29,8 +29,9 @@ import numba
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
-from gs2ci.reconstruct import fits, pipeline
-from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, relief, surfaces
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import fits
+from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry import surface_map
@@ -56,14 +57,14 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
-    ("fit: sweeps for surfaces", coarse, "find_surfaces"),
+    ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
     ("sweeps, edges of their maps", surface_map, "snapped"),
-    ("fit: density rule", coarse._Fit, "densify"),
+    ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
-    ("iteration: opacity term", coarse, "add_regularisers"),
+    ("iteration: opacity term", coarse_state, "add_regularisers"),
     ("iteration: surfaces' term", surfaces.Surfaces, "draw"),
-    ("iteration: what joins these", coarse._Fit, "backward"),
+    ("iteration: what joins these", coarse_state.FitState, "backward"),
     ("iteration: finite scene", optimiser.GaussianOptimiser, "scene_is_finite"),
     ("iteration: finite gradient", optimiser.GaussianOptimiser, "gradient_is_finite"),
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),

@@ -1,8 +1,7 @@
 """Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
 Here: the parameters, their optimiser and its schedule, the lengths that step sizes are measured in, and the prior on
-poses that were told. Not here: the initial poses, and how far told ones may err (`reconstruct.geometry`). For
-`gs2ci.reconstruct.fit`.
+given poses. Not here: the initial poses, and the standard errors of given ones (`reconstruct.geometry`).
 """
 
 from dataclasses import dataclass
@@ -75,7 +74,7 @@ class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
     def __init__(self, world_to_camera: F64, settings: PoseSettings, told: PoseErrors | None = None) -> None:
-        """Begin at given poses, [N, 4, 4]; `told` says how far they may err, None that nobody knows."""
+        """Begin at given poses, [N, 4, 4]; `told` gives their standard errors, None where these are unknown."""
         self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)

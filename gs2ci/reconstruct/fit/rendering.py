@@ -45,6 +45,7 @@ class ShotRenderer:
         self.times = mask_times(shot.views)
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
+        self.lens = lens
         self._sampling = None if lens is None else lens.sampling
         self._mask_moments = mask_moments
         self._mask_set = self.code(

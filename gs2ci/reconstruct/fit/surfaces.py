@@ -3,7 +3,7 @@
 Views leave open how the Gaussians along a ray share its light: half of a fitted scene is fog that shows the right
 pictures from the right places. The views that it shows are good enough, though, to find depth in by a plane sweep as
 the decode is not. So, once they are, a few of them are swept, what the sweeps agree on is kept, and from then on light
-that is stopped elsewhere costs something. The cost fades: what the measurement says has the last word, and light that
+that is stopped elsewhere costs something. The cost fades, so that the measurement decides in the end, and light that
 has been gathered on surfaces stays there.
 
 Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`).
@@ -37,7 +37,7 @@ from gs2ci.render.interface import MaskSet
 
 # Sweeps that differ by so much parallax along the whole path, px, show the same surface.
 _SAME_PX = 1.5
-# The share of the other sweeps that see a pixel's surface too: at the first none is believed, at the second all is.
+# The share of the other sweeps that see a pixel's surface too: at the first the weight is 0, at the second 1.
 _AGREEMENT = (0.3, 0.8)
 # The planes' range: the scene's own, between these quantiles of inverse depth, with room beyond both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
@@ -120,7 +120,7 @@ class Surfaces:
         search: That found them.
         views: Which views were swept, [K].
         inverse_depth: Of what they see, [K, H, W] float32.
-        trust: How far to believe it, [K, H, W] float32 in [0, 1].
+        trust: Its weight, [K, H, W] float32 in [0, 1].
         parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
         rays: Of the pixels, where the camera has z = 1, [H, W, 2] float32.
         pixels: Where the term looks in each view.
@@ -224,23 +224,21 @@ def find_surfaces(
     world_to_camera: F64,
     views: F32,
     settings: SurfaceSettings,
-    lens: Lens | None,
     seed: int,
     search: Search | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
 
     Args:
-        renderer: Of the shot.
+        renderer: Of the shot, with its lens.
         scene: The Gaussians; their depths are the range that is swept.
         world_to_camera: Poses, [N, 4, 4].
         views: What is seen from there, [N, H, W, C].
         settings: How many, how finely.
-        lens: Through which the shot was taken, unless it is a pinhole.
         seed: Of the choice of pixels.
         search: Of the settings' searches; the first if None.
     """
-    count = len(views)
+    count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
     span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
@@ -274,7 +272,7 @@ def find_surfaces(
         inverse_depth,
         trust,
         parallax_px,
-        _rays(renderer, lens),
+        _rays(renderer),
         pixels,
     )
 
@@ -282,8 +280,7 @@ def find_surfaces(
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
     """Tell how far several maps of inverse depth bear each other out, [K, H, W] in [0, 1].
 
-    Each pixel's point is looked for in the other maps. One map alone, or a point that no other sees, has nobody to
-    agree with and is not believed.
+    Each pixel's point is looked for in the other maps. A single map, or a point that no other sees, gets no weight.
 
     Args:
         inverse_depth: [K, H, W].
@@ -330,8 +327,9 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
 
 
-def _rays(renderer: ShotRenderer, lens: Lens | None) -> F32:
+def _rays(renderer: ShotRenderer) -> F32:
     """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
+    lens = renderer.lens
     height, width = renderer.size
     rows, columns = np.mgrid[:height, :width] + 0.5
     places = np.stack([columns, rows], axis=-1) if lens is None else lens.sampling.places

@@ -1,6 +1,6 @@
 """Whether a correction is let in: decodes of a crop with and without it, judged by pixels that neither saw.
 
-Here: the crop and the short decodes. Not here: proposals (`coarse`, `fine`, `sharpen`), and the verdict (`register`).
+Here: the crop and the short decodes. Not here: what is proposed (`proposals`, `sharpen`), and the verdict (`ways`).
 """
 
 from dataclasses import replace
@@ -12,7 +12,10 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.crop import corner, middle, size_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.registration.coarse import element_px
+from gs2ci.reconstruct.registration.local_scene import Seen
 
 _VIEW_PIXELS: Final = 160_000
 _LEAST_SIDE_PX: Final = 48
@@ -54,6 +57,13 @@ class Trial:
 def brief_views(shot: Shot, scale: float) -> F32:
     """Decode the middle of a measurement in short, [N, h, w, C]; readings are divided by a scale as for a `Trial`."""
     return _decoded(_scaled_crop(shot, scale))
+
+
+def level_of(shot: Shot) -> float:
+    """Return what to divide readings by, so that twice the scene's level is about full scale."""
+    total = white_reading(shot)
+    level = Seen.of(shot, element_px(total)).level(total)
+    return max(2 * abs(float(np.median(level))), 1e-12)
 
 
 def _decoded(shot: Shot) -> F32:

@@ -15,6 +15,8 @@ import numpy as np
 from scipy import fft
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.placement import Placement
 
 # Places within the peak's own width do not count as others. The n-th best of the others is the measure of chance.
@@ -32,6 +34,8 @@ _LEAST_TILES: Final = 5
 # Peaks of tiles are whole pixels, and a turn smears them.
 _AGREEMENT_PX: Final = 1.5
 _MARGIN_PX: Final = 128
+# A sum of masks that varies by less shows no pattern to find.
+_LEAST_PATTERN: Final = 1e-3
 
 ORIENTATIONS: Final[dict[str, Callable[[F64], F64]]] = {
     "as given": lambda image: image,
@@ -74,6 +78,23 @@ def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
         if spread > 0:
             fine = np.clip(fine, -4 * spread, 4 * spread)
     return fine
+
+
+def is_flat(total: F64) -> bool:
+    """Tell whether a sum of masks, [H, W], shows no pattern."""
+    return float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max())
+
+
+def readable(shot: Shot, element: float) -> F64:
+    """Return the fine pattern of a measurement, [H, W]: colours of a mosaic levelled, clipped readings left out."""
+    seen = Seen.of(shot, element)
+    patterns = np.zeros(shot.size)
+    for plane, counts in zip(seen.planes, seen.counts, strict=True):
+        around = np.maximum(seen.blur(counts), 1e-9)
+        level = seen.blur(counts * plane) / around
+        filled = np.where(counts > 0, plane, level)
+        patterns += counts * fine_pattern(filled, element, relative=True)
+    return patterns
 
 
 def _blur(image: F64, sigma: float) -> F64:

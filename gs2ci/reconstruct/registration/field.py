@@ -16,7 +16,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.measurement.jury import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile
 from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_weights
-from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, GEOMETRY, NAMES, Misfit
+from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, HIGHER, LOW, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import FIELD_AT_PX, Placement
 
 # A term is let in from so many of its standard errors on, as other parameters are, and where the field moves masks
@@ -29,6 +29,7 @@ _SETTLED_PX: Final = 2e-3
 # Steps that would move masks by more than their pattern tells are shortened to this at the picture's corner.
 _LONGEST_STEP_PX: Final = 1.0
 _GROUPS: Final = (("radial_px",), BENT)
+_BY_TILES: Final = (*AFFINE, *LOW)
 _GRID: Final = 7
 # Tiles whose displacement, a whole number, lies farther than this from the field that the others agree on are left out.
 _AGREEMENT_PX: Final = 1.2
@@ -48,6 +49,11 @@ class FieldEstimate:
     misfit: Misfit
     errors: dict[str, float]
     bent_px: float
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Get the terms of the field that were sought."""
+        return tuple(name for name in FIELD if name in self.errors)
 
     def value(self, name: str) -> float:
         """Return a parameter by its name."""
@@ -71,13 +77,13 @@ def find_field(
     Returns:
         The field, None where there surely is none; and value and standard error of each term that is not in it.
     """
-    estimate = _refined(problem, start, FIELD)
+    estimate = _refined(problem, start, LOW)
     nearer = _by_tiles(tiles, start.placement, problem.size)
     if nearer is not None:
-        other = _refined(problem, replace(start, placement=nearer), FIELD)
+        other = _refined(problem, replace(start, placement=nearer), LOW)
         if _predicts_better(problem, estimate.misfit, other.misfit):
             estimate, start = other, other.misfit
-    tried = {name: (estimate.value(name), estimate.errors[name]) for name in FIELD}
+    tried = {name: (estimate.value(name), estimate.errors[name]) for name in LOW}
     names = _let_in(estimate)
     while names:  # what is left out moves the others: those that stay must still be sure
         estimate = _refined(problem, start, names)
@@ -90,6 +96,24 @@ def find_field(
     return estimate, {name: pair for name, pair in tried.items() if name not in names}
 
 
+def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEstimate:
+    """Find a field's terms again from where it was found, and those of higher order if they are surely there.
+
+    Errors around each pixel, by which it counts, are those of the field now. Orders that are alike over most of the
+    picture weaken each other: the higher one is asked for last.
+
+    Args:
+        problem: The whole measurement.
+        start: The field as it was found, and the light along it.
+        terms: Of the field, that were let in.
+    """
+    closer = _refined(problem, start, terms)
+    higher = _refined(problem, closer.misfit, (*terms, *HIGHER))
+    if any(higher.is_sure(name) for name in HIGHER) and _predicts_better(problem, closer.misfit, higher.misfit):
+        return higher
+    return closer
+
+
 def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) -> Placement | None:
     """Return the placement, with a field, that tiles agree on; None where too few do, or all lie where they are put."""
     sure = [tile for tile in tiles if tile.peak.is_sure]
@@ -98,12 +122,12 @@ def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) ->
     while len(sure) >= _LEAST_TILES:
         places = np.array([tile.middle for tile in sure]) - (np.array(size) - 1) / 2
         moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
-        design = np.moveaxis(_moves(places[:, 0], places[:, 1], GEOMETRY), 0, -1)  # [2, K, P]
-        step = np.linalg.lstsq(design.reshape(-1, len(GEOMETRY)), moved.T.ravel(), rcond=None)[0]
+        design = np.moveaxis(_moves(places[:, 0], places[:, 1], _BY_TILES), 0, -1)  # [2, K, P]
+        step = np.linalg.lstsq(design.reshape(-1, len(_BY_TILES)), moved.T.ravel(), rcond=None)[0]
         apart = np.linalg.norm(moved.T - design @ step, axis=0)
         worst = int(apart.argmax())
         if apart[worst] <= _AGREEMENT_PX:
-            return _moved(placement, GEOMETRY, step)
+            return _moved(placement, _BY_TILES, step)
         del sure[worst]
     return None
 

@@ -88,7 +88,7 @@ class Problem:
         arm = max(1.0, float(np.hypot(*self.size)) / 2)
         along = _STEP_PX / arm
         affine = [_STEP_PX, _STEP_PX, np.rad2deg(along), along, along, along]
-        field = [_STEP_PX * (FIELD_AT_PX / arm) ** power for power in (3, *[2] * len(BENT))]
+        field = [_STEP_PX * (FIELD_AT_PX / arm) ** power for power in (3, *[2] * len(BENT), 5)]
         return np.array([*affine, *field, _STEPS["blur_px2"], _STEPS["leak"], _STEPS["black"] * self.unit])
 
 

@@ -18,7 +18,8 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
         stack: Pictures, [N, H, W].
         inverse: A⁻¹, [2, 2], for (row, column).
         shift: t, [2].
-        field: Of f, [7]: outwards by the cube of the distance; then down and right by (row², row · column, column²).
+        field: Of f, [8]: outwards by the cube of the distance; down and right by (row², row · column, column²);
+            outwards by the fifth power of the distance.
         wrapped: Whether a picture begins anew beyond its rim.
     """
     count, height, width = stack.shape
@@ -27,7 +28,8 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
     for r in numba.prange(height):
         for c in range(width):
             y, x = r - middle_row, c - middle_column
-            outwards = field[0] * (y * y + x * x)
+            squared = y * y + x * x
+            outwards = (field[0] + field[7] * squared) * squared
             down = y - shift[0] - (outwards * y + field[1] * y * y + field[2] * y * x + field[3] * x * x)
             right = x - shift[1] - (outwards * x + field[4] * y * y + field[5] * y * x + field[6] * x * x)
             row = middle_row + inverse[0, 0] * down + inverse[0, 1] * right

@@ -3,9 +3,10 @@
     y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(placement) ](p) + leak) · Xᵢ(p)
 
 Here: the parameters, and what they make of masks and of their sum. Not here: how they are found (`fine`, `light`),
-orientation and order of the masks (`coarse`, `order`).
+orientation and order of the masks (`coarse`, `sequence`).
 """
 
+import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
@@ -37,6 +38,11 @@ class Misfit:
     blur_px2: float = 0.0
     leak: float = 0.0
     black: float = 0.0
+
+    @property
+    def blur_sigma_px(self) -> float:
+        """Get the standard deviation of the blur, px; negative where masks are believed softer than they were."""
+        return 0.0 if self.blur_px2 == 0 else math.copysign(sigma_of(abs(self.blur_px2)), self.blur_px2)
 
     def of_masks(self, masks: F64, most_sharpening: float = MOST_SHARPENING, *, wrapped: bool = False) -> F64:
         """Return transmissions, [N, H, W], from the believed ones.
@@ -76,7 +82,9 @@ class Misfit:
 
 AFFINE: Final = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear")
 BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
-FIELD: Final = ("radial_px", *BENT)
+LOW: Final = ("radial_px", *BENT)
+HIGHER: Final = ("radial5_px",)
+FIELD: Final = (*LOW, *HIGHER)
 LIGHT: Final = ("blur_px2", "leak", "black")
 GEOMETRY: Final = (*AFFINE, *FIELD)
 NAMES: Final = (*GEOMETRY, *LIGHT)

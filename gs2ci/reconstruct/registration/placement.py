@@ -1,9 +1,10 @@
 """Where masks lie on the sensor, and what a sensor pixel then sees of them.
 
 A mask element that is believed at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a
-smooth field f of second and third order, as a relay lens between modulator and sensor bends what it images. A pixel
-integrates what falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read
-by pixels is exactly the bilinear interpolation of its values, and that is the interpolation here.
+smooth field f of second and third order, and outwards of fifth, as a relay lens between modulator and sensor bends
+what it images. A pixel integrates what falls on it: for elements as wide as a pixel, or wider and in step with the
+pixels, a shifted mask read by pixels is exactly the bilinear interpolation of its values, and that is the interpolation
+here.
 Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`, `field`), blur and light (`misfit`).
 """
 
@@ -41,6 +42,7 @@ class Placement:
         right_dd_px: How far to the right, 100 px below it.
         right_dr_px: How far to the right, 100 px below and 100 px to the right of it.
         right_rr_px: How far to the right, 100 px to the right of it.
+        radial5_px: Of the field: how far outwards 100 px from the middle; grows with the fifth power of the distance.
     """
 
     down_px: float = 0.0
@@ -56,6 +58,7 @@ class Placement:
     right_dd_px: float = 0.0
     right_dr_px: float = 0.0
     right_rr_px: float = 0.0
+    radial5_px: float = 0.0
 
     @property
     def matrix(self) -> F64:
@@ -80,12 +83,12 @@ class Placement:
 
     @property
     def field(self) -> F64:
-        """Get the coefficients of the field, [7], in the order of the arguments."""
+        """Get the coefficients of the field, [8], in the order of the arguments."""
         bent = (self.down_dd_px, self.down_dr_px, self.down_rr_px, self.right_dd_px, self.right_dr_px, self.right_rr_px)
-        return np.array([self.radial_px, *bent])
+        return np.array([self.radial_px, *bent, self.radial5_px])
 
     def with_field(self, field: F64) -> "Placement":
-        """Return the same with other coefficients of the field, [7]."""
+        """Return the same with other coefficients of the field, [8]."""
         radial, *bent = (float(one) for one in field)
         return Placement(*self._affine, radial, *bent)
 
@@ -96,7 +99,8 @@ class Placement:
     def field_px(self, places: F64) -> F64:
         """Return how far the field moves what is seen at places, both [..., 2] as (down, right), from the middle."""
         d, r = places[..., 0] / FIELD_AT_PX, places[..., 1] / FIELD_AT_PX
-        outwards = self.radial_px * (d * d + r * r)
+        squared = d * d + r * r
+        outwards = (self.radial_px + self.radial5_px * squared) * squared
         down = outwards * d + self.down_dd_px * d * d + self.down_dr_px * d * r + self.down_rr_px * r * r
         right = outwards * r + self.right_dd_px * d * d + self.right_dr_px * d * r + self.right_rr_px * r * r
         return np.stack([down, right], axis=-1)
@@ -121,7 +125,7 @@ class Placement:
         Beyond the rim its nearest value goes on, or the picture begins anew (wrapped).
         """
         inverse = np.linalg.inv(self.matrix)
-        field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6])
+        field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6, FIELD_AT_PX**5])
         sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, field, wrapped)
         return sampled
 

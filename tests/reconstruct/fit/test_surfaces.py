@@ -62,7 +62,7 @@ def renderer():
 def surfaces_of(renderer, scene=None, poses=None, **changes):
     scene, poses = wall() if scene is None else scene, path() if poses is None else poses
     views = renderer.views(scene, torch.from_numpy(poses).float())
-    return find_surfaces(renderer, scene, poses, views, replace(SETTINGS, **changes), None, seed=0)
+    return find_surfaces(renderer, scene, poses, views, replace(SETTINGS, **changes), seed=0)
 
 
 def term(found: Surfaces, renderer, scene, turn=0, weight=1.0):

@@ -1,0 +1,139 @@
+"""Ways to correct a measurement: what each makes of it, what is said of it, and which one held-out pixels bear out.
+
+Ways without a field are judged in the middle of the picture, those with one in the corner that it moves most.
+Here: ways and the verdict on them. Not here: what they are made from (`proposals`, `sharpen`, `rim`), and the decodes
+that judge (`admission`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.registration.admission import Corner, Trial, level_of
+from gs2ci.reconstruct.registration.field import bent_px
+from gs2ci.reconstruct.registration.fine import MisfitEstimate
+from gs2ci.reconstruct.registration.misfit import FIELD, Misfit
+from gs2ci.reconstruct.registration.rim import Rim, complete
+from gs2ci.reconstruct.registration.sharpen import Source, candidates
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to correct a measurement, and what is said of it and of its rim; whether masks were filtered sharper."""
+
+    shot: Shot
+    misfit: Misfit
+    errors: dict[str, float]
+    found: str
+    rim: Rim
+    is_filtered: bool = False
+
+    @property
+    def is_bent(self) -> bool:
+        """Get whether masks are moved by a smooth field beyond the affine."""
+        return bool(self.misfit.placement.field.any())
+
+
+def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
+    """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
+    misfit, errors = estimate.misfit, dict(estimate.errors)
+    found = _in_words(estimate)
+    believed = shot.masks.astype(np.float64)
+    ways = []
+    for one in candidates(believed, misfit) or [None]:
+        corrected, rim = _corrected(shot, misfit, one)
+        ways.append(Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
+    return ways
+
+
+def from_source(way: Way, source: Source) -> Way:
+    """Say of a way with sharp masks how it differs from the believed ones."""
+    misfit = way.misfit.moved(*source.shift_px)
+    return replace(
+        way,
+        is_filtered=False,
+        misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
+        found="; ".join(filter(None, (f"they were believed {source.how} from where and what they were", way.found))),
+    )
+
+
+def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | None:
+    """Return the way whose decode predicts held-out pixels best, if it surely does so better than a rival.
+
+    A field is judged in the corner that it moves most, and against what is known without one: a picture whose
+    corner is dark or noisy says nothing there of a shift of the whole.
+
+    Args:
+        shot: As it is believed.
+        ways: With a field all of them, or none.
+        rival: What is taken otherwise; None stands for the shot as it is.
+        seed: Of the held-out pixels.
+    """
+    if not ways:
+        return rival
+    bent = max((way.misfit for way in ways), key=lambda one: bent_px(one.placement, shot.size))
+    trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size))
+    if not trial.can_tell:
+        return rival
+    squares = [trial.squares(way.shot) for way in ways]
+    best = int(np.argmin([float(one.mean()) for one in squares]))
+    before = trial.squares(shot if rival is None else rival.shot)
+    return ways[best] if surely_larger(before, squares[best]) else rival
+
+
+def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
+    """Return the corner that a field moves most; None where there is no field."""
+    if not misfit.placement.field.any():
+        return None
+    corners = [(lower, right) for lower in (False, True) for right in (False, True)]
+    places = (np.array(corners) - 0.5) * (np.array(size) - 1)
+    return corners[int(np.linalg.norm(misfit.placement.field_px(places), axis=1).argmax())]
+
+
+def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim]:
+    """Correct masks and readings; masks, [N, H, W], are those given, or the believed ones moved."""
+    readings = shot.measurement - np.float32(misfit.black)
+    black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
+    return complete(black, misfit, masks)
+
+
+def _terms(misfit: Misfit) -> list[tuple[str, float]]:
+    return list(zip(FIELD, misfit.placement.field.tolist(), strict=True))
+
+
+def _in_words(estimate: MisfitEstimate) -> str:
+    """Say what was found, with standard errors."""
+    misfit, errors = estimate.misfit, estimate.errors
+    place, parts = misfit.placement, []
+    if "down_px" in errors:
+        parts.append(
+            f"they lie {place.down_px:+.3f} ± {errors['down_px']:.3f} px down and {place.right_px:+.3f} ± "
+            f"{errors['right_px']:.3f} px to the right of where they were believed"
+        )
+    if "rotation_deg" in errors:
+        parts.append(
+            f"turned by {place.rotation_deg:+.4f} ± {errors['rotation_deg']:.4f}° and scaled by "
+            f"{1 + place.scale:.5f} ± {errors['scale']:.5f}"
+        )
+    if "stretch" in errors:
+        parts.append(
+            f"stretched by {place.stretch:+.5f} ± {errors['stretch']:.5f} and sheared by {place.shear:+.5f} ± "
+            f"{errors['shear']:.5f}"
+        )
+    if any(name in errors for name in FIELD):
+        terms = ", ".join(
+            f"{name} {value:+.3f} ± {errors[name]:.3f}" for name, value in _terms(misfit) if name in errors
+        )
+        parts.append(f"bent by a smooth field beyond that, px at 100 px from the middle: {terms}")
+    if "blur_px2" in errors:
+        parts.append(
+            f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than believed by σ {abs(misfit.blur_sigma_px):.2f} px"
+        )
+    if "leak" in errors:
+        parts.append(f"closed elements pass {misfit.leak:+.3f} ± {errors['leak']:.3f} more of the light")
+    if "black" in errors:
+        parts.append(f"the reading without light is {misfit.black:+.4g} ± {errors['black']:.2g}")
+    return "; ".join(parts)
