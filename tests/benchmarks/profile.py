@@ -31,13 +31,12 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.attempts import fits
-from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, surfaces
+from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry import surface_map
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render import se3
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
 from tests.stability.benches import Bench
 
@@ -63,14 +62,15 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
-    ("iteration: opacity term", coarse_state, "regulated"),
-    ("iteration: surfaces' term", surfaces.Surfaces, "term"),
-    ("iteration: autograd", coarse_state.FitState, "backward"),
+    ("iteration: opacity term", coarse_state, "add_regularisers"),
+    ("iteration: surfaces' term", surfaces.Surfaces, "draw"),
+    ("iteration: what joins these", coarse_state.FitState, "backward"),
     ("iteration: finite scene", optimiser.GaussianOptimiser, "scene_is_finite"),
     ("iteration: finite gradient", optimiser.GaussianOptimiser, "gradient_is_finite"),
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),
     ("iteration: poses' step", poses.PoseCorrections, "step"),
-    ("iteration: poses from twists", se3, "exp"),
+    ("iteration: gradient by poses", poses.PoseCorrections, "pull"),
+    ("iteration: exchange of turning", relief.Relief, "step"),
     ("rendering: checks of input", backend, "check_rendering"),
     ("rendering: checks of masks", backend, "check_masks"),
     ("kernel: project", passes, "project"),

@@ -17,7 +17,7 @@ from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Refine
-from gs2ci.reconstruct.fit.losses import DataTerm, regulated
+from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of
 from gs2ci.reconstruct.fit.raster_order import raster_order
@@ -88,10 +88,6 @@ class FitState:
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
-    def predict(self, poses: Tensor) -> Tensor:
-        """Render the measurement that the present scene would give from these poses, [N, 4, 4]; [H, W, C]."""
-        return self._renderer.measurement(self.optimiser.scene, poses, self._reuse, self._gathering.screen)
-
     def views(self) -> F32:
         """Render what each mask saw, [N, H, W, C] float32, not clamped."""
         return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
@@ -109,20 +105,21 @@ class FitState:
         if not self.optimiser.scene_is_finite():
             return float("nan")
         self.optimiser.let_colours_vary(self.settings.colours.at(share))
-        poses = self.poses.world_to_camera()
-        loss = regulated(self.data_term(self.predict(poses)), self.optimiser.scene, self.settings.loss)
-        objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
-        objective = objective + self.poses.penalty()
-        objective.backward()  # type: ignore[no-untyped-call]
-        poses = poses.detach()
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        predicted, pull = self._renderer.measurement_with_pull(scene, poses, self._reuse, self._gathering.screen)
+        loss, gradient = self.data_term.value_and_gradient(predicted)
+        self.poses.pull(poses, pull(gradient))
+        loss += add_regularisers(scene, self.settings.loss)
+        for further in (self.settings.motion.penalty(scene, self._px_per_length, self._pixels), self.poses.penalty()):
+            if isinstance(further, Tensor):
+                further.backward()  # type: ignore[no-untyped-call]
         # Before the surfaces' term: they move with an exchange, and do not influence it.
         self._exchange = self._exchange_wanted(poses, share)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
-                distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
-                (self._surfaces.search.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach())
+                self._surfaces.draw(self._renderer, scene, poses, turn, self._surfaces.search.weight_at(share))
+        return loss
 
     @property
     def awaits_surfaces(self) -> bool:
@@ -202,9 +199,9 @@ class FitState:
 
     def _dissimilarity(self) -> Tensor:
         """Return what is wrong with the present prediction, [H, W]."""
-        with torch.no_grad():
-            predicted = self.predict(self.poses.world_to_camera())
-            return torch.from_numpy(self.data_term.dissimilarity(predicted.numpy()))
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        predicted, _ = self._renderer.measurement_with_pull(scene, poses, self._reuse)
+        return torch.from_numpy(self.data_term.dissimilarity(predicted))
 
     def snapshot(self, iteration: int) -> Snapshot:
         """Copy the present state."""

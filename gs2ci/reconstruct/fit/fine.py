@@ -21,7 +21,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.looks import Looks, Monitoring, Refine
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
 from gs2ci.reconstruct.fit.poses import length_of
@@ -336,13 +336,12 @@ class _Fit:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
         loss = self._data_term(self._renderer.measurement(scene, self.poses, self._reuse))
-        loss = regulated(loss, scene, self._loss)
         if self._pseudo_loss is not None:
             view = next(self._order)
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
             loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
         loss.backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach())
+        return float(loss.detach()) + add_regularisers(scene, self._loss)
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""

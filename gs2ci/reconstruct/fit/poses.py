@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors
-from gs2ci.render import se3
 from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
@@ -91,10 +91,30 @@ class PoseCorrections:
         self._accumulated = 0
 
     def world_to_camera(self) -> Tensor:
-        """Return the corrected poses, [N, 4, 4] float32, differentiable in the twists."""
+        """Return the corrected poses, [N, 4, 4] float32."""
         if self._adam is None:
             return self._initial
-        return se3.exp(self._units * self._twists) @ self._initial
+        found = torch.empty_like(self._initial)
+        correct_poses(*self._arrays(), self._initial.numpy(), found.numpy())
+        return found
+
+    def pull(self, world_to_camera: Tensor, gradient: F32) -> None:
+        """Accumulate the gradient by the twists that a gradient by the poses, [N, 4, 4], comes to.
+
+        Args:
+            world_to_camera: The poses that it was taken at, as they are now.
+            gradient: Those by their last rows do not count.
+        """
+        if self._adam is None:
+            return
+        if self._twists.grad is None:
+            self._twists.grad = torch.zeros_like(self._twists)
+        twists, units = self._arrays()
+        gradient = np.ascontiguousarray(gradient, np.float32)
+        twist_gradient(twists, units, world_to_camera.numpy(), gradient, self._twists.grad.numpy())
+
+    def _arrays(self) -> tuple[F32, F32]:
+        return self._twists.detach().numpy(), self._units.numpy()
 
     def penalty(self) -> Tensor | float:
         """Return what the corrections cost that told poses make unlikely, [] (see `PoseSettings.told_weight`)."""

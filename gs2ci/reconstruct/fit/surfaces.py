@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
@@ -21,6 +22,12 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surface_kernels import (
+    add_mean_gradient,
+    distance_to_surface,
+    exchange_inverse_depth,
+    parallax_moments,
+)
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -116,7 +123,7 @@ class Surfaces:
         trust: Its weight, [K, H, W] float32 in [0, 1].
         parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
         rays: Of the pixels, where the camera has z = 1, [H, W, 2] float32.
-        pixels: Where the term looks in each view, as the renderer prepared it, and [H, W] bool.
+        pixels: Where the term looks in each view.
     """
 
     settings: SurfaceSettings
@@ -126,45 +133,89 @@ class Surfaces:
     trust: F32
     parallax_px: float
     rays: F32
-    pixels: tuple[tuple[MaskSet, Tensor], ...]
+    pixels: tuple["Pixels", ...]
 
     def exchanged(self, exchange: Exchange) -> "Surfaces":
         """Return the surfaces after path and scene have exchanged turning for travel."""
-        nearer = (1 + np.square(self.rays @ exchange.along.bend.numpy())).astype(np.float32)
-        moved = (self.inverse_depth + exchange.beta * nearer) * (1 - exchange.beta * exchange.along.shrink)
-        return replace(self, inverse_depth=moved.astype(np.float32))
+        moved = np.empty_like(self.inverse_depth)
+        bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
+        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, moved)
+        return replace(self, inverse_depth=moved)
 
-    def term(self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int) -> Tensor:
-        """Return the mean distance of one view's light from its surfaces, px of parallax, differentiable in the scene.
+    def draw(
+        self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float
+    ) -> float:
+        """Return the mean distance of one view's light from its surfaces, px of parallax.
 
         Of a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, it is the root of
         sum_i w_i (p_i - p)^2: the root, so that what lies far off does not outvote all.
 
         Args:
             renderer: Of the shot.
-            scene: The Gaussians.
+            scene: The Gaussians; `weight` times the gradient is added to theirs.
             world_to_camera: Poses of all views, [N, 4, 4]; they get no gradient.
             turn: Views are looked at in turn.
+            weight: Of the term.
         """
         k = turn % len(self.views)
-        scene = scene.at(float(renderer.times[self.views[k]])) if scene.motion is not None else scene
-        mask_set, looked_at = self.pixels[k]
         pose = world_to_camera[self.views[k]].detach()
-        depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
-        wanted = self.parallax_px * torch.from_numpy(self.inverse_depth[k])[looked_at]
-        trust = torch.from_numpy(self.trust[k])[looked_at]
+        if scene.motion is None:
+            return self._draw(renderer, scene, pose, k, weight)
+        with torch.enable_grad():
+            there = scene.at(float(renderer.times[self.views[k]]))
+        still = there.map(lambda tensor: tensor.detach())
+        distance = self._draw(renderer, still, pose, k, weight)
+        drawn = [pair for pair in zip(_all(there), _all(still), strict=True) if pair[1].grad is not None]
+        torch.autograd.backward([mine for mine, _ in drawn], [other.grad for _, other in drawn])
+        return distance
+
+    def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float:
+        """Do so for the view that was swept k-th, of a scene that stands still."""
+        pixels = self.pixels[k]
+        means, ray = scene.means.detach().numpy(), pose[2].numpy()
         # About the middle of what is wanted, so that the squares do not cancel.
-        middle = float(wanted.median())
-        parallax = self.parallax_px / depth - middle
-        moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
-        stopped, first, second = renderer.coded(
-            replace(scene, colours=moments, harmonics=None), pose[None], mask_set
-        )[looked_at].unbind(dim=1)  # fmt: skip
-        wanted = wanted - middle
-        squares = second - 2 * wanted * first + wanted.square() * stopped
-        distances = (squares.clamp(min=0) + _ROUND_PX**2).sqrt() - _ROUND_PX
-        mean: Tensor = (trust * distances).sum() / max(float(trust.sum()), 1.0)
-        return mean
+        at = (NEAR, self.parallax_px)
+        middle = self.parallax_px * pixels.middle
+        moments = torch.empty(len(scene), 3)
+        parallax_moments(means, ray, *at, middle, moments.numpy())
+        shown = replace(scene, colours=moments, harmonics=None)
+        image, pull = renderer.coded_with_pull(shown, pose[None], pixels.mask_set)
+        gradient = np.zeros_like(image)
+        distance: float = distance_to_surface(
+            image.reshape(-1, 3),
+            pixels.at,
+            self.inverse_depth[k].reshape(-1),
+            self.trust[k].reshape(-1),
+            self.parallax_px,
+            middle,
+            _ROUND_PX,
+            weight,
+            gradient.reshape(-1, 3),
+        )
+        pull(gradient)
+        assert moments.grad is not None
+        assert scene.means.grad is not None
+        add_mean_gradient(means, ray, *at, moments.numpy(), moments.grad.numpy(), scene.means.grad.numpy())
+        return distance
+
+
+def _all(scene: Gaussians) -> list[Tensor]:
+    return list(scene.parameters().values())
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Where the term looks in one view.
+
+    Args:
+        mask_set: As the renderer prepared it.
+        at: Flat indices, [P].
+        middle: The median inverse depth of the surfaces there, when they were found.
+    """
+
+    mask_set: MaskSet
+    at: NDArray[np.int64]
+    middle: float
 
 
 def find_surfaces(
@@ -210,8 +261,10 @@ def find_surfaces(
     taken = (draw.random(trust.shape) < settings.pixel_share) & (trust > 0)
     if not taken.any(axis=(1, 2)).all():
         return None
-    looked_at = [torch.from_numpy(mask) for mask in taken]
-    pixels = tuple((renderer.code(mask[None].float()), mask) for mask in looked_at)
+    pixels = tuple(
+        Pixels(renderer.code(torch.from_numpy(mask[None]).float()), np.flatnonzero(mask), float(np.median(depth[mask])))
+        for mask, depth in zip(taken, inverse_depth, strict=True)
+    )
     return Surfaces(
         settings,
         search or settings.searches[0],

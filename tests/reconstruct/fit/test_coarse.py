@@ -74,11 +74,10 @@ class FaultyBackend(CpuBackend):
         self._when = when
         self._calls = itertools.count()
 
-    def coded(self, *arguments):
-        image = super().coded(*arguments)
-        if self._when(next(self._calls)):
-            image.register_hook(lambda gradient: gradient * float("nan"))
-        return image
+    def coded_with_pull(self, *arguments):
+        image, pull = super().coded_with_pull(*arguments)
+        faulty = self._when(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
 
 
 class Watching(CpuBackend):
@@ -91,14 +90,13 @@ class Watching(CpuBackend):
         self._when_faulty = when_faulty
         self._calls = itertools.count()
 
-    def coded(self, scene, world_to_camera, intrinsics, coding, screen, reuse, times):
+    def coded_with_pull(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
         if reuse not in self.given:
             self.given.append(reuse)
         self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
-        image = super().coded(scene, world_to_camera, intrinsics, coding, screen, reuse, times)
-        if self._when_faulty(next(self._calls)):
-            image.register_hook(lambda gradient: gradient * float("nan"))
-        return image
+        image, pull = super().coded_with_pull(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        faulty = self._when_faulty(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
 
 
 class Listener(Silent):
