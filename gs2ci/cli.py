@@ -73,12 +73,12 @@ def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted, 141 unread."""
     try:
         try:
-            # In a context of its own, so that nothing of one command is left for whoever calls a second one.
+            # In a context of its own, so that a second call in the same process starts clean.
             return copy_context().run(_serve, sys.argv[1:])
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Whoever read along has seen enough, as `| head` has. The interpreter flushes once more when it ends.
+        # The reader has closed the pipe, as `| head` does. The interpreter flushes once more when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_UNREAD
 

@@ -35,7 +35,7 @@ Everything that a reconstruction may find worth telling: why a fit ended, what t
 `python -m tests.docs`.
 
 A *remark* is worth knowing and asks for nothing. After a *doubt*, part of the result is not to be relied on as far as
-usual. A *failure* means that something that was asked for could not be done, and the result is without it.
+usual. A *failure* means that something that was requested could not be done, and the result is without it.
 """
 
 _IDEALISATIONS_HEAD = """\

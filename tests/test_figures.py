@@ -1,5 +1,7 @@
 """Figures in README and docs: each table has a command that makes it, each command can be given, all data are known.
 
+A table of scores says besides on what data they were taken, and of how many seeds they are.
+
 Not here: whether the figures are right; who doubts them gives the command.
 """
 
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
+from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
 from gs2ci.tables.literature import LEARNED
 from gs2ci_sims.scenes.files import scene_names
 
@@ -23,6 +25,19 @@ COMMAND = re.compile(
 )
 # A row of a table with at least one figure that was measured: a decimal number, mean and spread, or one in bold.
 FIGURES = re.compile(r"^\|.*\|\s*\**[−-]?\d+\.\d+", re.M)
+# A table whose columns judge a reconstruction: its figures depend on the scene, and on what was drawn.
+SCORES = re.compile(r"\bdB\b|PSNR|SSIM|nATE")
+TABLE = re.compile(r"(?:^\|.*\n?)+", re.M)
+# How many draws a figure is of, in words or by the option that says it.
+SEEDS = re.compile(
+    r"\b(?:one|two|three|four|five|six|seven|ten|\d+)\s+(?:seeds?|draws?|exposures?)\b|nothing is drawn"
+    r"|--seeds \d|GS2CI_SEEDS=|\bseed \d",
+    re.I,
+)
+# What data are, where they are not named as docs/data.md names them.
+ORIGIN = re.compile(
+    r"\bsimulat|\brender(?:ed|ing)|\bphotograph|\bpath-traced\b|\bhardware (?:exposure|measurement)", re.I
+)
 # Constants and settings, which nobody measured.
 CONSTANTS = {("paper-preset.md", "Constants"), ("paper-preset.md", "Where the paper says nothing")}
 
@@ -51,6 +66,64 @@ def test_what_counts_as_a_table_of_figures_finds_those_that_there_are():
     assert not COMMAND.search("a sentence about `gs2ci`, its make and python")
 
 
+def described():
+    """The names that docs/data.md has for data, in the first column of its table."""
+    rows = re.findall(r"^\|([^|]*)\|", DATA, re.M)
+    return {name.strip("` ") for row in rows for name in re.split(r",|\band\b", row)} - {"", "---", "measurement"}
+
+
+def scores_without_word(text):
+    """What each table of scores in a page does not say: its data, its seeds. It may stand in the page's beginning.
+
+    What belongs to a table is what stands around it, up to the tables before and after it and within its section.
+    """
+    beginning, *sections = re.split(r"^## ", text, flags=re.M)
+    found = []
+    for section in sections:
+        tables = list(TABLE.finditer(section))
+        for before, table, after in zip([None, *tables], tables, [*tables[1:], None], strict=False):
+            header = table[0].splitlines()[0]
+            if not SCORES.search(header) or len(FIGURES.findall(table[0])) < 2:
+                continue
+            near = section[before.end() if before else 0 : after.start() if after else None]
+            said = f"{TABLE.sub('', beginning)}\n{near}"
+            named = any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said) for name in described())
+            missing = [] if named or ORIGIN.search(said) else ["data"]
+            missing += [] if SEEDS.search(said) else ["seeds"]
+            found += [f"{section.splitlines()[0]}: {header}: {', '.join(missing)}"] if missing else []
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_each_table_of_scores_says_its_data_and_its_seeds(page):
+    assert not scores_without_word(page.read_text(encoding="utf-8"))
+
+
+CLAIM = "## Figures\n\n{}\n\n| | PSNR, dB |\n|---|---:|\n| default | 31.25 |\n| other | **30.1** |\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "missing"),
+    [
+        ("`gs2ci tables seeds --cases boxes --seeds 3`:", ""),
+        ("Photographs on planes, one seed:", ""),
+        ("`gs2ci tables seeds --cases boxes`:", "seeds"),
+        ("The default ends where seeds and scenes agree:", "data, seeds"),
+        ("Three seeds, a fernlike scene:", "data"),
+        ("Better on every scene, by far:", "data, seeds"),
+    ],
+)
+def test_a_table_of_scores_without_data_or_seeds_is_found(words, missing):
+    found = scores_without_word(CLAIM.format(words))
+    assert [one.rpartition(": ")[2] for one in found] == ([missing] if missing else [])
+    # The word about one table is none about the next, and what the page's beginning says is for all.
+    two = CLAIM.format("Photographs on planes, one seed:") + "\nAnd:\n" + CLAIM.format(words).partition("\n\n")[2]
+    assert len(scores_without_word(two)) <= 1
+    assert not scores_without_word("Simulated scenes, two seeds.\n\n" + CLAIM.format(words))
+    costs = CLAIM.format(words).replace("PSNR, dB", "seconds")
+    assert not scores_without_word(costs)
+
+
 def named_tables():
     """Every `gs2ci tables` with options that a page names: page, table, and its lines and cases."""
     for page in PAGES:
@@ -76,10 +149,7 @@ def test_a_table_that_is_named_can_be_made(table, options):
     if "--data" in options or table == "simulate":
         cases = ()
     else:
-        known = known_cases(table, None, None)
-        wanted = options.get("--cases", [])
-        assert set(wanted) <= {case.name for case in known} | set(scene_names())
-        cases = tuple(case for case in known if case.name in wanted) or known[:1]
+        cases = chosen_cases(table, None, None, options.get("--cases", []))
     # Lines of models need the models, and their names are all that is to be known of them.
     lines = tuple(line for line in options.get("--lines", []) if line not in LEARNED)
     entries = TABLES[table].entries(TableOptions(cases, seeds=1, lines=lines))

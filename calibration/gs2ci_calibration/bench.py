@@ -13,7 +13,7 @@ of a simulated bench. `known` holds the sections measured before (`known.need("d
     bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
     bench.move({"x": mm})                                  move the stage and wait; returns positions in mm
     bench.codes, bench.capture                             what `gs2ci capture` will show, and how
-    bench.options, bench.progress                          settings of the procedures; hears what they are at
+    bench.options, bench.progress                          settings of the procedures; receives their progress
 
 Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`).
 """
@@ -106,7 +106,7 @@ class Bench:
         directions: How the rig file says that each axis of the stage moves the camera, in its own frame, per mm; an
             axis not named may go anywhere.
         fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
-        progress: Hears from the procedures what they are at and see; taking frames says nothing of itself.
+        progress: Receives the stages and findings of the procedures; taking frames reports nothing.
     """
 
     devices: Devices

@@ -103,7 +103,7 @@ class Bundle:
 
     def _repr_png_(self) -> bytes | None:
         """Show the first and the last mask as measured, and the sensor's response, as far as they are known."""
-        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
         shown: list[NDArray[Any]] = []
         if "masks" in self:

@@ -4,13 +4,13 @@ The plan is checked before anything moves. Whatever goes wrong on the way, every
 the modulator shows nothing, the sensor does not stream, the stage rests; the error that reaches the caller names
 the device and the trigger that was being served. Rows handed on before it stay.
 
-Here: the order of things and the judgement of frames against triggers. Not here: what a plan is (`gs2ci_drivers.plan`,
-`planning`), files (the `sink` that is passed in), light.
+Here: the order of things, and where the stage was. Not here: what a plan is (`gs2ci_drivers.plan`, `planning`), checks
+of frames against triggers (`frame_timing`), files (the `sink` that is passed in), light.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,9 +23,8 @@ from gs2ci_drivers.failures import (
     FrameCorruptError,
     FrameError,
     FrameLostError,
-    SequenceError,
-    TriggerTimeoutError,
 )
+from gs2ci_drivers.frame_timing import Fire, FrameTiming
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
@@ -41,13 +40,8 @@ STALE_MARGIN_NS = 1_000_000
 """A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
 SHORTEST_COMPARED_S = 0.05
 """Sweeps shorter than this are over before a position could be asked for."""
-END_TOLERANCE_S = 2e-3
-CLOCK_TOLERANCE = 1e-3
-"""By how much the modulator's and the computer's seconds may differ, with the jitter of one exchange."""
 LONGEST_LEARNT_S = 1.0
 """A modulator seems to start later than this only when the time stamps are wrong."""
-PERIOD_TOLERANCE = 0.25
-"""Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +146,7 @@ def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress 
         devices: The rig's devices, with the sensor set up by `plan_capture`.
         plan: What to do.
         sink: Gets each shot; what it raises ends the capture.
-        progress: Hears about the upload and the shots.
+        progress: Receives the upload and the shots.
 
     Returns:
         The number of shots handed on.
@@ -165,21 +159,6 @@ def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress 
     return _Capture(devices, plan, sink, progress or Silent()).run()
 
 
-@dataclass
-class _Fire:
-    """What is noted while one start of the modulator is served."""
-
-    fired_ns: int = 0
-    rest_mm: dict[str, float] = field(default_factory=dict)
-    crossed_s: float = 0.0
-    position_error_mm: float = 0.0
-    reference_ns: int = 0
-    """Stamp of the frame that others are held against."""
-    reference_index: int = 0
-    done_s: float = 0.0
-    frames: int = 0
-
-
 class _Capture:
     """One run of a plan."""
 
@@ -188,6 +167,7 @@ class _Capture:
         self._plan = plan
         self._sink = sink
         self._progress = progress
+        self._timing = FrameTiming(plan, devices.sensor, devices.modulator.name)
         self._trigger = 0  # the trigger being served
         self._next_trigger = 0
         self._taken = 0
@@ -249,7 +229,7 @@ class _Capture:
 
     def _fire(self, attempt: int) -> None:
         devices, burst = self._devices, self._plan.settings.burst
-        fire = _Fire()
+        fire = Fire()
         self._trigger = self._next_trigger
         self._start_motion_after_arming(fire)
         fire.fired_ns = round(devices.clock.now_s() * 1e9)
@@ -265,7 +245,7 @@ class _Capture:
                 self._settle(fire, frames[-1])
             self._hand_on(fire, shot, first_trigger, frames, attempt)
 
-    def _stream(self, fire: _Fire) -> None:
+    def _stream(self, fire: Fire) -> None:
         """Take the exposures of one long run; those that are lost or spoilt are named, and passed over."""
         shots, shot = self._plan.settings.shots, 0
         last: Frame | None = None
@@ -285,7 +265,7 @@ class _Capture:
             shot, last = shot + 1, frames[-1]
         self._settle(fire, last)
 
-    def _start_motion_after_arming(self, fire: _Fire) -> None:
+    def _start_motion_after_arming(self, fire: Fire) -> None:
         """Arm, then begin the sweep and wait until the stage crosses into its constant part."""
         stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
         if stage is not None and sweep is not None:
@@ -301,7 +281,7 @@ class _Capture:
             longest_s = self._devices.modulator.info.start_latency_s or 0.0
             clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
 
-    def _compare_position(self, fire: _Fire) -> None:
+    def _compare_position(self, fire: Fire) -> None:
         """Ask the stage once where it is, to know how late it set out."""
         stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
         if stage is None or sweep is None or sweep.cruise_s < SHORTEST_COMPARED_S:
@@ -311,11 +291,11 @@ class _Capture:
         middle_s = (before_s + clock.now_s()) / 2
         fire.position_error_mm = measured_mm - sweep.position_mm(middle_s - fire.crossed_s)
 
-    def _collect(self, fire: _Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
+    def _collect(self, fire: Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
         """Read the frames of one shot and hold each against its trigger.
 
-        The modulator is watched to its end before the last frame of a fire is read: a sequence that stops early
-        is seen by nobody afterwards, and the frame waits in its buffer.
+        The modulator is watched to its end before the last frame of a fire is read: one that stops early
+        cannot be noticed afterwards, and the frame waits in its buffer.
         """
         plan, sensor = self._plan, self._devices.sensor
         latency_s = self._devices.modulator.info.start_latency_s or 0.0
@@ -327,11 +307,11 @@ class _Capture:
                 self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
                 fire.done_s = self._devices.clock.now_s()
             frame = sensor.read(timeout_s, not_before_ns=fire.fired_ns - STALE_MARGIN_NS, trigger_index=self._trigger)
-            self._hold_against_trigger(fire, frame)
+            self._timing.check(fire, frame)
             self._next_trigger += 1
             yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
 
-    def _step_masks(self, fire: _Fire) -> None:
+    def _step_masks(self, fire: Fire) -> None:
         """Let a panel that the host steps show its masks up to the end of the present exposure."""
         modulator, plan = self._devices.modulator, self._plan
         if not modulator.info.hardware_timed:
@@ -341,77 +321,12 @@ class _Capture:
             due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + shown_s
             modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
 
-    def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:
-        """Check by its time stamp that a frame answers the trigger it is taken for."""
-        index, plan = fire.frames, self._plan
-        fire.frames += 1
-        if index == 0:
-            self._hold_against_start(fire, frame)
-        if not fire.reference_ns or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
-            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
-            return
-        expected_s = self._due_s(index) - self._due_s(fire.reference_index)
-        late_s = (frame.t_kernel_ns - fire.reference_ns) * 1e-9 - expected_s
-        if plan.settings.continuous:  # over minutes, two clocks drift apart by more than the tolerance
-            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
-        if late_s > PERIOD_TOLERANCE * plan.frame_period_s:
-            raise TriggerTimeoutError(self._devices.sensor.name, index, late_s)
-        if late_s < -PERIOD_TOLERANCE * plan.frame_period_s:
-            raise ExtraFrameError(
-                self._devices.sensor.name,
-                f"frame {index} came {-late_s:.3g} s before its trigger could",
-                remedy="look for reflections on the trigger line or a second source of triggers",
-            )
-
-    def _due_s(self, index: int) -> float:
-        """Return when the trigger of a frame is due, from the first one of its fire."""
-        shot, within = divmod(index, self._plan.frames_per_shot)
-        return shot * self._plan.sequence.period_s + within * self._plan.frame_period_s
-
-    def _hold_against_start(self, fire: _Fire, frame: Frame) -> None:
-        """Check that the first exposure did not begin before the modulator was told to start.
-
-        A sensor that is gated by a line of the wrong polarity exposes until the masks come.
-        """
-        if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
-            return
-        began_s = frame.began_s(self._plan.exposure_s, self._devices.sensor.settings.readout_s)
-        early_s = fire.fired_ns * 1e-9 - began_s
-        if early_s > END_TOLERANCE_S:
-            raise ExtraFrameError(
-                self._devices.sensor.name,
-                f"the exposure of the first frame began {early_s:.3g} s before the modulator was started",
-                remedy="check the polarity of the trigger line and what time stamps mean: `gs2ci doctor` does both",
-            )
-
-    def _hold_against_end(self, fire: _Fire, last: Frame) -> None:
-        """Check that the last exposure had begun early enough for all of its masks.
-
-        A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
-        is not what we believe) gives a frame like any other, except that the modulator ends before it should.
-        """
-        plan, readout_s = self._plan, self._devices.sensor.settings.readout_s
-        if not last.flags & FrameFlag.STAMPED_MONOTONIC:
-            return  # a time of another clock
-        # A stamp of a frame's end comes late by its transfer, of which no more is known than that it takes a readout.
-        late_s = 0.0 if last.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) else readout_s
-        one_mask = plan.settings.mode is Mode.PER_MASK
-        shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
-        short_s = last.began_s(plan.exposure_s, readout_s) + shown_s - fire.done_s
-        if short_s > late_s + END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
-            raise SequenceError(
-                self._devices.modulator.name,
-                "fire",
-                [f"the sequence ended {short_s:.3g} s before the masks of its last trigger could have been shown"],
-                remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",
-            )
-
-    def _settle(self, fire: _Fire, last: Frame | None) -> None:
+    def _settle(self, fire: Fire, last: Frame | None) -> None:
         """Wait until all has come to its end, and see that the last frame was in time and that none is left over."""
         devices, plan = self._devices, self._plan
         arrived_s = devices.clock.now_s()
         if last is not None:
-            self._hold_against_end(fire, last)
+            self._timing.check_end(fire, last)
         if devices.stage is not None and plan.sweep is not None:
             sweep = plan.sweep
             devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
@@ -426,7 +341,7 @@ class _Capture:
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
 
-    def _hand_on(self, fire: _Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
+    def _hand_on(self, fire: Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
         stage_mm, target_mm = self._stage_at_masks(fire, shot, frames)
         self._sink(
             Taken(
@@ -442,7 +357,7 @@ class _Capture:
         self._taken += 1
         self._progress.step(self._taken)
 
-    def _stage_at_masks(self, fire: _Fire, shot: int, frames: tuple[Frame, ...]) -> tuple[F64 | None, F64 | None]:
+    def _stage_at_masks(self, fire: Fire, shot: int, frames: tuple[Frame, ...]) -> tuple[F64 | None, F64 | None]:
         """Return where the stage was at each mask's centre, and where it should have been, [N, K] in mm."""
         stage, plan = self._devices.stage, self._plan
         if stage is None:
@@ -475,7 +390,7 @@ class _Capture:
         seen_s = np.clip(windows_s, begin_s, begin_s + self._plan.exposure_s + asked.longer_s)
         return np.where(seen_s[:, 1:] > seen_s[:, :1], seen_s, windows_s)
 
-    def _first_mask_s(self, fire: _Fire, shot: int, frame: Frame) -> float:
+    def _first_mask_s(self, fire: Fire, shot: int, frame: Frame) -> float:
         """Return when a shot's first mask appeared, on the devices' clock."""
         modulator, settings = self._devices.modulator.info, self._devices.sensor.settings
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:

@@ -28,7 +28,7 @@ class Device(ABC, Generic[Info, Status]):
         self._info: Info | None = None
         self._closed = False
         self.incidents: list[str] = []
-        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
+        """What was ridden out without an error (a lost reply requested again, ...), for the shot's log."""
 
     @property
     def info(self) -> Info:

@@ -84,7 +84,7 @@ class PulseVerdict:
         said: What was seen, in words.
         remedy: What to do where it does not agree.
         settings: Keys of [modulator] that would make it agree, with their values.
-        inverted: Whether pulses must have come with the other masks than was asked for.
+        inverted: Whether pulses must have come with the other masks than was requested.
     """
 
     agrees: bool
@@ -258,7 +258,7 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self.clock.sleep_s(until_s - self.clock.now_s())
 
     def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
-        """Compare with what was asked for; overridden where firmware may read its settings in several ways."""
+        """Compare with what was requested; overridden where firmware may read its settings in several ways."""
         expected = sequence.pulses
         said = f"{counted} pulses were seen and {expected} expected"
         return PulseVerdict(counted == expected, said, "check the trigger cable and the sensor's trigger")

@@ -176,7 +176,7 @@ class CapturePlan:
     figures: tuple[Figure, ...]
 
     def _repr_html_(self) -> str:
-        from gs2ci.core.notebook import sheet  # noqa: PLC0415  laid out where somebody looks
+        from gs2ci.core.notebook import sheet  # noqa: PLC0415  laid out only when shown
 
         title = f"plan of {self.settings.shots} shot{'s' if self.settings.shots > 1 else ''}"
         return sheet(title, ("plan", "value", "allowed", ""), table(self))

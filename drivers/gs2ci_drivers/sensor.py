@@ -8,7 +8,7 @@ Promises that every implementation keeps and `tests/contracts/test_sensor.py` te
 on the device; `stop` may be called in any state and more than once; `close` may be called twice; `read` never
 waits beyond its deadline; a lost, corrupt or stale frame is an error of its own kind and the stream goes on.
 
-Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`). Anyone above may import this.
+Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`).
 """
 
 from abc import abstractmethod

@@ -142,7 +142,7 @@ class Trace(CallLog):
             raise self._refused(error) from error
 
     def _refused(self, error: OSError) -> StorageError:
-        """Make an error that nobody takes for one of the port."""
+        """Make an error that cannot be mistaken for one of the port."""
         return StorageError(
             f"the wire trace {self._path} cannot be written ({error.strerror})",
             remedy="check the folder and its free space, or set trace = false in the rig file",

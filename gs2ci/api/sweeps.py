@@ -63,7 +63,7 @@ def sweep(
             effects.stage_vibration.amplitude. All others keep the file's values meanwhile.
         points: Values per figure, 2 to 200.
         tolerance_dn: In total, DN rms; that of the rig file if None.
-        progress: Hears about each plan.
+        progress: Receives each plan.
 
     Returns:
         One sweep per figure.

@@ -25,7 +25,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.environment import machine
-from gs2ci.evaluate.run_folder import check_destination
+from gs2ci.evaluate.whole_folder import check_destination
 from gs2ci.reconstruct.settings import Settings
 
 # What a reconstruction holds at most, beyond its arrays and for each pixel of each view: an estimate that agrees
@@ -41,7 +41,7 @@ def reconstruct_many(
     *,
     prepare: Callable[[Shot], Shot] = as_it_is,
     score: Callable[[Shot], Callable[[F32], float] | None] = unscored,
-    wishes: str = "",
+    depends_on: str = "",
     processes: int = 1,
     scheduler: str = "",
     overwrite: bool = False,
@@ -55,11 +55,11 @@ def reconstruct_many(
         settings: The same for all.
         prepare: Changes each shot before it; a function of a module, or a `functools.partial` of one.
         score: Makes the curve's score from each shot, as `reconstruct` takes it; the same.
-        wishes: Whatever else the results depend on, as a text.
+        depends_on: Whatever else the results depend on, as a text.
         processes: On this machine; 1 works in this process.
         scheduler: Address of a Dask scheduler to work instead.
         overwrite: Replace runs that were made of other files or with other settings.
-        progress: Told of every exposure that ends.
+        progress: Receives every exposure that ends.
 
     Returns:
         A row for each exposure, in their order.
@@ -71,7 +71,7 @@ def reconstruct_many(
     """
     output, progress = output.absolute(), progress or Silent()
     check_place(output / ROWS_NAME)
-    tasks = [Task(one, output, _key(one, settings, wishes), settings, prepare, score) for one in exposures]
+    tasks = [Task(one, output, _key(one, settings, depends_on), settings, prepare, score) for one in exposures]
     rows = {task.exposure.name: row for task in tasks if (row := _finished(task, overwrite=overwrite)) is not None}
     missing = [task for task in tasks if task.exposure.name not in rows]
     (output / ROWS_NAME).mkdir(parents=True, exist_ok=True)
@@ -108,9 +108,9 @@ def bearable_processes(exposure_pixels: int) -> int:
     return max(1, min(int(machine()["usable_cores"]), int(psutil.virtual_memory().available // each)))
 
 
-def _key(one: FiledShot, settings: Settings, wishes: str) -> str:
+def _key(one: FiledShot, settings: Settings, depends_on: str) -> str:
     """Hash what a result depends on: the program's version, the file as it was last changed, the settings."""
-    told = as_json([__version__, str(one.file), one.index, one.stamp, settings, wishes])
+    told = as_json([__version__, str(one.file), one.index, one.stamp, settings, depends_on])
     return hashlib.sha256(told.encode()).hexdigest()[:20]
 
 

@@ -18,7 +18,7 @@ from gs2ci.core.json_text import as_json
 AsJson = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, and nothing else, on standard output.")]
 """The option `--json` of every command that has one."""
 # Where answers go while all else is silenced.
-_heard: Final[ContextVar[TextIO | None]] = ContextVar("heard", default=None)
+_answers_to: Final[ContextVar[TextIO | None]] = ContextVar("answers_to", default=None)
 QUIET_VARIABLE: Final = "GS2CI_QUIET"
 """For displays, also of processes that a command starts (`gs2ci.api.display`)."""
 
@@ -28,12 +28,12 @@ def silenced() -> Iterator[None]:
     """Keep a command to errors, questions and answers as JSON."""
     before = os.environ.get(QUIET_VARIABLE)
     os.environ[QUIET_VARIABLE] = "1"
-    token = _heard.set(sys.stdout)
+    token = _answers_to.set(sys.stdout)
     try:
         with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
             yield
     finally:
-        _heard.reset(token)
+        _answers_to.reset(token)
         if before is None:
             del os.environ[QUIET_VARIABLE]
         else:
@@ -54,7 +54,7 @@ def answered(*, as_text: bool) -> Iterator[Callable[[Any], None]]:
     if as_text:
         yield lambda _answer: None
         return
-    heard = _heard.get()
-    out, rest = heard or sys.stdout, sys.stderr if heard is None else sys.stdout
+    before = _answers_to.get()
+    out, rest = before or sys.stdout, sys.stderr if before is None else sys.stdout
     with contextlib.redirect_stdout(rest):
         yield lambda answer: print(as_json(answer), end="", file=out, flush=True)

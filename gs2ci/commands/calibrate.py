@@ -80,11 +80,11 @@ def run(
                 return out
             sections: list[Section] = []
 
-            def heard(section: "Section") -> None:
+            def print_section(section: "Section") -> None:
                 sections.append(section)
                 _print_section(console, section)
 
-            opened.calibrate(out, step, fast=fast, heard=heard, progress=display)
+            opened.calibrate(out, step, fast=fast, on_section=print_section, progress=display)
         console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
         answer({"bundle": out, "sections": [section.record() for section in sections]})
     return out

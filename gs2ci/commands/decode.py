@@ -40,14 +40,14 @@ def run(
     Returns:
         The folder.
     """
-    check_decode(options["iterations"], options["coupling"], options["seed"])
+    check_decode(options["iterations"], options["coupling"], options["budget"], options["seed"])
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
     from gs2ci.core.storage import count_shots, read_shot
 
     count = count_shots(shot)
     from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
-    from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     wanted = range(count) if all_shots else (index or 0,)

@@ -34,12 +34,12 @@ def run(
     """
     check_demo(**options)
     from gs2ci.core.storage.sealing import partial_of
-    from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output / "run", overwrite=True)
     shot = output / "shot.h5"
     rig = demo_rig(output / "rig.toml", **options)
-    partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
+    partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration holds no data worth keeping
     with answered(as_text=not json):  # the run is the answer
         capture.run(rig=rig, out=shot, overwrite=True)
     return reconstruct.run(shot, output / "run", overwrite=True, json=json)

@@ -34,7 +34,7 @@ def run(
     processes: int | None = None,
     scheduler: str = "",
     json: AsJson = False,
-    **wishes: Any,
+    **overrides: Any,
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
@@ -62,14 +62,14 @@ def run(
             is then as it was.
         KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
     """
-    wishes["density"] = density
-    reconstruction.check_wishes(wishes["iterations"], wishes["fits"], wishes["focal_px"], wishes["seed"])
+    overrides["density"] = density
+    reconstruction.check_overrides(overrides["iterations"], overrides["fits"], overrides["focal_px"], overrides["seed"])
     check_whole("--moments", moments, 2, MOST_MOMENTS)
     if more or every or scheduler or processes is not None:
         if moments is not None:
             remedy = "ask for them of each exposure by itself, with --index"
             raise InputError("--moments of many exposures", remedy=remedy)
-        if wishes.pop("budget") is not None:
+        if overrides.pop("budget") is not None:
             remedy = "give a --preset: machines differ, and so would results"
             raise InputError("--budget for many exposures", remedy=remedy)
         from gs2ci.commands.many import run_many
@@ -83,22 +83,22 @@ def run(
             scheduler=scheduler,
             overwrite=overwrite,
             json=json,
-            **wishes,
+            **overrides,
         )
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
     with answered(as_text=not json) as answer:
         with open_display() as display:
-            found = reconstruction.reconstruct(measured, progress=display, **wishes)
+            found = reconstruction.reconstruct(measured, progress=display, **overrides)
             display.stage("report")
             found.save(output, overwrite=overwrite, moments=moments)
         print_summary(output)
         answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     if found.interrupted:
-        # The run is there, and whoever scripts this learns by the status that it is not what was asked for.
+        # The run is there, and whoever scripts this learns by the status that it is not what was requested.
         raise KeyboardInterrupt
     return output

@@ -1,6 +1,7 @@
 """The middle or a corner of a measurement, where the whole would take too long.
 
-Here: `middle`, `corner`, and the size that a number of pixels affords. Not here: what they are wanted for.
+Here: `middle`, `corner`, where the middle begins, and the size that a number of pixels affords. Not here: what they are
+wanted for.
 """
 
 from dataclasses import replace
@@ -24,9 +25,18 @@ def middle(shot: Shot, size: tuple[int, int]) -> Shot:
     Raises:
         InputError: The measurement is smaller, or a side is no count of pixels.
     """
-    # Even places keep a colour mosaic's phase.
-    top, left = ((whole - part) // 4 * 2 for whole, part in zip(shot.size, size, strict=True))
+    top, left = middle_begins(shot.size, size)
     return replace(_piece(shot, top, left, size), provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"})
+
+
+def middle_begins(whole: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+    """Return the row and column at which the middle of a picture begins: even, which keeps a colour mosaic's phase.
+
+    Args:
+        whole: Height and width of the picture, px.
+        size: Those of its middle, px; no larger.
+    """
+    return (whole[0] - size[0]) // 4 * 2, (whole[1] - size[1]) // 4 * 2
 
 
 def corner(shot: Shot, size: tuple[int, int], *, lower: bool, right: bool) -> Shot:

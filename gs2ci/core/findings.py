@@ -30,7 +30,7 @@ class Weight(StrEnum):
     DOUBT = "doubt"
     """Part of the result is not to be relied on, or not as far as usual."""
     FAILURE = "failure"
-    """Something that was asked for could not be done, and the result is without it."""
+    """Something that was requested could not be done, and the result is without it."""
 
 
 REMARK, DOUBT, FAILURE = Weight.REMARK, Weight.DOUBT, Weight.FAILURE
@@ -218,6 +218,8 @@ class Code(StrEnum):
     LITTLE_EXPLAINED = auto()
     VIEWS_ERR = auto()
     DECODE_KEPT = auto()
+    DECODE_HURRIED = auto()
+    DECODE_OUT_OF_TIME = auto()
 
     # Comparison with a truth, or with another measurement.
     TRUE_PATH_STRAIGHT = auto()

@@ -1,6 +1,7 @@
 """The request to end early with what has been found so far, which long computations check between their steps.
 
-Here: the wish, and Ctrl-C as the wish. Not here: what a computation hands over then (`gs2ci.reconstruct.pipeline`).
+Here: the request, and Ctrl-C as the request. Not here: what a computation hands over then
+(`gs2ci.reconstruct.pipeline`).
 """
 
 import signal
@@ -21,7 +22,7 @@ class Halt:
 
     @property
     def asked(self) -> bool:
-        """Get whether somebody wants the result as it is."""
+        """Get whether an early end was requested."""
         return self._asked.is_set()
 
     def begin(self) -> None:

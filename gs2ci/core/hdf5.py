@@ -199,7 +199,7 @@ class SuspectFile:
         return value
 
     def _check_bytes(self, key: str, shape: tuple[int, ...], dataset: Any) -> None:
-        # One chunk is decompressed whole, however little of it is asked for.
+        # One chunk is decompressed whole, however little of it is requested.
         wanted = dataset.dtype.itemsize * max(math.prod(shape), math.prod(dataset.chunks or ()))
         allowed = min(LIMIT_BYTES, DEFLATE_LIMIT * self._file_bytes)
         if wanted > allowed:

@@ -5,7 +5,7 @@ A package names its parts in its pyproject.toml:
     [project.entry-points."gs2ci.density_rules"]
     mine = "my_package.density:RULE"
 
-Nothing is imported before it is asked for by its name. One that cannot be loaded is named, with its package, by whoever
+Nothing is imported before it is requested by its name. One that cannot be loaded is named, with its package, by whoever
 asks for it and by `gs2ci plugins`; it stops nothing else. Not here: what a plug-in of a group is (docs/plugins.md).
 """
 
@@ -30,7 +30,7 @@ GROUPS: Final[dict[str, str]] = {
 
 
 class PluginError(InputError):
-    """A plug-in was asked for and cannot be used."""
+    """A plug-in was requested and cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _described(found: list[EntryPoint], *, taken: bool = False) -> Plugin:
     else:
         try:
             first.load()
-        except Exception as error:  # a stranger's module may raise anything when it is imported
+        except Exception as error:  # a foreign module may raise anything when it is imported
             problem = f"{type(error).__name__}: {error}"
     version = first.dist.version if first.dist is not None else ""
     return Plugin(first.group, first.name, first.value, _package(first), version, problem)

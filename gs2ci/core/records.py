@@ -138,7 +138,7 @@ class Shot:
 
     def _repr_png_(self) -> bytes:
         """Show the measurement, the first mask and, where it is known, the middle true view."""
-        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
         brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
         shown: list[NDArray[Any]] = [self.measurement / brightest, self.masks[0]]

@@ -84,7 +84,7 @@ class RunResult:
         mask_moments: How many moments each mask was fitted with, for how much motion, and the bounds that asked for
             them; None where one for each was enough.
         exposed_views: What each mask saw while it was on show, where `views` show the middle of it; else None.
-        registration: What was found out of masks, black level and unit: parameters, standard errors, what was tried.
+        registration: What was estimated of masks, black level and unit: parameters, standard errors, what was tried.
         registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
             `heldout_rms` and `predicted_measurement` are in its unit.
         motion: Whether things in the scene may move, what spoke for it, what each attempt leaves, and how fast they go.

@@ -30,7 +30,7 @@ def write_whole(
     r"""Write a file at once; what was there is replaced, and stays as it was if anything goes wrong.
 
     Args:
-        path: Of the file. A symbolic link there is replaced, not followed: in a stranger's folder it may point at
+        path: Of the file. A symbolic link there is replaced, not followed: where others can write it may point at
             any file of the user's.
         content: Bytes, or a text, written as UTF-8 with the line ends it has ("\n" stays "\n").
         parents: Make the folders above it.

@@ -13,13 +13,9 @@ import pycolmap
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
 from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.evaluate.whole_folder import view_names
 
 CAMERA_ID: Final = 1
-
-
-def view_names(count: int) -> list[str]:
-    """Get the file names of the views, in order of exposure."""
-    return [f"view_{index:03d}.png" for index in range(count)]
 
 
 def nerfstudio_transforms(

@@ -21,8 +21,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
-from gs2ci.evaluate.report import REPORT_NAME
-from gs2ci.evaluate.run_folder import whole_folder, write_pictures
+from gs2ci.evaluate.whole_folder import REPORT_NAME, whole_folder, write_pictures
 
 SCHEMA: Final = "gs2ci.decode/1"
 
@@ -37,7 +36,7 @@ class Decoded:
         predicted_measurement: What the masks make of the views, as the shot's measurement.
         seconds: That the decode took.
         method: What decoded, and with which settings, as plain values.
-        notes: Sentences for whoever reads the report.
+        notes: Sentences for the reader of the report.
     """
 
     shot: Shot

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
+from gs2ci.core.ranks import rank_correlation
 
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
 FAR_OFF_PX: Final = 0.25
@@ -98,7 +98,7 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
         rms=float(np.sqrt(np.mean(error**2))),
         close_share=float(np.mean(ratio < _CLOSE_RATIO)),
         known_share=float(both.sum() / wanted.sum()),
-        rank=float(spearmanr(found, true).statistic) if varied else None,
+        rank=rank_correlation(found, true) if varied else None,
         median_px=None if off_px is None else float(np.median(off_px)),
         far_off_share=None if off_px is None else float(np.mean(off_px > FAR_OFF_PX)),
     )

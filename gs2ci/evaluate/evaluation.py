@@ -52,7 +52,7 @@ class FinishedRun:
         distortion: Of the lens, [5] as in `Shot`; None for a pinhole.
         depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
         depth_confidence: Likewise.
-        registered: The measurement as the run believed it, where it corrected the one that it was given.
+        registered: The measurement as the run corrected it, where registration changed something.
         exposed: What each mask saw while it was on show, where the views show the middle of it.
     """
 

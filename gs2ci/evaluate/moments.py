@@ -44,7 +44,7 @@ def poses_at(world_to_camera: F64, times: F64) -> F64:
 
     Args:
         world_to_camera: Under each mask, [N, 4, 4].
-        times: Of what is asked for, from −1 to 1, [K].
+        times: Of what is requested, from −1 to 1, [K].
     """
     if len(world_to_camera) == 1:
         return np.repeat(world_to_camera, len(times), axis=0)

@@ -1,7 +1,7 @@
 """The measurement's residual in units of its noise: chi-squared per pixel.
 
 Here: the noise of a sensor in full scales, and what a prediction leaves unexplained in units of it. Not here: residuals
-in the measurement's own unit (`gs2ci.evaluate.metrics`). The commands and the rest of `gs2ci.evaluate` may import this.
+in the measurement's own unit (`gs2ci.evaluate.metrics`).
 """
 
 from dataclasses import dataclass

@@ -9,10 +9,10 @@ the two figures that tell, and the sentence that follows from them. Not here: ho
 from typing import Final
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.ranks import rank_correlation
 from gs2ci.evaluate.trajectory import TURNED_OVER_DEG
 
 # Fewer pixels, or depths that differ by less than this share of them, have no order worth asking for.
@@ -42,7 +42,7 @@ def depth_rank(estimate: F32 | F64, truth: F32 | F64) -> float | None:
     found, true = estimate[both].astype(np.float64), truth[both].astype(np.float64)
     if found.size < _LEAST_PIXELS or _lies_at_one_depth(found) or _lies_at_one_depth(true):
         return None
-    return float(spearmanr(found, true).statistic)
+    return rank_correlation(found, true)
 
 
 def inside_out(rotation_deg: float | None, rank: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Where the masks were believed to be and where they are, in one picture.
+"""Where the masks were calibrated to lie and where they lie, in one picture.
 
     readings (a piece of the middle)   believed masks, summed   registered masks, summed   how far they moved
 
@@ -31,7 +31,7 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
     Args:
         path: Where.
         given: The measurement as it was given.
-        registered: The same as it is believed after registration.
+        registered: The same after registration.
         found: The report's section on it; `placement` and `standard_errors` say where the masks lie. Discs about the
             arrows' ends are standard errors, magnified as the arrows are.
     """

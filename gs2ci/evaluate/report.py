@@ -7,18 +7,16 @@ what can be found and said (`gs2ci.core.findings`).
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, Finding
-from gs2ci.core.json_text import parse_json
 from gs2ci.core.run_records import SECONDS_KEYS, Verdict
 from gs2ci.evaluate.depth import DepthErrors
+from gs2ci.evaluate.whole_folder import NO_RUN, REPORT_NAME, RUN_SCHEMA, schema_of
 
-SCHEMA: Final = "gs2ci.report/2"
-REPORT_NAME: Final = "report.json"
 REGISTERED_NAME: Final = "registered.h5"
 EXPOSED_NAME: Final = "exposed_views.npy"
 MOTION_PICTURE_NAME: Final = "motion.png"
@@ -26,8 +24,6 @@ MOTION_PICTURE_NAME: Final = "motion.png"
 # No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
 Number = Annotated[float, Field(ge=-1e100, le=1e100)]
 Count = Annotated[int, Field(ge=0, le=10**15)]
-
-_REMEDY: Final = "give the folder that `gs2ci reconstruct -o` wrote"
 
 
 class ReportSection(BaseModel):
@@ -119,7 +115,7 @@ class Moved(ReportSection):
 
 
 class GeometrySection(ReportSection):
-    """The first camera path, and how far to believe it (`gs2ci.reconstruct.geometry`).
+    """The first camera path, and how reliable it is (`gs2ci.reconstruct.geometry`).
 
     `method` found it, `asked_for` was asked; `path_error_expected` is a share of the path's extent, `unit_of` names
     whose unit the lengths have, None for the scene's own. `order_errors`: by how many standard errors near and far are
@@ -151,7 +147,7 @@ class EnsembleSection(ReportSection):
 
 
 class PlacementSection(ReportSection):
-    """Where the masks lie against where they were believed, about the middle of the picture.
+    """Where the masks lie against their calibration, about the middle of the picture.
 
     From `radial_px` on it is a smooth field beyond the affine, stated at 100 px from the middle: outwards by the cube
     of the distance, then down and right by the squares of the distances below and to the right and by their product,
@@ -230,7 +226,7 @@ class MaskMomentsSection(ReportSection):
 
 
 class MotionSection(ReportSection):
-    """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
+    """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.moving`).
 
     Of the still scene's residual, velocities of its blocks would explain the share `explained` of the power, surely so
     in the share `blocks` of them; None where nothing was asked. Where moving scenes were `tried`, `heldout_rms` says
@@ -303,7 +299,7 @@ class Report(ReportSection):
     of what these two alone give. What needs an unknown truth is None.
     """
 
-    schema_name: Literal["gs2ci.report/2"] = Field(SCHEMA, alias="schema")
+    schema_name: Literal["gs2ci.report/2"] = Field(RUN_SCHEMA, alias="schema")
     name: str
     views: Count = Field(ge=1)
     size: tuple[Count, Count]
@@ -378,10 +374,10 @@ def read_report(folder: Path) -> Report:
     """
     path = Path(folder) / REPORT_NAME
     found = schema_of(folder)
-    if found != SCHEMA:
+    if found != RUN_SCHEMA:
         ours = isinstance(found, str) and found.startswith("gs2ci.report/")
-        remedy = "reconstruct again, or read it with the version of gs2ci that wrote it" if ours else _REMEDY
-        raise StorageError(f"{path} has schema {found!r}", allowed=SCHEMA, remedy=remedy)
+        remedy = "reconstruct again, or read it with the version of gs2ci that wrote it" if ours else NO_RUN
+        raise StorageError(f"{path} has schema {found!r}", allowed=RUN_SCHEMA, remedy=remedy)
     try:
         return Report.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
@@ -390,21 +386,6 @@ def read_report(folder: Path) -> Report:
             allowed="what docs/report.schema.json describes",
             remedy="reconstruct again",
         ) from error
-
-
-def schema_of(folder: Path) -> Any:
-    """Return the name of the schema of a folder's report, whatever else it holds.
-
-    Raises:
-        StorageError: There is no report, or it is no JSON.
-    """
-    path = Path(folder) / REPORT_NAME
-    try:
-        report = parse_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = (isinstance(error, OSError) and error.strerror) or error
-        raise StorageError(f"{path} cannot be read: {reason}", remedy=_REMEDY) from error
-    return report.get("schema") if isinstance(report, dict) else None
 
 
 def _first_of(error: OSError | ValidationError) -> str:

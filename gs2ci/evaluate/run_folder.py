@@ -19,36 +19,29 @@
                      to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
       displacement.npy  likewise: [H, W, 2] float32, how far what each pixel shows moves over the exposure, px
       motion.png     the same in one picture
-      moments/       only where asked for: pictures spread over the exposure, and where things move a scene of each
+      moments/       only on request: pictures spread over the exposure, and where things move a scene of each
       points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
-      registered.h5  only where registration corrected something: the measurement as it was believed from then on
-      registration.png  the same in one picture: where the masks were believed to be, and where they are
+      registered.h5  only where registration corrected something: the measurement as it was used from then on
+      registration.png  the same in one picture: where the masks were calibrated to lie, and where they lie
       tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
 Not here: the figures, the page, the picture.
 """
 
 import json
-import os
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
-from gs2ci.core.whole_file import check_place
-from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.evaluate.moments import MOMENTS_NAME, render_moments
 from gs2ci.evaluate.moments import moments as moment_times
 from gs2ci.evaluate.motion_picture import write_motion_picture
@@ -57,8 +50,9 @@ from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, points_of, write_points
 from gs2ci.evaluate.registration_picture import write_registration_picture
-from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
+from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME
 from gs2ci.evaluate.run_report import build_report
+from gs2ci.evaluate.whole_folder import REPORT_NAME, view_names, whole_folder, write_pictures
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import write_ply
@@ -113,93 +107,6 @@ def write_run(
     return folder
 
 
-def check_destination(folder: Path, *, overwrite: bool = False, schema: str = SCHEMA) -> None:
-    """Refuse a place where no run may be written; to be asked before the work, not after it.
-
-    Args:
-        folder: The place.
-        overwrite: Whether an earlier run may be replaced.
-        schema: Of the report that an earlier run holds, of whatever version.
-
-    Raises:
-        StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run; or
-            nothing can be written there.
-    """
-    # The new folder is made beside its place and renamed.
-    check_place(folder.resolve() if folder.is_symlink() else folder)
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise StorageError(f"{folder} is not a folder", remedy="choose another place with -o")
-    if folder.is_mount():
-        raise StorageError(
-            f"{folder} is where a disk or volume is mounted, and nothing can take its place",
-            remedy=f"choose a folder in it: -o {folder / 'run'}",
-        )
-    if not any(folder.iterdir()):
-        return
-    if not overwrite:
-        raise StorageError(
-            f"{folder} exists and is not empty",
-            allowed="a new or an empty folder",
-            remedy="choose another place with -o, or add --overwrite to replace an earlier run",
-        )
-    if not _holds(folder, schema.partition("/")[0]):
-        raise StorageError(
-            f"{folder} holds something other than a run, which is not replaced",
-            allowed="a folder with a report.json of ours",
-            remedy="choose another place with -o",
-        )
-
-
-def _holds(folder: Path, kind: str) -> bool:
-    """Tell whether a folder holds a report of a kind, of whatever version."""
-    try:
-        found = schema_of(folder)
-    except StorageError:
-        return False
-    return isinstance(found, str) and found.partition("/")[0] == kind
-
-
-@contextmanager
-def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = SCHEMA) -> Iterator[Path]:
-    """Give a hidden sibling folder to fill; rename it into place at the end, remove it if anything goes wrong.
-
-    Raises:
-        StorageError: See `check_destination`; or the disk refuses.
-    """
-    check_destination(folder, overwrite=overwrite, schema=schema)
-    folder = folder.resolve()
-    partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
-    try:
-        # One of this name can only be the rest of a killed process whose number came round again.
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        yield partial
-        _swap_in(partial, folder)
-    except OSError as error:
-        raise StorageError(
-            f"{folder} cannot be written: {error}",
-            remedy="check the free space and the permissions, or choose another",
-        ) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _swap_in(partial: Path, folder: Path) -> None:
-    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
-    replacing = folder.exists()
-    if replacing:
-        folder.rename(old)
-    try:
-        partial.rename(folder)
-    except OSError:
-        if replacing:
-            old.rename(folder)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
 def _write_images(folder: Path, result: RunResult) -> None:
     np.save(folder / "views.npy", _three_channels(result.views))
     np.save(folder / "decode.npy", _three_channels(result.decode))
@@ -213,19 +120,6 @@ def _write_images(folder: Path, result: RunResult) -> None:
     if result.disagreement is not None:
         np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
     write_pictures(folder / "views", result.views)
-
-
-def write_pictures(folder: Path, views: F32) -> None:
-    """Make a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
-
-    Raises:
-        StorageError: The disk refuses.
-    """
-    folder.mkdir()
-    for name, view in zip(view_names(len(views)), views, strict=True):
-        eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
-        if not cv2.imwrite(str(folder / name), eight_bit[..., ::-1]):
-            raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
 
 
 def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:

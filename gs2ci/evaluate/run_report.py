@@ -18,8 +18,9 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.report import SCHEMA, Report, Simulation
+from gs2ci.evaluate.report import Report, Simulation
 from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.evaluate.whole_folder import RUN_SCHEMA
 
 _FREE: Final = {"roll": Code.TRUE_PATH_STRAIGHT, "rotation": Code.TRUE_PATH_STILL}
 
@@ -41,7 +42,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
     decode_kept = (finding(Code.DECODE_KEPT),) if result.verdict == "decode" else ()
     simulation, provenance = _simulation(plain_json(shot.provenance))
     report = {
-        "schema": SCHEMA,
+        "schema": RUN_SCHEMA,
         "name": shot.name,
         "views": n,
         "size": [height, width],

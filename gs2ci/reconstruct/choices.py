@@ -1,7 +1,7 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
 Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
-stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`).
+stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
 from typing import Final, Literal, get_args
@@ -11,8 +11,8 @@ PresetName = Literal["draft", "standard", "fine", "paper"]
 PoseSource = str
 """auto, tracks, stage, wide, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
-ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
-"""Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
+ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
+"""Decoded views; the masked measurement; the paper's proxies by name; or the one of them that the masks ask for."""
 
 FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""

@@ -65,7 +65,7 @@ class FirstLook:
 
         Args:
             settings: Its whole schedule.
-            progress: Hears of each step.
+            progress: Receives each step.
             hurried: Whether it ends where steps gain little.
         """
         rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
@@ -109,7 +109,7 @@ def look(
         lens: Through which it was taken, unless it is a pinhole.
         prior: Where the geometry comes from.
         settings: Of all stages.
-        progress: Told of every stage and step.
+        progress: Receives every stage and step.
         lap: Called with a stage's name when it ends.
         masks_of: The measurement with its masks as they were calibrated; the jury's where none of them was closed.
 

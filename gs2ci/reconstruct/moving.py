@@ -25,7 +25,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook, from_rest
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer

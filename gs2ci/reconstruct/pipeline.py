@@ -18,6 +18,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts.choice import Attempts
+from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -26,7 +27,6 @@ from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fits import Fits
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
@@ -70,7 +70,7 @@ def reconstruct(
     Args:
         shot: The measurement; its truth is not read.
         settings: Settings of every stage.
-        progress: Told of every stage and step.
+        progress: Receives every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
         budget: Decides how much is fitted, instead of the settings.
         halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
@@ -115,9 +115,7 @@ def reconstruct(
     fits = replace(fits, mask_moments=mask_moments).within(budget, first)
     settings, refine = fits.settings, fits.refine
 
-    attempts = Attempts(
-        fits.attempt, fits.completed, fits.release, jury, lens, settings, refine, progress, clock.lap, halt
-    )
+    attempts = Attempts(fits)
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, lens, mask_moments)
@@ -164,7 +162,7 @@ def _as_shown(score: Score | None, light: Brightness) -> Score | None:
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
-    """Return, and say, that the rest was left out, where somebody asked for the result as it was."""
+    """Return, and report, that the rest was left out, where an early end was requested."""
     if not halt.asked:
         return ()
     note = finding(Code.INTERRUPTED)

@@ -155,7 +155,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
 
 
 def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
-    """Say that the principal point may move, where a path that nobody told turns as if it did."""
+    """Say that the principal point may move, where a path that neither stage nor file gave turns as if it did."""
     if geometry.verdict != "full" or geometry.source in TOLD:
         return ()
     depth = light.surface()[geometry.reference].numpy()
@@ -164,7 +164,7 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
 
 
 def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tuple[Finding, ...]:
-    """Say that a depth that nobody told is not to be relied on where the views hardly explain the measurement."""
+    """Say that a depth without given poses is not to be relied on where the views hardly explain the measurement."""
     if geometry.verdict != "full" or geometry.source in TOLD or geometry.order_told:
         return ()
     rms, grey = recovered.heldout_rms[recovered.verdict], jury.grey_rms()

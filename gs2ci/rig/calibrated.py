@@ -59,7 +59,7 @@ class Calibrated:
     Args:
         bundle: It; it has masks.
         notes: What is worth knowing about its fit.
-        probe: What one mask looked like just now, or None where nobody looked.
+        probe: What one mask looked like just now, or None where it was not looked at.
     """
 
     bundle: Bundle
@@ -214,7 +214,7 @@ def load(
         devices: Its open devices.
         path: Another bundle; None takes the rig's.
         probe: Whether to show one mask and look; else nothing is uploaded.
-        progress: Hears about it.
+        progress: Receives the stages and steps.
 
     Returns:
         The bundle, or None where the rig names none.

@@ -89,12 +89,12 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
     finally:
         devices.close()
     if trigger_loop and answering:
-        # What was found out holds for the rest: a rig file that does not say it yet is examined as if it did.
+        # What was found holds for the rest of the examination, whatever the rig file says.
         yield from _with_settings(rig, found)
 
 
 def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]:
-    """Go on with settings of the modulator that were found out."""
+    """Go on with settings of the modulator that were found."""
     if settings:
         modulator = rig.table.modulator.model_copy(update=settings)
         rig = replace(rig, table=rig.table.model_copy(update={"modulator": modulator}))

@@ -86,7 +86,7 @@ class Rig:
 
         Args:
             trace_stem: Where wire traces go: `<stem>.<device>.wire`; None writes none.
-            session: The log that hears of every call at its level "debug".
+            session: The log that records every call at its level "debug".
 
         Raises:
             AccessError, DisconnectedError: A port cannot be opened; those already open are closed again.

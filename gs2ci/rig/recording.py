@@ -62,7 +62,7 @@ class Prepared:
 
     def _repr_png_(self) -> bytes:
         """Show the first masks as they will be drawn."""
-        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
         brightest = max(int(self.codes.max(initial=0)), 1)
         return png_of(row_of(self.codes[:4] / brightest, height=160))
@@ -84,7 +84,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
 
     Raises:
         DriverError: A device does not answer or refuses its set-up.
-        UnsupportedError: The sensor takes another size than was asked for.
+        UnsupportedError: The sensor takes another size than was requested.
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
@@ -130,7 +130,7 @@ def record(
         prepared: From `prepare`.
         out: The shot file; while it grows it is `<out>.partial`.
         replace: Whether a finished file of that name may be replaced.
-        progress: Hears about upload and shots.
+        progress: Receives upload and shots.
         saved: Is told where the rows are when the capture ends early with some; never of another capture's file.
         session: The log beside it, which is begun and closed here; one of its own, as the rig file says, if None.
 
@@ -180,7 +180,7 @@ def record(
 def _take_continuously(
     rig: Rig, devices: Devices, plan: CapturePlan, recorder: "_Recorder", progress: Progress
 ) -> None:
-    """Take shots as fast as they come and write them beside; a simulated world forgets what nobody will ask for."""
+    """Take shots as fast as they come and write them beside; a simulated world discards what is no longer needed."""
     with WritingRing(recorder.take, rig.table.capture.ring) as ring:
 
         def keep(taken: Taken) -> None:

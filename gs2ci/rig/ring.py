@@ -79,7 +79,7 @@ class WritingRing:
             raise self._error
 
     def _write(self) -> None:
-        """Write what comes; after an error, throw away what comes, so that nobody waits for ever."""
+        """Write what comes; after an error, discard what comes, so that no producer blocks for ever."""
         while (taken := self._queue.get()) is not None:
             if self._error is None:
                 try:

@@ -32,7 +32,7 @@ class SimulatedOperator:
         )
 
     def please(self, setup: Arrangement, index: int) -> None:
-        """Set up what is asked for, or what [world] `always` says instead."""
+        """Set up what is requested, or what [world] `always` says instead."""
         match Arrangement(self._table.always or setup):
             case Arrangement.DARK:
                 self._light.look_at_nothing()

@@ -27,7 +27,7 @@ PASSES: Final = 3
 """With 4 masks in 3 passes every reading of a DLPC900's settings gives another number of pulses: 1, 2, 3, 9, 12, 36."""
 MASK_S: Final = 0.05
 PAUSE_S: Final = 0.1
-"""Between passes for a gated sensor, at least: whoever exposes in them is seen to."""
+"""Between passes for a gated sensor, at least: a sensor that exposes in them is noticed."""
 STAMP_MASK_S: Final = 0.25
 """Long masks for the stamps: what is looked for must stand out of the host's milliseconds."""
 LOOK_S: Final = 0.1

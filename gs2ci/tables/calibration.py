@@ -1,6 +1,6 @@
 """What mask calibration costs: simulated benches of known truth, calibrated through their drivers.
 
-Here: the benches, and the work of one cell. Not here: the table (`tables`), the calibration (`gs2ci_calibration`).
+Here: the benches, and the work of one cell. Not here: the table (`catalogue`), the calibration (`gs2ci_calibration`).
 """
 
 from collections.abc import Mapping

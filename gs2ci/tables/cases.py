@@ -1,11 +1,11 @@
 """The measurements that tables are made of, each said in a few words that can travel to another process.
 
 Here: `Case`, how it becomes a shot, and what would be seen from beside its path. Not here: the reconstruction
-(`works`), which cases a table uses (`tables`).
+(`works`), which cases a table uses (`catalogue`).
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
-other masks, as the tables of the literature are made. Noise that is asked for comes last: in a simulated scene, on top
+other masks, as the tables of the literature are made. Requested noise comes last: in a simulated scene, on top
 of what light and sensor make by themselves.
 """
 
@@ -22,7 +22,8 @@ from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
-from gs2ci.evaluate.novel_views import NovelViews, beside_path
+from gs2ci.evaluate.novel_views import beside_path
+from gs2ci.tables.beside import BesideViews, beside_file, read_beside
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
@@ -34,7 +35,7 @@ from gs2ci_sims.scenes.files import load_scene
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0
-# Of simulated measurements, px, unless another is asked for.
+# Of simulated measurements, px, unless another is requested.
 SIZE: Final = (192, 256)
 # As many masks are open at a pixel on average where the library's scenes are lit for the sensor's well: 8, a quarter.
 LIT_FOR_OPEN_MASKS: Final = 2.0
@@ -106,19 +107,34 @@ class Case:
             shot = staged(shot, self.stage_off, generator(seed, "stage"))
         return replace(shot, name=self.name)
 
-    def novel_views(self, shot: Shot) -> NovelViews | None:
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Get the paths of the files that it reads."""
+        if not self.file:
+            return ()
+        told = beside_file(self.file)
+        return (self.file, str(told)) if told.is_file() else (self.file,)
+
+    def novel_views(self, shot: Shot) -> BesideViews | None:
         """Return what the scene looks like beside the path of a shot of it (`beside_path`), without noise.
 
-        None where nobody knows: of files, where something moves by itself, and of a single view.
+        None where nobody knows: of files beside which no file tells (`beside`), or whose views are thinned to another
+        path; where something moves by itself; and of a single view.
+
+        Raises:
+            InputError: A file that tells cannot be read.
         """
         true = shot.truth.world_to_camera
-        if not self.scene or true is None or shot.views < 2:
+        if shot.views < 2:
+            return None
+        if not self.scene:
+            return read_beside(self.file, self.size) if self.views is None else None
+        if true is None:
             return None
         loaded = load_scene(self.scene, size=self.size or SIZE, views=self.views)
         if loaded.file.object_motion is not None:
             return None
-        poses = beside_path(true)
-        return NovelViews(Renderer().views(loaded.scene, poses)[0], poses)
+        return BesideViews(Renderer().views(loaded.scene, beside_path(true))[0])
 
     def _check(self) -> None:
         if bool(self.file) == bool(self.scene):
@@ -210,7 +226,7 @@ def without_focal(shot: Shot) -> Shot:
     """Leave out a shot's camera matrix, so that its solver has to find the focal length.
 
     Raises:
-        InputError: There is none: the shot as it is shows what is asked for.
+        InputError: There is none: the shot as it is shows what is requested.
     """
     if shot.intrinsics is None:
         raise InputError(

@@ -10,19 +10,23 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.baselines.field_fit import FieldSettings
+from gs2ci.tables.beside import tells_beside
 from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
 from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
-from gs2ci.tables.variants import ABLATION, GEOMETRY, PAPER, RULES, VARIANTS
-from gs2ci.tables.works import initialise_case, reconstruct_case
+from gs2ci.tables.variants import ABLATION, GEOMETRY, ON_PAPERS_SCHEDULE, PAPER, RULES, VARIANTS
+from gs2ci.tables.works import COUNTED_AFTER, initialise_case, reconstruct_case
+from gs2ci_sims.scenes.files import scene_names
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 TEXTURELESS: Final = "textureless"
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24, 32)
+# Ways in which the paper's Tables IV and V compare each of their lines; where they are named.
+_RIVALS: Final = ("one fit", *RULES, *PAPER, *ON_PAPERS_SCHEDULE)
 # Fields of a `Case`, against the case untouched. Where more light would reach the sensor, the lens is stopped down:
 # else the line would show what clipped readings cost (of 32 views, up to half of all).
 CONDITIONS: Final[dict[str, dict[str, Any]]] = {
@@ -115,6 +119,18 @@ POPULATION: Final = (
     Measure("frames_per_second", "rendered views/s", 1),
 )
 
+AGAINST_PAPER: Final = (
+    *RECONSTRUCTION[:-1],
+    Measure("processor_seconds", "processor s", 0, more_is_better=False),
+    Measure("iterations", "iterations", 0),
+    *(
+        Measure(f"gaussians_after_{iteration}", f"Gaussians after {iteration:,}", 0, more_is_better=False)
+        for iteration in COUNTED_AFTER
+    ),
+    Measure("gaussians", "at the end", 0, more_is_better=False),
+    Measure("gaussians_most", "at most", 0, more_is_better=False),
+)
+
 PATH: Final = (
     Measure("ate", "ATE", 5, more_is_better=False),
     Measure("nate", "nATE", 4, more_is_better=False),
@@ -160,10 +176,33 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     Raises:
         InputError: There are none.
     """
-    files = sorted(folder.glob("*.npz"))
+    files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
     if not files:
         raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
+
+
+def chosen_cases(
+    name: TableName, folder: Path | None, size: tuple[int, int] | None, wanted: Sequence[str]
+) -> tuple[Case, ...]:
+    """Return the cases of a table that are wanted, all that it has without any; a library scene may be named besides.
+
+    Args:
+        name: Of the table.
+        folder: See `known_cases`.
+        size: See `known_cases`.
+        wanted: Names of cases.
+
+    Raises:
+        InputError: As of `known_cases`; or there is no case of a name.
+    """
+    known = known_cases(name, folder, size)
+    others = scene_names() if any(case.scene for case in known) else ()
+    named = {case.name: case for case in (*(Case(scene, scene=scene, size=size) for scene in others), *known)}
+    unknown = [case for case in wanted if case not in named]
+    if unknown:
+        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(named))
+    return tuple(named[case] for case in dict.fromkeys(wanted)) or known
 
 
 def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
@@ -218,9 +257,8 @@ def measurements(folder: Path | None) -> tuple[Case, ...]:
 
 def reconstruction(case: Case, variant: str, seed: int) -> Cell:
     """Make the cell that reconstructs a case with a variant of the settings."""
-    files = (case.file,) if case.file else ()
     arguments = {"case": asdict(case), "variant": variant, "seed": seed}
-    return Cell(reconstruct_case, arguments, files)
+    return Cell(reconstruct_case, arguments, case.files)
 
 
 def initialisation(case: Case, variant: str, seed: int) -> Cell:
@@ -229,13 +267,15 @@ def initialisation(case: Case, variant: str, seed: int) -> Cell:
 
 
 def _variants(
-    names: Sequence[str], cell: Callable[[Case, str, int], Cell] = reconstruction
+    names: Sequence[str], cell: Callable[[Case, str, int], Cell] = reconstruction, named: Sequence[str] = ()
 ) -> Callable[[TableOptions], list[TableEntry]]:
+    """Make a line of each of some variants; of further ones only where they are named."""
+
     def entries(options: TableOptions) -> list[TableEntry]:
         return [
             TableEntry(case.name, name, cell(case, name, seed))
             for case in options.cases
-            for name in _chosen(names, options.lines)
+            for name in _chosen(names, options.lines, named)
             for seed in range(options.seeds)
         ]
 
@@ -244,8 +284,7 @@ def _variants(
 
 def _of_literature(options: TableOptions) -> list[TableEntry]:
     """Decode or fit by the methods of the literature; those that are slow or need weights only where they are named."""
-    lines = ("default", *DECODERS, *PAPER, *LEARNED, FIELD)
-    chosen = _chosen(lines, options.lines) if options.lines else ("default", *DECODERS)
+    chosen = _chosen(("default", *DECODERS), options.lines, (*PAPER, *LEARNED, FIELD))
     return [
         TableEntry(case.name, line, _literature(case, line, seed))
         for case in options.cases
@@ -257,19 +296,26 @@ def _of_literature(options: TableOptions) -> list[TableEntry]:
 def _literature(case: Case, line: str, seed: int) -> Cell:
     if line in VARIANTS:
         return reconstruction(case, line, seed)
-    files = ((case.file,) if case.file else ()) + model_files(line)
+    files = case.files + model_files(line)
     if line == FIELD:
         arguments = {"case": asdict(case), "iterations": FieldSettings().iterations, "seed": seed}
         return Cell(field_case, arguments, files)
     return Cell(decode_case, {"case": asdict(case), "method": line, "seed": seed}, files)
 
 
-def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[TableOptions], list[TableEntry]]:
+def _changed(
+    lines: Mapping[str, Mapping[str, Any]], variants: Sequence[str] = ()
+) -> Callable[[TableOptions], list[TableEntry]]:
+    """Make a line of each changed case by the default way; by other variants («50% open, adc») where they are named."""
+    ways = {line: (line, "default") for line in lines}
+    further = {f"{line}, {variant}": (line, variant) for variant in variants for line in lines}
+
     def entries(options: TableOptions) -> list[TableEntry]:
         return [
-            TableEntry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))
+            TableEntry(case.name, name, reconstruction(replace(case, **lines[line]), variant, seed))
             for case in options.cases
-            for line in _chosen(tuple(lines), options.lines)
+            for name in _chosen(tuple(ways), options.lines, tuple(further))
+            for line, variant in [(ways | further)[name]]
             for seed in range(options.seeds)
         ]
 
@@ -310,10 +356,11 @@ def _calibrations(options: TableOptions) -> list[TableEntry]:
     ]
 
 
-def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    unknown = [line for line in wanted if line not in lines]
+def _chosen(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the lines that are wanted, else all but those that are only made where they are named."""
+    unknown = [line for line in wanted if line not in lines and line not in named]
     if unknown:
-        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, lines)))
+        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, (*lines, *named))))
     return tuple(wanted or lines)
 
 
@@ -330,7 +377,7 @@ TABLES: Final[dict[TableName, Table]] = {
         "Methods",
         "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "
         "paper's own schedule.",
-        _variants(tuple(VARIANTS)),
+        _variants(tuple(name for name in VARIANTS if name not in ON_PAPERS_SCHEDULE), named=tuple(ON_PAPERS_SCHEDULE)),
         RECONSTRUCTION,
     ),
     "init": Table(
@@ -344,7 +391,7 @@ TABLES: Final[dict[TableName, Table]] = {
         "Density rules",
         "Where Gaussians are added and removed in one fit; all else, the number of iterations included, is the "
         "default's.",
-        _variants(("default", "one fit", *RULES)),
+        _variants(("default", "one fit", *RULES), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
         POPULATION,
     ),
     "ablation": Table(
@@ -357,14 +404,16 @@ TABLES: Final[dict[TableName, Table]] = {
         "Share of open mask pixels",
         "Random binary masks; from files, true views are coded anew. Where more masks are open the lens of a scene is "
         "stopped down, so that no more readings clip.",
-        _changed({f"{ratio:.0%} open": {"open_share": ratio, "stopped_down": True} for ratio in RATIOS}),
+        _changed({f"{ratio:.0%} open": {"open_share": ratio, "stopped_down": True} for ratio in RATIOS}, _RIVALS),
         RECONSTRUCTION,
     ),
     "compression": Table(
         "Views in one measurement",
         "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count. "
         "Where more masks are open the lens of a scene is stopped down, so that no more readings clip.",
-        _changed({f"{views} views": {"views": views, "open_share": 0.25, "stopped_down": True} for views in VIEWS}),
+        _changed(
+            {f"{views} views": {"views": views, "open_share": 0.25, "stopped_down": True} for views in VIEWS}, _RIVALS
+        ),
         RECONSTRUCTION,
     ),
     "conditions": Table(
@@ -388,10 +437,18 @@ TABLES: Final[dict[TableName, Table]] = {
         _of_literature,
         RECONSTRUCTION,
     ),
+    "paper": Table(
+        "The default and the paper's system",
+        "The default beside the system of the paper with its 20,000 iterations: views, novel views, path, depth, and "
+        "the population over the iterations. Only where they are named: `paper, fine` with the fine stage, `scisplat` "
+        "with SCISplat's choices, and one change to the paper's system at a time.",
+        _variants(("default", "paper"), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
+        AGAINST_PAPER,
+    ),
     "path": Table(
         "Camera paths",
         "All errors of the camera path that the paper's Table VI has, by density rule, in one fit.",
-        _variants(("default", "one fit", *RULES)),
+        _variants(("default", "one fit", *RULES), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
         PATH,
     ),
     "seeds": Table(

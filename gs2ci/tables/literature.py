@@ -36,6 +36,7 @@ from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.beside import scores_beside
 from gs2ci.tables.cases import Case
 from gs2ci.tables.store import Row
 
@@ -130,15 +131,13 @@ def field_case(case: dict[str, Any], iterations: int, seed: int) -> Row:
     trajectory = None if truth.world_to_camera is None else trajectory_errors(path, truth.world_to_camera)
     parallax = None if truth.world_to_camera is None else parallax_of(truth.world_to_camera, first.geometry.intrinsics)
     errors = None if truth.depth is None else depth_errors(depth, truth.depth, parallax)
-    novel = made.novel_views(shot)
-    elsewhere = (None, None) if novel is None else psnr_per_view(fitted.seen(beside_path(path))[0], novel.views)
+    elsewhere = scores_beside(fitted.seen(beside_path(path))[0], made.novel_views(shot))
     scores = _scores(views, truth.views)
     rank = None if errors is None else errors.rank
     return {
         **scores,
         "scene_psnr_db": scores["psnr_db"],
-        "between_psnr_db": elsewhere[0],
-        "beyond_psnr_db": elsewhere[1],
+        **elsewhere,
         "nate": trajectory and trajectory.nate,
         "depth_rel_percent": errors and 100 * errors.median_rel,
         "depth_rank": rank,

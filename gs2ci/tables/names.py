@@ -1,6 +1,6 @@
 """The names of the tables, so that help and a misspelt name need not wait for what makes them.
 
-Not here: the tables (`tables`).
+Not here: the tables (`catalogue`).
 """
 
 from typing import Literal
@@ -14,6 +14,7 @@ TableName = Literal[
     "compression",
     "conditions",
     "literature",
+    "paper",
     "path",
     "seeds",
     "simulate",

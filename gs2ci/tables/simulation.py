@@ -1,7 +1,7 @@
 """What accuracy costs the simulator: plans against the simulation of everything, rig by rig.
 
 Here: the cases, from calm to violent, and the work of one cell of `gs2ci tables simulate`. Not here: plans and the full
-simulation (`gs2ci_sims`), the table (`tables`).
+simulation (`gs2ci_sims`), the table (`catalogue`).
 """
 
 import time

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import RULE_NAMES
+from gs2ci.reconstruct.choices import RULE_NAMES, ProxyName
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
@@ -48,6 +48,24 @@ def _scisplat(settings: Settings) -> Settings:
     return paper.with_density_rule("mcmc")
 
 
+def _with_proxy(name: ProxyName, settings: Settings) -> Settings:
+    return replace(settings, proxy=name)
+
+
+def _on_papers_schedule(change: Change, settings: Settings) -> Settings:
+    return change(_paper(settings))
+
+
+def _bounded_at(iteration: int, paper: Settings) -> Settings:
+    return replace(paper, fit=replace(paper.fit, cap_from=iteration / paper.fit.iterations))
+
+
+def _with_opacities_kept(paper: Settings) -> Settings:
+    density = paper.fit.density
+    assert isinstance(density, Osgr)
+    return replace(paper, fit=replace(paper.fit, density=replace(density, preserving="neither")))
+
+
 def _without(names: tuple[str, ...], settings: Settings) -> Settings:
     return without(_one_fit(settings), names)
 
@@ -69,10 +87,12 @@ ABLATION: Final[dict[str, Change]] = {
 """One fit without a component, by its name in `gs2ci.reconstruct.presets.ablation`."""
 
 GEOMETRY: Final[dict[str, Change]] = {
+    "naive": partial(_one_fit_with, proxy="naive"),
     "eni": partial(_one_fit_with, proxy="eni"),
     "amdi": partial(_one_fit_with, proxy="amdi"),
+    "adaptive": partial(_one_fit_with, proxy="routed"),
 }
-"""Where tracks are sought: in the paper's proxies instead of decoded views."""
+"""Where tracks are sought instead of decoded views: the masked measurement, the paper's proxies (its Table S-II)."""
 
 FITS: Final[dict[str, Change]] = {
     "one fit": _one_fit,
@@ -97,6 +117,24 @@ SCISplat (Li et al. 2024) has no public implementation; the paper reproduced it 
 the line has the paper's, without a cap on the population but that of `paper`.
 """
 
+_PROXIES: Final[tuple[ProxyName, ...]] = ("naive", "eni", "amdi")
+BOUNDED_AT: Final = (5_000, 6_000, 8_000, 9_000)
+"""Iterations that the supplement compares with 7,000 as the one whose population bounds all later ones."""
+
+_CHANGES: Final[dict[str, Change]] = {
+    **{name: partial(Settings.with_density_rule, rule=name) for name in RULE_NAMES if name != Osgr.name},
+    **{name: partial(_with_proxy, name) for name in _PROXIES},
+    **{f"without {name}": partial(without, names=(name,)) for name in COMPONENTS},
+    **{f"bounded at {iteration:,}": partial(_bounded_at, iteration) for iteration in BOUNDED_AT},
+    "opacities kept": _with_opacities_kept,
+}
+ON_PAPERS_SCHEDULE: Final[dict[str, Change]] = {
+    f"paper, {name}": partial(_on_papers_schedule, change) for name, change in _CHANGES.items()
+}
+"""One change to the system of the paper, on its own schedule: other density rules, other proxies, a component left out
+(its Table VII), another iteration that bounds the population, copies and children that keep the opacity of the one
+(supplement II)."""
+
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,
     **FITS,
@@ -105,6 +143,7 @@ VARIANTS: Final[dict[str, Change]] = {
     **RULES,
     **PAPER,
     **ABLATION,
+    **ON_PAPERS_SCHEDULE,
 }
 
 

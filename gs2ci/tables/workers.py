@@ -20,12 +20,12 @@ from gs2ci.tables.store import Row, Store
 
 # How often the scheduler hands a cell out again after an error of the transport.
 RETRIES: Final = 2
-Heard = Callable[[int, int], None]
+OnDone = Callable[[int, int], None]
 _LOST: Final[Row] = {"error": "the processes that worked on it died"}
 
 
 def complete(
-    cells: Sequence[Cell], store: Store, *, processes: int = 1, scheduler: str = "", heard: Heard | None = None
+    cells: Sequence[Cell], store: Store, *, processes: int = 1, scheduler: str = "", on_done: OnDone | None = None
 ) -> list[Row]:
     """Return the rows of all cells, in their order; only those that are not in the store are worked on.
 
@@ -35,7 +35,7 @@ def complete(
         processes: Local ones; 1 works in this process.
         scheduler: Address of a Dask scheduler ("tcp://host:8786") whose workers have gs2ci and see the same files;
             "" works locally.
-        heard: Called with cells done and cells in all, after each.
+        on_done: Called with cells done and cells in all, after each.
 
     Returns:
         A row per cell; one whose workers died again and again holds an `error`, and is tried again next time.
@@ -49,14 +49,14 @@ def complete(
     keys = [cell.key for cell in cells]
     rows = {key: row for key in keys if (row := store.get(key)) is not None}
     missing = {key: cell for key, cell in zip(keys, cells, strict=True) if key not in rows}
-    heard = heard or (lambda _done, _total: None)
-    heard(len(rows), len(set(keys)))
+    on_done = on_done or (lambda _done, _total: None)
+    on_done(len(rows), len(set(keys)))
     with closing(_worked(missing, processes, scheduler)) as worked:
         for key, row in worked:
             rows[key] = _LOST if row is None else row
             if row is not None:
                 store.put(key, row)
-            heard(len(rows), len(set(keys)))
+            on_done(len(rows), len(set(keys)))
     return [rows[key] for key in keys]
 
 

@@ -4,15 +4,17 @@ Not here: which of them a table needs (`catalogue`).
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import torch
 
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.evaluate.novel_views import NovelViews, beside_path
+from gs2ci.core.run_records import CurvePoint
+from gs2ci.evaluate.depth import DepthErrors
+from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.report import Trajectory
 from gs2ci.evaluate.run_report import build_report
@@ -25,9 +27,13 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
+from gs2ci.tables.beside import PLACES, BesideViews, depth_beside, scores_beside
 from gs2ci.tables.cases import Case
 from gs2ci.tables.store import Row
 from gs2ci.tables.variants import settings_of
+
+COUNTED_AFTER: Final = (1_000, 3_000, 7_000)
+"""Iterations of the paper's schedule: early, at the first reset of opacity, and where its population is bounded."""
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -43,16 +49,19 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     """
     made = Case.of(case)
     shot = made.shot(seed)
+    began_s = time.process_time()
     done = reconstruct(shot, settings_of(variant, seed))
+    processor_seconds = time.process_time() - began_s
     report = build_report(shot, done.result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
-    depth = report.depth
+    elsewhere, depth_there = _elsewhere(done, shot, made.novel_views(shot))
+    depth = report.depth or depth_there
     decode_psnr, scene_psnr = report.decode.psnr_db, report.scene.psnr_db
     return {
         "psnr_db": psnr and psnr.mean,
         "ssim": ssim and ssim.mean,
         "scene_psnr_db": scene_psnr and scene_psnr.mean,
-        **_elsewhere(done, shot, made.novel_views(shot)),
+        **elsewhere,
         **_path(report.trajectory),
         "depth_rel_percent": depth and 100 * depth.median_rel,
         "depth_rank": depth and depth.rank,
@@ -63,17 +72,34 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "decode_psnr_db": decode_psnr and decode_psnr.mean,
         "heldout_rms": report.heldout_rms,
         "seconds": report.seconds["total"],
+        "processor_seconds": processor_seconds,
         "gaussians": report.gaussians,
+        **_population(done.result.curve),
         "verdict": report.verdict,
         "stopped": report.stopped.code.value,
     }
 
 
-def _elsewhere(done: Reconstruction, shot: Shot, novel: NovelViews | None) -> Row:
-    """Score the scene alone from beside its path, dB, and count how many views a second it renders."""
-    row: Row = {"between_psnr_db": None, "beyond_psnr_db": None, "frames_per_second": None}
+def _population(curve: Sequence[CurvePoint]) -> Row:
+    """Count the iterations, the Gaussians after some of them, and the most that there were at any look of the fit."""
+    counted = {point.iteration: point.gaussians for point in curve}
+    row: Row = {f"gaussians_after_{iteration}": counted.get(iteration) for iteration in COUNTED_AFTER}
+    return {
+        **row,
+        "gaussians_most": max(counted.values(), default=None),
+        "iterations": max(counted, default=None),
+        "population": sorted(counted.items()),
+    }
+
+
+def _elsewhere(done: Reconstruction, shot: Shot, true: BesideViews | None) -> tuple[Row, DepthErrors | None]:
+    """Score the scene alone from beside its path, dB, and count how many views a second it renders.
+
+    Its depth is scored there as well where that is known: of files, which tell no depth of the recorded views.
+    """
+    row: Row = {**{f"{place}_psnr_db": None for place in PLACES}, "frames_per_second": None}
     if done.scene.motion is not None or shot.views < 2 or shot.distortion is not None:
-        return row
+        return row, None
     backend, intrinsics = load_backend(), torch.from_numpy(done.result.intrinsics).float()
     poses = torch.from_numpy(beside_path(done.result.world_to_camera)).float()
     with torch.no_grad():
@@ -81,13 +107,11 @@ def _elsewhere(done: Reconstruction, shot: Shot, novel: NovelViews | None) -> Ro
         began_s = time.perf_counter()
         backend.views(done.scene, poses, intrinsics, shot.size)
         row["frames_per_second"] = len(poses) / (time.perf_counter() - began_s)
-    if novel is not None:
-        seen = images.numpy()
-        grey = novel.views.shape[3] == 1
-        row["between_psnr_db"], row["beyond_psnr_db"] = psnr_per_view(
-            seen.mean(axis=3, keepdims=True) if grey else seen, novel.views
-        )
-    return row
+    depth: DepthErrors | None = None
+    if true is not None and true.depth is not None:
+        surface = backend.depths(done.scene, poses[:1], intrinsics, shot.size).surface()[0].numpy()
+        depth = depth_beside(surface, true, shot, done.result.intrinsics)
+    return {**row, **scores_beside(images.numpy(), true)}, depth
 
 
 def _path(errors: Trajectory | None) -> Row:

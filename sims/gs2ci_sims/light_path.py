@@ -1,8 +1,7 @@
 """The one physical order of effects, and the generators that keep them apart.
 
 Here: `LIGHT_PATH`, from the scene to the file, and the chain of those effects that are switched on. Not here:
-what an effect does (`effects`), which ones a measurement needs (`planner`), the exposure itself (`exposure`). For
-this package and `gs2ci.tables`.
+what an effect does (`effects`), which ones a measurement needs (`planner`), the exposure itself (`exposure`).
 """
 
 import zlib

@@ -21,10 +21,10 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.order import depth_rank
+from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import look_closer
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.fits import Fits
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks

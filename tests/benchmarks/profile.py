@@ -2,7 +2,8 @@
 
     python -m tests.benchmarks profile
 
-One simulated exposure is reconstructed as the standard preset does, every kernel on one thread. What each part of it
+One simulated exposure is reconstructed by a preset, `GS2CI_PRESET` (standard), at `GS2CI_SIZE` (264x352), every kernel
+on one thread. What each part of it
 costs the processor is counted by the clock of the thread that runs it, without what the parts inside it cost. Then one
 fit alone is timed on one and on two threads: what two threads spend beyond one are hand-overs. At the end, fresh
 processes tell what imports cost, and the writing of the run folder what report and pictures do.
@@ -28,17 +29,20 @@ import numba
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
-from gs2ci.reconstruct import fits, pipeline
-from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import fits
+from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry import surface_map
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render import se3
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
 from tests.stability.benches import Bench
 
-SCENE, SIZE = "motorcycle", (264, 352)
+SCENE = "motorcycle"
+SIZE = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "264x352").split("x"))
+PRESET = os.environ.get("GS2CI_PRESET", "standard")
 ONE_FIT_ITERATIONS = 150
 IMPORTED = ("gs2ci.cli", "gs2ci.reconstruct.pipeline", "gs2ci.evaluate.run_folder")
 
@@ -53,19 +57,20 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
-    ("fit: sweeps for surfaces", coarse, "find_surfaces"),
+    ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
     ("sweeps, edges of their maps", surface_map, "snapped"),
-    ("fit: density rule", coarse._Fit, "densify"),
+    ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
-    ("iteration: opacity term", coarse, "regulated"),
-    ("iteration: surfaces' term", surfaces.Surfaces, "term"),
-    ("iteration: autograd", coarse._Fit, "backward"),
+    ("iteration: opacity term", coarse_state, "add_regularisers"),
+    ("iteration: surfaces' term", surfaces.Surfaces, "draw"),
+    ("iteration: what joins these", coarse_state.FitState, "backward"),
     ("iteration: finite scene", optimiser.GaussianOptimiser, "scene_is_finite"),
     ("iteration: finite gradient", optimiser.GaussianOptimiser, "gradient_is_finite"),
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),
     ("iteration: poses' step", poses.PoseCorrections, "step"),
-    ("iteration: poses from twists", se3, "exp"),
+    ("iteration: gradient by poses", poses.PoseCorrections, "pull"),
+    ("iteration: exchange of turning", relief.Relief, "step"),
     ("rendering: checks of input", backend, "check_rendering"),
     ("rendering: checks of masks", backend, "check_masks"),
     ("kernel: project", passes, "project"),
@@ -146,11 +151,11 @@ def _print_parts(shot: Shot) -> pipeline.Reconstruction:
     clock = Clock()
     before_s, before_wall_s = time.process_time(), time.perf_counter()
     with _counting(clock):
-        found = pipeline.reconstruct(shot, Settings())
+        found = pipeline.reconstruct(shot, preset(PRESET))  # type: ignore[arg-type]
     total_s, wall_s = time.process_time() - before_s, time.perf_counter() - before_wall_s
     iterations = clock.calls["iteration: Gaussians' step"]
     print(
-        f"{SCENE}, {SIZE[0]} x {SIZE[1]} x {len(shot.masks)}, standard: CPU {total_s:.1f} s, {wall_s:.1f} s, "
+        f"{SCENE}, {SIZE[0]} x {SIZE[1]} x {len(shot.masks)}, {PRESET}: CPU {total_s:.1f} s, {wall_s:.1f} s, "
         f"{iterations} iterations of both fits, {found.result.gaussians} Gaussians\n"
         f"{'part':36} {'calls':>6} {'CPU s':>7} {'share':>6} {'ms a call':>10} {'ms an iteration':>16}"
     )

@@ -43,8 +43,9 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.reconstruct import fits, pipeline
-from gs2ci.reconstruct.fit import coarse
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import fits
+from gs2ci.reconstruct.fit import coarse, coarse_state
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
@@ -58,7 +59,7 @@ STAGES = (
     ("order of depth", fits.Fits, "settle_order"),
     ("first Gaussians", fits.Fits, "beginning"),
     ("fits", fits, "fit_together"),
-    ("fits: surfaces", coarse, "find_surfaces"),
+    ("fits: surfaces", coarse_state, "find_surfaces"),
     ("fits: looks", coarse._Loop, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
     ("mean of the fits", fits, "combined"),

@@ -70,6 +70,32 @@ def test_all_shots_come_in_order_and_one_by_its_index(tmp_path, file):
     assert report["shots"][0]["method"]["coupling"] == 0.3
 
 
+def test_a_budget_makes_as_many_steps_as_fit_and_says_how_many(tmp_path, file, monkeypatch, capsys):
+    report, _ = command(file, "-o", tmp_path / "out", "--method", "patches", "--budget", "10min", "--all")
+    assert [shot["method"]["iterations"] for shot in report["shots"]] == [144, 144]
+    assert report["psnr_db"] > 35
+    assert "144 steps" in capsys.readouterr().out
+    # The user has been waiting for an hour when the first exposure begins; the second has its own ten minutes.
+    monkeypatch.setattr("gs2ci.api.decoding.command_age_s", lambda: 3600.0)
+    report, _ = command(file, "-o", tmp_path / "late", "--method", "patches", "--budget", "10min", "--all")
+    assert [shot["method"]["iterations"] for shot in report["shots"]] == [0, 144]
+    assert "spent before the first step" in report["shots"][0]["notes"][-1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--method", "gap-tv", "--budget", "5s"), "--budget with --method gap-tv"),
+        (("--method", "patches", "--budget", "5s", "--iterations", 9), "both --budget and --iterations"),
+        (("--method", "patches", "--budget", "soon"), "'soon' is no duration"),
+    ],
+)
+def test_a_budget_that_nothing_can_keep_to_is_refused(tmp_path, file, words, said):
+    with pytest.raises(InputError, match=said):
+        command(file, "-o", tmp_path / "out", *words)
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("method", ["patches", "patches-quick"])
 def test_patches_are_decoded_and_said(tmp_path, file, method):
     report, _ = command(file, "-o", tmp_path / "out", "--method", method, "--iterations", 12)

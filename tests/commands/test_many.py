@@ -71,10 +71,10 @@ def test_several_files_without_all_give_one_each(gs2ci, files, asked):
     assert [one.name for one in asked[0][0]] == ["a-001", "b-001"]
 
 
-def test_results_depend_on_every_wish(gs2ci, files, asked):
+def test_results_depend_on_every_override(gs2ci, files, asked):
     for more in ([], ["--focal-px", "50"], ["--preset", "draft"], ["--geometry", "uniform"]):
         gs2ci("reconstruct", files[0], "--all", *more)
-    assert len({options["wishes"] for _, _, options in asked}) == 4
+    assert len({options["depends_on"] for _, _, options in asked}) == 4
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from gs2ci.api.wishes import Wishes
+from gs2ci.api.overrides import Overrides
 from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
@@ -119,7 +119,7 @@ def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
     assert report.settings["fit"]["iterations"] == 2
 
 
-def wished(**options):
+def overridden(**options):
     given = {
         "geometry": None,
         "proxy": None,
@@ -137,12 +137,12 @@ def wished(**options):
         "registration": None,
         "seed": 42,
     }
-    return Wishes(**{**given, **options})
+    return Overrides(**{**given, **options})
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
-    assert wished().on(PRESETS[name]) == PRESETS[name]
+    assert overridden().on(PRESETS[name]) == PRESETS[name]
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
 )
 def test_what_is_named_overrides_the_paper_and_only_that(options, changed):
     paper = PRESETS["paper"]
-    found = wished(**options).on(paper)
+    found = overridden(**options).on(paper)
     assert {
         field.name for field in fields(paper) if getattr(found, field.name) != getattr(paper, field.name)
     } == changed
@@ -204,8 +204,8 @@ def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_
 
 def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
     standard = PRESETS["standard"]
-    assert wished().on(standard).fine is None
-    assert wished(fine=True).on(standard).fine.prior == "consistent"
+    assert overridden().on(standard).fine is None
+    assert overridden(fine=True).on(standard).fine.prior == "consistent"
     named = read_report(quickly(measured, tmp_path / "run", prior="nlm")).settings["fine"]
     assert (named["prior"], named["distance"]) == ("nlm", "structure")
     with pytest.raises(InputError, match="prior 'dream'"):

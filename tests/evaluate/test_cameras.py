@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.lens import distorted, pixels_of
-from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.evaluate.whole_folder import view_names
 
 INTRINSICS = np.array([[50.0, 0, 30.5], [0, 52.0, 20.25], [0, 0, 1]])
 

@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.evaluate.decode_folder import SCHEMA, Decoded, write_decoded
-from gs2ci.evaluate.run_folder import check_destination
+from gs2ci.evaluate.whole_folder import check_destination
 
 
 @pytest.fixture

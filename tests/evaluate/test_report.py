@@ -9,8 +9,9 @@ from pydantic import ValidationError
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Truth
-from gs2ci.evaluate.report import REPORT_NAME, Report, read_report
+from gs2ci.evaluate.report import Report, read_report
 from gs2ci.evaluate.run_report import build_report
+from gs2ci.evaluate.whole_folder import REPORT_NAME
 from tests.evaluate.reports import GOOD, a_report
 
 # What a damaged or foreign report may hold where something else is expected; ... stands for nothing at all.

@@ -12,7 +12,8 @@ from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
-from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+from gs2ci.evaluate.run_folder import write_run
+from gs2ci.evaluate.whole_folder import check_destination, whole_folder
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.render.ply import read_ply
@@ -259,7 +260,7 @@ def test_an_earlier_run_is_put_back_when_the_new_one_cannot_take_its_place(tmp_p
 
 
 def test_a_picture_that_cannot_be_written_is_an_error(tmp_path, make_run, scene, monkeypatch):
-    monkeypatch.setattr(run_folder.cv2, "imwrite", lambda *_: False)
+    monkeypatch.setattr(cv2, "imwrite", lambda *_: False)
     with pytest.raises(StorageError, match=r"view_000\.png cannot be written"):
         write_run(tmp_path / "run", *make_run(), scene)
     assert names(tmp_path) == set()

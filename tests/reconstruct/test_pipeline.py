@@ -15,11 +15,10 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import fits as fits_module
-from gs2ci.reconstruct.attempts import choice
+from gs2ci.reconstruct.attempts import choice, fits
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
@@ -216,7 +215,7 @@ def test_one_curve_leads_to_the_mean_of_two_fits(shot, found):
 
 
 def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
-    whole, started = fits_module.fit_coarse, []
+    whole, started = fits.fit_coarse, []
 
     def every_second_fails(**arguments):
         started.append(arguments["seed"])
@@ -224,7 +223,7 @@ def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
             raise NumericsError("the first iteration of the fit is not finite")
         return whole(**arguments)
 
-    monkeypatch.setattr(fits_module, "fit_coarse", every_second_fails)
+    monkeypatch.setattr(fits, "fit_coarse", every_second_fails)
     result = reconstruct(shot, BRIEF).result
     assert len(started) == 2
     assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}

@@ -14,9 +14,13 @@ Depth has a grade of its own, against the easy case of the same scene as well: v
     holds     half of the pixels err by at most twice as much and a tenth of the depth more; the order is about as good
     bends     they err by more, or the order of depth is worse
     breaks    near and far are exchanged, or no depth was found where the easy case finds some
-    unknown   there is no true depth, or the easy case does not find it either: nothing can be lost
+    unknown   there is no true depth, the easy case does not find it either, or nobody could: nothing can be lost
 
-Not here: the cases (`cases`), the table (`__main__`).
+Where the truth itself leaves near and far open (a camera that only turned, next to no parallax, a scene that shows
+nothing), whatever order is handed over is chance: the report has to say so, and then the case is graded by its views.
+So it is where rank correlation is no more than chance, but then depth is lost.
+
+Not here: what the truth leaves open, and what chance is (`order`); the cases (`cases`), the table (`__main__`).
 """
 
 import re
@@ -29,6 +33,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.findings import Code, Finding
 from gs2ci.core.records import Shot
@@ -38,12 +43,13 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import FULL, Scale, build
 from tests.stability.cases import CASES, EASY, Case
+from tests.stability.order import by_chance, rank_error, unknowable
 
 BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.
@@ -61,6 +67,8 @@ KNOWN_RANK = 0.3
 # Beyond twice the easy case's error, so much of the depth.
 DEPTH_BENDS = 0.1
 RANK_BENDS = 0.2
+# What differs by less than this share lies at one depth.
+ONE_DEPTH = 1e-3
 # Far outside the range of light would be a fit that ran away, however finite.
 RANGE = 5.0
 SUM_TOLERANCE = 1e-4
@@ -74,6 +82,8 @@ ABOUT_DEPTH = (
 )
 # Who says one of these does not claim to know near from far.
 ABOUT_ORDER = (*ABOUT_DEPTH, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED, Code.DEPTH_IN_NOISE)
+# Sources of a path whose word a run may take where pixels cannot contradict it; that it does, its notes say.
+TELL_ORDER = ("stage", "file")
 # The largest shot of the suite takes a tenth of this.
 READING_MIB = 512
 
@@ -89,6 +99,7 @@ class Outcome:
         loss_db: Against the easy case of the same scene at the same scale.
         said: What the run said beyond what it says of the easy case.
         order: How the scene is inside out; "" if it is not, or if no truth tells.
+        order_open: Why nobody could tell near from far; "" where one could.
         problems: What must not be; empty for a case that passes.
         depth_grade: "holds", "bends", "breaks" or "unknown".
         depth: What it is given for.
@@ -100,6 +111,7 @@ class Outcome:
     loss_db: float | None = None
     said: tuple[str, ...] = ()
     order: str = ""
+    order_open: str = ""
     problems: tuple[str, ...] = ()
     depth_grade: str = "unknown"
     depth: "DepthScore | None" = None
@@ -112,10 +124,12 @@ class DepthScore:
     Args:
         median_rel: Median relative error after the median scale.
         rank: Rank correlation with the true depth.
+        rank_error: Its standard error, were the depths nothing but chance.
     """
 
     median_rel: float
     rank: float
+    rank_error: float = 0.0
 
 
 def settings_for(scale: Scale) -> Settings:
@@ -208,16 +222,23 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     easy = easy_at(EASY.bench.scene if case.family in SCENE_IS_HARD else case.bench.scene, scale)
     beyond = beyond_easy(notes, easy)
     said = tuple(note.advice for note in beyond)
+    scores, depth = _scores(case, shot, result), depth_score(case, shot, result)
+    order_open = unknowable(shot, build(case.bench.scene, shot.size))
     # At a scale whose easy case is inside out itself, it is not the case that turns a scene over.
-    scores, order = _scores(case, shot, result), "" if easy.order else order_of(case, shot, result)
-    depth = depth_score(case, shot, result)
-    depth_grade = grade_of_depth(depth, easy.depth, order)
+    order = "" if easy.order or order_open else order_of(shot, result, depth)
     problems = [*insane(shot, result), *unsaid(case, tuple(note.advice for note in (*notes, result.stopped)))]
-    if order and not case.silent and not any(note.code in ABOUT_ORDER for note in notes):
-        problems.append(f"{order}, without a word")
+    if not case.silent and not any(note.code in ABOUT_ORDER for note in notes):
+        problems += unfounded(result, order, order_open, depth if easy.knows_order else None)
+    found = Outcome(
+        "breaks" if order else "holds",
+        said=said,
+        order=order,
+        order_open=order_open,
+        depth_grade="unknown" if order_open else grade_of_depth(depth, easy.depth, order),
+        depth=depth,
+    )
     if scores is None:
-        grade = "breaks" if order else "holds"
-        return Outcome(grade, said=said, order=order, problems=tuple(problems), depth_grade=depth_grade, depth=depth)
+        return replace(found, problems=tuple(problems))
     psnr_db, decode_db, grey_db = scores
     loss_db = easy.psnr_db - psnr_db
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
@@ -226,9 +247,34 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
     if grade != "holds" and not heard and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a word")
-    return Outcome(
-        "breaks" if order else grade, psnr_db, decode_db, loss_db, said, order, tuple(problems), depth_grade, depth
-    )
+    grade = "breaks" if order else grade
+    return replace(found, grade=grade, psnr_db=psnr_db, decode_db=decode_db, loss_db=loss_db, problems=tuple(problems))
+
+
+def unfounded(result: RunResult, order: str, order_open: str, depth: DepthScore | None) -> list[str]:
+    """List what a result that doubts nothing claims of near and far without grounds.
+
+    Args:
+        result: Of the run.
+        order: How it is inside out, or "".
+        order_open: Why nobody could know the order, or "".
+        depth: Its depth, where the order could be known; else None.
+    """
+    if order:
+        return [f"{order}, without a word"]
+    told = result.geometry.get("method") in TELL_ORDER
+    claimed = result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2])
+    if order_open and claimed and not told:
+        return [f"{order_open}, and an order of depth is handed over without a word"]
+    if not order_open and depth is not None and by_chance(depth.rank, depth.rank_error):
+        return [f"the order of depth is chance (rank correlation {depth.rank:+.2f}), without a word"]
+    return []
+
+
+def lies_at_one_depth(depth: F32) -> bool:
+    """Tell whether a depth map, [H, W], claims that anything is nearer than anything else."""
+    known = depth[np.isfinite(depth) & (depth > 0)]
+    return known.size == 0 or float(np.ptp(known)) <= ONE_DEPTH * float(np.median(known))
 
 
 def depth_score(case: Case, shot: Shot, result: RunResult) -> DepthScore | None:
@@ -241,7 +287,7 @@ def depth_score(case: Case, shot: Shot, result: RunResult) -> DepthScore | None:
     if rank is None or not both.any():
         return None
     ratio = found[both] / true[both]
-    return DepthScore(float(np.median(np.abs(ratio / np.median(ratio) - 1))), rank)
+    return DepthScore(float(np.median(np.abs(ratio / np.median(ratio) - 1))), rank, rank_error(found, true))
 
 
 def grade_of_depth(depth: DepthScore | None, easy: DepthScore | None, order: str) -> str:
@@ -258,12 +304,12 @@ def grade_of_depth(depth: DepthScore | None, easy: DepthScore | None, order: str
     return "bends" if off or depth.rank < easy.rank - RANK_BENDS else "holds"
 
 
-def order_of(case: Case, shot: Shot, result: RunResult) -> str:
-    """Say how a result is inside out; "" if it is not, as far as the true path and the scene's depth tell."""
-    truth, depth = shot.truth.world_to_camera, build(case.bench.scene, shot.size).depth
+def order_of(shot: Shot, result: RunResult, depth: DepthScore | None) -> str:
+    """Say how a result is inside out; "" if it is not, as far as the true path and more than chance tell."""
+    truth = shot.truth.world_to_camera
     rotation_deg = None if truth is None else trajectory_errors(result.world_to_camera, truth).rotation_deg
-    rank = None if result.depth is None else depth_rank(result.depth[shot.views // 2], depth)
-    return inside_out(rotation_deg, rank)
+    chance = depth is None or by_chance(depth.rank, depth.rank_error)
+    return inside_out(rotation_deg, None if depth is None or chance else depth.rank)
 
 
 def notes_of(shot: Shot, result: RunResult) -> tuple[Finding, ...]:
@@ -329,6 +375,11 @@ class Easy:
     order: str
     depth: DepthScore | None
 
+    @property
+    def knows_order(self) -> bool:
+        """Tell whether the order of depth is known here, and could be lost."""
+        return not self.order and self.depth is not None and self.depth.rank >= KNOWN_RANK
+
 
 def beyond_easy(notes: tuple[Finding, ...], easy: Easy) -> tuple[Finding, ...]:
     """Return the notes of a kind that the easy case does not bring."""
@@ -343,7 +394,8 @@ def easy_at(scene: str, scale: Scale) -> Easy:
     shot, result = run(case, scale)
     scores = _scores(case, shot, result)
     assert scores is not None
-    return Easy(scores[0], notes_of(shot, result), order_of(case, shot, result), depth_score(case, shot, result))
+    depth = depth_score(case, shot, result)
+    return Easy(scores[0], notes_of(shot, result), order_of(shot, result, depth), depth)
 
 
 def _scores(case: Case, shot: Shot, result: RunResult) -> tuple[float, float, float] | None:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from tests.stability.benches import FULL
 from tests.stability.cases import Case
 from tests.stability.judge import BENDS_DB, DEPTH_BENDS, RANK_BENDS, Outcome
+from tests.stability.order import DROWNS_PX, EVEN_PER_PX
 
 Row = tuple[Case, Outcome]
 GRADES = ("holds", "bends", "breaks", "refused")
@@ -28,7 +29,8 @@ INTRODUCTION = """# Hard cases
 
 Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one
 way, made by the simulator or by hand, and taken the whole way: exposure, file, reconstruction, report. Pictures are
-{width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures.
+{width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures. Each
+case is one draw of masks and noise.
 
 A case passes if what comes of it is finite, bounded, honest (a loss of more than {bends:g} dB comes with a word, unless
 nothing in the measurement could show what is wrong; near and far exchanged, or the path reversed, only where it is said
@@ -46,7 +48,11 @@ tells it from a sharp one before a scene without fine detail.
 The depth of the middle view has a grade of its own, against the same easy case. It *holds* if its median relative
 error is at most twice that of the easy case plus {depth:.0%}, and its rank correlation with the true depth at most
 {rank:g} smaller. It *bends* if not, and *breaks* if near and far are exchanged or no depth is found. It is left open
-where the easy case does not find the depth either.
+where the easy case does not find the depth either, and where nobody could tell near from far: the best turn explains
+the true motion to {drowns:g} px rms, or the views change by less than {even:.1%} of full scale from pixel to pixel.
+There the run has to say so, and the case is graded by its views. Near and far are *exchanged* if the rank correlation
+is below zero by more than two of its standard errors, which count how few patches of one depth there are; what is less
+is chance, and has to be said as well.
 """
 
 
@@ -64,6 +70,8 @@ def write_page(docs: Path, rows: list[Row]) -> Path:
         bends=BENDS_DB,
         depth=DEPTH_BENDS,
         rank=RANK_BENDS,
+        drowns=DROWNS_PX,
+        even=EVEN_PER_PX,
     )
     parts = [head, _summary(rows), f"![Loss of every case against the easy one]({IMAGE})\n", _broken(rows)]
     parts += [_table(family, [row for row in rows if row[0].family == family]) for family in _families(rows)]
@@ -112,6 +120,7 @@ def _table(family: str, rows: list[Row]) -> str:
 
 def _depth(outcome: Outcome) -> str:
     grade, depth = "" if outcome.depth_grade == "unknown" else outcome.depth_grade, outcome.depth
+    grade = "open" if outcome.order_open else grade
     return f"{grade} | | " if depth is None else f"{grade} | {100 * depth.median_rel:.0f} | {depth.rank:.2f}"
 
 

@@ -12,7 +12,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
@@ -293,7 +293,7 @@ def test_an_error_during_the_fit_leaves_nothing_behind(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise Gs2ciError("the fit failed")
 
-    monkeypatch.setattr("gs2ci.reconstruct.fits.fit_coarse", fail)
+    monkeypatch.setattr("gs2ci.reconstruct.attempts.fits.fit_coarse", fail)
     with pytest.raises(Gs2ciError, match="the fit failed"):
         run(measured, tmp_path / "run")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["shot.h5", "shot.json"]

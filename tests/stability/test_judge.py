@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code, finding
 from tests.stability import __main__ as suite
-from tests.stability.benches import Scale, build
+from tests.stability import judge
+from tests.stability.benches import Scale, build, turning
 from tests.stability.cases import CASES, EASY
-from tests.stability.judge import DepthScore, Outcome, appraise, depth_score, easy_at, grade_of_depth, run
+from tests.stability.judge import DepthScore, Easy, Outcome, appraise, depth_score, easy_at, grade_of_depth, run
 
 SMALL = Scale((40, 48), 40)
 GOOD = DepthScore(0.05, 0.9)
@@ -66,6 +68,110 @@ def test_a_depth_is_scored_after_the_median_scale_and_by_its_order(moving):
     backwards = depth_score(case, shot, replace(result, depth=np.where(stack > 0, 1 / np.maximum(stack, 1e-6), 0)))
     assert backwards.rank == pytest.approx(-1.0)
     assert depth_score(case, shot, replace(result, depth=None)) is None
+
+
+OPEN = finding(Code.DEPTH_ORDER_OPEN, errors=0.5)
+
+
+@pytest.fixture
+def graded(moving, monkeypatch):
+    """Grade the run with another depth, path or truth, beside an easy case that knows the order of depth."""
+    case, shot, result = moving
+    true = build("moving", shot.size).depth
+    monkeypatch.setattr(judge, "easy_at", lambda *_: Easy(20.0, (), "", GOOD))
+
+    def grade(
+        depth=true, notes=(), path=shot.truth.world_to_camera, views=shot.truth.views, true_path=None, method="tracks"
+    ):
+        truth = replace(shot.truth, views=views)
+        if true_path is not None:
+            truth = replace(truth, world_to_camera=true_path)
+        stack = np.repeat(depth[None].astype(np.float32), shot.views, axis=0)
+        geometry = {**result.geometry, "method": method}
+        changed = replace(result, depth=stack, notes=notes, world_to_camera=path, geometry=geometry)
+        return appraise(case, replace(shot, truth=truth), changed, SMALL)
+
+    grade.true, grade.path = true, shot.truth.world_to_camera
+    return grade
+
+
+def backwards(path):
+    """A path that goes the other way, its cameras looking where they looked."""
+    turned = path.copy()
+    turned[:, :3, 3] *= -1
+    return turned
+
+
+def speckle(true, share):
+    """Depths without order, and a share of the true ones turned over."""
+    rng = np.random.default_rng(0)
+    return np.where(rng.random(true.shape) < share, 10 - true, 3 + rng.random(true.shape))
+
+
+def test_the_right_way_round_passes(graded):
+    outcome = graded()
+    assert (outcome.order, outcome.order_open, outcome.depth_grade) == ("", "", "holds")
+    assert not any("order" in problem for problem in outcome.problems)
+
+
+def test_depth_clearly_the_wrong_way_round_breaks_said_or_not(graded):
+    silent, said = (graded(10 - graded.true, notes) for notes in ((), (OPEN,)))
+    for outcome in (silent, said):
+        assert outcome.grade == outcome.depth_grade == "breaks"
+        assert "near and far are exchanged" in outcome.order
+    assert "without a word" in silent.problems[0]
+    assert not said.problems
+
+
+def test_a_path_backwards_breaks_whatever_depth_is(graded):
+    outcome = graded(path=backwards(graded.path))
+    assert outcome.grade == "breaks"
+    assert "backwards" in outcome.order
+    assert "without a word" in outcome.problems[0]
+
+
+def test_a_small_share_of_the_wrong_order_is_wrong_if_its_patches_are_many(graded):
+    """Specks are many patches: their standard error is small, and a rank between it and -0.3 is none."""
+    outcome = graded(speckle(graded.true, 0.5))
+    assert -0.3 < outcome.depth.rank < -2 * outcome.depth.rank_error
+    assert "exchanged" in outcome.order
+
+
+def test_an_order_of_chance_is_lost_depth_and_not_inside_out(graded):
+    silent, said = (graded(speckle(graded.true, 0.0), notes) for notes in ((), (OPEN,)))
+    for outcome in (silent, said):
+        assert outcome.order == ""
+        assert outcome.grade != "breaks"
+        assert outcome.depth_grade in ("bends", "breaks")
+    assert "is chance" in silent.problems[0]
+    assert not said.problems
+
+
+def test_where_the_camera_only_turned_order_has_to_be_said_open_and_is_not_graded(graded, moving):
+    _, shot, _ = moving
+    times = np.linspace(0, 0.16, shot.views)
+    path = turning(3)(build("moving", shot.size), 0.16).world_to_camera(times)
+    silent, said = (graded(10 - graded.true, notes, true_path=path) for notes in ((), (OPEN,)))
+    for outcome in (silent, said):
+        assert outcome.order == ""
+        assert "a turn explains" in outcome.order_open
+        assert outcome.grade != "breaks"
+        assert outcome.depth_grade == "unknown"
+    assert "without a word" in silent.problems[0]
+    assert not said.problems
+
+
+def test_a_stage_may_be_taken_at_its_word_where_nothing_shows_an_order(graded):
+    even = np.full((8, *graded.true.shape, 3), 0.5, np.float32)
+    guessed, told = (graded(graded.true, views=even, method=method) for method in ("tracks", "stage"))
+    assert any("without a word" in problem for problem in guessed.problems)
+    assert not any("order" in problem for problem in told.problems)
+
+
+def test_a_flat_depth_claims_no_order_where_none_can_be_known(graded):
+    outcome = graded(np.full_like(graded.true, 3.0), views=np.full((8, *graded.true.shape, 3), 0.5, np.float32))
+    assert outcome.order_open == "the scene shows nothing to follow"
+    assert not any("order" in problem for problem in outcome.problems)
 
 
 def test_suite_goes_on_from_its_record(tmp_path, monkeypatch):

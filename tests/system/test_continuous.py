@@ -8,7 +8,7 @@ import pytest
 
 from gs2ci.core.storage import count_shots, read_shot
 from gs2ci.rig.recording import prepare
-from gs2ci_drivers import acquisition
+from gs2ci_drivers import acquisition, frame_timing
 from gs2ci_drivers.failures import PlanRefusedError, TriggerTimeoutError
 
 SHOTS = 40
@@ -107,7 +107,7 @@ def test_a_trigger_that_never_comes_ends_the_capture_and_the_rows_before_it_stay
 
 def test_clocks_may_drift_apart_by_more_than_a_period(make_small, monkeypatch):
     """As two crystals do in an hour: held against the first frame, that would be a false alarm."""
-    monkeypatch.setattr(acquisition._Capture, "_hold_against_end", lambda *_: None)  # it knows the true end
+    monkeypatch.setattr(frame_timing.FrameTiming, "check_end", lambda *_: None)  # it knows the true end
     small = make_small(dlp5500=True, capture=CAPTURE | {"shots": 20})
     devices = small.rig.open()
     try:

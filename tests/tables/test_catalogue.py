@@ -19,6 +19,7 @@ from gs2ci.tables.catalogue import (
     TABLES,
     VIEWS,
     TableOptions,
+    chosen_cases,
     file_cases,
     known_cases,
     resized,
@@ -27,7 +28,7 @@ from gs2ci.tables.catalogue import (
 from gs2ci.tables.cells import run
 from gs2ci.tables.literature import DECODERS
 from gs2ci.tables.names import TableName
-from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
+from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, ON_PAPERS_SCHEDULE, RULES, VARIANTS, settings_of
 from gs2ci.tables.works import initialise_case
 from gs2ci_sims.scenes.files import scene_names
 
@@ -36,13 +37,14 @@ TINY = Case("tiny", scene="planes", size=(24, 32))
 
 
 LINES = {
-    "methods": VARIANTS,
+    "methods": [name for name in VARIANTS if name not in ON_PAPERS_SCHEDULE],
     "density": ("default", "one fit", "osgr by the book", "adc", "mcmc", "revised"),
     "ablation": ("default", "one fit", *(f"without {name}" for name in COMPONENTS), "without all six"),
     "mask-ratio": RATIOS,
     "compression": VIEWS,
     "conditions": CONDITIONS,
     "literature": ("default", *DECODERS),
+    "paper": ("default", "paper"),
     "path": ("default", "one fit", *RULES),
     "seeds": ("default",),
 }
@@ -137,6 +139,36 @@ def test_only_the_lines_asked_for_are_made():
     assert {entry.line for entry in entries} == {"50% open"}
 
 
+@pytest.mark.parametrize(
+    ("table", "line", "variant", "changed"),
+    [
+        ("mask-ratio", "75% open, adc", "adc", {"open_share": 0.75}),
+        ("compression", "16 views, paper, mcmc", "paper, mcmc", {"views": 16}),
+        ("density", "paper, revised", "paper, revised", {}),
+        ("path", "paper", "paper", {}),
+        ("paper", "paper, bounded at 5,000", "paper, bounded at 5,000", {}),
+        ("literature", "scisplat", "scisplat", {}),
+    ],
+)
+def test_a_line_that_is_made_only_where_it_is_named(table, line, variant, changed):
+    assert line not in {entry.line for entry in TABLES[table].entries(TableOptions(CASES, seeds=1))}
+    (entry,) = TABLES[table].entries(TableOptions(CASES[:1], seeds=1, lines=(line,)))
+    assert entry.line == line
+    assert entry.cell.arguments["variant"] == variant
+    assert changed.items() <= entry.cell.arguments["case"].items()
+
+
+def test_a_simulated_table_takes_any_scene_of_the_library_by_name(tmp_path):
+    chosen = chosen_cases("density", None, (24, 32), ("moving", "boxes"))
+    assert [(case.name, case.scene, case.size) for case in chosen] == [(s, s, (24, 32)) for s in ("moving", "boxes")]
+    assert chosen_cases("density", None, None, ()) == simulated_cases()
+    (tmp_path / "a.npz").write_bytes(b"")
+    for table, folder, name in (("density", None, "nowhere"), ("density", tmp_path, "boxes"), ("calibrate", None, "a")):
+        with pytest.raises(InputError, match=f"case '{name}' is unknown") as caught:
+            chosen_cases(table, folder, None, (name,))
+        assert ("moving" in caught.value.allowed) == (folder is None and table == "density")
+
+
 def test_an_unknown_line_is_refused():
     with pytest.raises(InputError, match="line '51% open'"):
         TABLES["mask-ratio"].entries(TableOptions(CASES, lines=("51% open",)))
@@ -185,6 +217,25 @@ def test_a_rules_variant_has_that_rule_on_the_schedule_of_the_default(rule):
     fit, default = settings_of(rule, 7).fit, settings_of("default", 7).fit
     assert fit.density.name == rule
     assert (fit.iterations, fit.gaussians_per_pixel) == (default.iterations, default.gaussians_per_pixel)
+
+
+def test_each_change_to_the_papers_system_changes_that_alone():
+    paper = settings_of("paper", 7)
+
+    def back(changed):
+        """Undo what a change may change."""
+        fit = replace(changed.fit, density=paper.fit.density, loss=paper.fit.loss, cap_from=paper.fit.cap_from)
+        fit = replace(fit, gaussians_per_pixel=None, most_gaussians=paper.fit.most_gaussians, poses=paper.fit.poses)
+        return replace(changed, fit=fit, proxy=paper.proxy, withheld=paper.withheld)
+
+    for name in ON_PAPERS_SCHEDULE:
+        changed = settings_of(name, 7)
+        assert changed != paper, name
+        assert back(changed) == paper, name
+    assert settings_of("paper, bounded at 9,000", 7).fit.cap_from * 20_000 == pytest.approx(9_000)
+    assert settings_of("paper, opacities kept", 7).fit.density == replace(paper.fit.density, preserving="neither")
+    assert settings_of("paper, adc", 7).fit.density.name == "adc"
+    assert settings_of("paper, naive", 7).proxy == "naive"
 
 
 def test_the_papers_variant_is_the_papers_settings():

@@ -58,7 +58,7 @@ def test_every_row_is_kept_as_soon_as_it_is_done(store):
 
 def test_equal_cells_are_done_once(store):
     heard = []
-    complete(counting([1, 1, 2]), store, heard=lambda done, total: heard.append((done, total)))
+    complete(counting([1, 1, 2]), store, on_done=lambda done, total: heard.append((done, total)))
     assert heard == [(0, 2), (1, 2), (2, 2)]
 
 
@@ -162,5 +162,5 @@ def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
             raise StorageError("the disk is full")
 
     with pytest.raises(StorageError, match="full"):
-        complete(cells, store, processes=2, heard=full)
+        complete(cells, store, processes=2, on_done=full)
     assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]

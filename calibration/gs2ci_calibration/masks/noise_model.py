@@ -1,8 +1,7 @@
 """The sensor's temporal noise, read off the very frames that a calibration takes: a variance linear in the signal.
 
 Shot noise makes the variance grow with the reading, read-out adds a constant (EMVA Standard 1288, Release 3.1,
-section 2.2). One line through all pixels tells the variance of each far better than the few frames of that pixel. For
-this package.
+section 2.2). One line through all pixels tells the variance of each far better than the few frames of that pixel.
 """
 
 from dataclasses import dataclass

@@ -2,8 +2,7 @@
 
 One mask is replaced by all mirrors on, the others by all off: the light of such a coded exposure is that slot's. The
 first and the last slot are measured so, against one in the middle, whose time is spanned whole by definition, as are
-all between the ends. Here: that measurement. Not here: trigger latency and jitter, which are the step `timing`. For
-this package.
+all between the ends. Here: that measurement. Not here: trigger latency and jitter, which are the step `timing`.
 """
 
 from dataclasses import dataclass

@@ -38,7 +38,7 @@ class SlmLink:
         self._unsure = False
 
     def ask(self, text: str) -> str:
-        """Send a command; return the panel's word for it ("OK", or what was asked for).
+        """Send a command; return the panel's word for it ("OK", or what was requested).
 
         Raises:
             NoAnswerError: No word within the deadline, or busy beyond the time it needs to boot.

@@ -63,7 +63,7 @@ class Channel:
         self._unsent_reports = 0
 
     def read(self, command: Command, asked: str, *, length: int = 1) -> bytes:
-        """Read a register of at least `length` bytes; a lost or spoilt answer is asked for again once.
+        """Read a register of at least `length` bytes; a lost or damaged answer is requested again once.
 
         Only for registers that reading does not change: not for the error register.
 

@@ -92,7 +92,7 @@ class BufferJudge:
         return self._frame(taken)
 
     def pass_over(self, taken: TakenFrame) -> None:
-        """Count a frame that nobody wants to see."""
+        """Count a frame that is not delivered."""
         ahead = self._ahead(taken)
         self.frame_index += max(ahead, 0) + 1
         self._next = self._expected(taken) + max(ahead, 0) + 1

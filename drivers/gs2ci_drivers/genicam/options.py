@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gs2ci.core.config import SIMULATED, ConfigTable, Count, Delay, Duration, NotNegative, Offset, Positive
+from gs2ci.core.config import SIMULATED, Count, Delay, Duration, Offset
 from gs2ci.core.records import CfaPattern
+from gs2ci_drivers.camera_options import CameraOptions
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS
 from gs2ci_drivers.sensor import StampMeaning
 
@@ -16,7 +17,7 @@ ONLY = "only"
 """The `port` of the only camera that a producer lists."""
 
 
-class GenicamOptions(ConfigTable):
+class GenicamOptions(CameraOptions):
     """[sensor] with kind = "genicam": a GigE Vision, USB3 Vision or CoaXPress camera. Needs the extra `genicam`."""
 
     kind: Literal["genicam"]
@@ -24,22 +25,14 @@ class GenicamOptions(ConfigTable):
     """Serial number of the camera, "only" for the only one there is, or "simulated"."""
     producer: str = ""
     """The maker's GenTL producer, a .cti file; without it, those in the folders of GENICAM_GENTL64_PATH."""
-    height: Annotated[int, Field(ge=0)] = 0
-    """Rows; 0 takes the largest."""
-    width: Annotated[int, Field(ge=0)] = 0
-    """Columns; 0 takes the largest."""
     top: Annotated[int, Field(ge=0)] | None = None
     """First row of the region of interest; without it, the middle of the sensor. Cameras take multiples of a step."""
-    left: Annotated[int, Field(ge=0)] | None = None
-    """First column of the region of interest."""
     format: str = ""
     """Pixel format by its PFNC name ("Mono12", "Mono12p", "BayerRG12Packed", ...); "" takes the present one."""
     gain_db: float | None = None
     """Gain."""
     buffers: Count = 8
     """Frame buffers to announce."""
-    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """Frames to throw away after a start."""
     trigger_selector: str = "FrameStart"
     """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector)."""
     trigger_line: str = "Line1"
@@ -65,12 +58,6 @@ class GenicamOptions(ConfigTable):
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
     """What the frames' time stamps are the time of: "start-of-exposure" as SFNC has it and Basler says;
     "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""
-    black_level_dn: NotNegative = 0.0
-    """Reading without light."""
-    full_well_e: Positive | None = None
-    """Electrons at the top of the scale."""
-    electrons_per_dn: Positive | None = None
-    """Electrons per step of the reading."""
 
     @property
     def controls(self) -> dict[str, int]:
@@ -79,10 +66,10 @@ class GenicamOptions(ConfigTable):
 
     @property
     def cfa(self) -> CfaPattern | None:
-        """Get the colour mosaic of the format that is asked for."""
+        """Get the colour mosaic of the format that is requested."""
         return PFNC_FORMATS[self.format].cfa if self.format in PFNC_FORMATS else None
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is asked for; None where the camera's present one is taken."""
+        """Get the bits of the format that is requested; None where the camera's present one is taken."""
         return PFNC_FORMATS[self.format].bits if self.format in PFNC_FORMATS else None

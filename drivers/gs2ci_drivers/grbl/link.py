@@ -67,7 +67,7 @@ class GrblLink:
         self.alarm, self.restarted = None, False
 
     def status(self) -> Status:
-        """Ask for a status report; a lost or spoilt one is asked for again.
+        """Ask for a status report; a lost or damaged one is requested again.
 
         Raises:
             NoAnswerError, BadReplyError, DisconnectedError: No usable answer.

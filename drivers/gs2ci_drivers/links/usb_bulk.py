@@ -1,20 +1,18 @@
 """The FIFO of an FTDI FT600/FT601 USB 3 bridge as a `BytePort`, by pyusb: the link of Santec SLM-200 class panels.
 
-Here: bulk transfers with timeouts, and the bridge's read requests. Not here: finding and claiming (`usb_device`), any
-protocol.
+Here: the bridge's read requests and the blocks that follow. Not here: finding, claiming and transfers (`usb_device`),
+any protocol.
 
 Experimental: written from public knowledge of the bridge (data on 0x02/0x82 of interface 1; before data flows in,
 the host asks for it with a 20-byte request on 0x01 of interface 0), not confirmed on hardware.
 """
 
-import errno
 import struct
 from typing import Final
 
 import usb.core
 
-from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find, as_os_error
-from gs2ci_drivers.links.usb_hid import timeout_ms
+from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find
 
 VENDOR_ID: Final = 0x0403
 PRODUCT_ID: Final = 0x601F
@@ -43,25 +41,18 @@ class UsbFifo:
         self._claimed = ClaimedInterfaces(
             device, VENDOR_ID, PRODUCT_ID, interfaces=(0, 1), bus_port=bus_port, find=find
         )
-        self._asked = False
+        self._requested = False
         self._requests = 0
         self._received = b""
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send all of `data`; see `BytePort.write`."""
-        self._require_open()
-        try:
-            written = self._claimed.usb.write(_DATA_OUT, data, timeout_ms(timeout_s))
-        except usb.core.USBTimeoutError as error:
-            raise TimeoutError(str(error), timeout_s) from error
-        except usb.core.USBError as error:
-            raise as_os_error(error) from error
+        written = self._claimed.write(_DATA_OUT, data, timeout_s)
         if written != len(data):
             raise TimeoutError(f"only {written} of {len(data)} bytes were taken", timeout_s)
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Receive what there is; see `BytePort.read`."""
-        self._require_open()
         if not self._received:
             self._received = self._fetch(timeout_s)
         data, self._received = self._received[:max_bytes], self._received[max_bytes:]
@@ -69,24 +60,17 @@ class UsbFifo:
 
     def _fetch(self, timeout_s: float) -> bytes:
         try:
-            if not self._asked:
+            if not self._requested:
                 self._requests += 1
                 request = _REQUEST.pack(self._requests, _DATA_IN, _READ, 0, _BLOCK_BYTES, 0, 0)
-                self._claimed.usb.write(_CONTROL_OUT, request, timeout_ms(timeout_s))
-                self._asked = True  # and stays so until data came: a second request would queue behind
-            data = bytes(self._claimed.usb.read(_DATA_IN, _BLOCK_BYTES, timeout_ms(timeout_s)))
-        except usb.core.USBTimeoutError:
+                self._claimed.write(_CONTROL_OUT, request, timeout_s)
+                self._requested = True  # and stays so until data came: a second request would queue behind
+            data = self._claimed.read(_DATA_IN, _BLOCK_BYTES, timeout_s)
+        except TimeoutError:
             return b""
-        except usb.core.USBError as error:
-            raise as_os_error(error) from error
-        self._asked = False
+        self._requested = False
         return data
 
     def close(self) -> None:
         """Give the bridge back; a second call does nothing."""
-        if self._claimed.is_open:
-            self._claimed.close()
-
-    def _require_open(self) -> None:
-        if not self._claimed.is_open:
-            raise OSError(errno.ENODEV, "the port is closed")
+        self._claimed.close()

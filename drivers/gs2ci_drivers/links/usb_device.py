@@ -1,9 +1,10 @@
-"""Finding and claiming one interface of a USB device by pyusb, and giving it back as it was.
+"""Interfaces of a USB device by pyusb: found, claimed, written and read, and given back as they were.
 
-Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`).
+Here: what the HID and the bulk link share. Not here: endpoints and their contents (`usb_hid`, `usb_bulk`).
 """
 
 import errno
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -81,6 +82,34 @@ class ClaimedInterfaces:
         usb.util.claim_interface(self.usb, interface)
         self._claimed.append(interface)
 
+    def write(self, endpoint: int, data: bytes, timeout_s: float) -> int:
+        """Send data to an endpoint; return how many bytes were taken.
+
+        Raises:
+            TimeoutError: None in time.
+            OSError: The port is closed (ENODEV), or the transfer failed.
+        """
+        return int(self._transfer(self.usb.write, endpoint, data, timeout_s))
+
+    def read(self, endpoint: int, most_bytes: int, timeout_s: float) -> bytes:
+        """Receive what an endpoint has.
+
+        Raises:
+            TimeoutError: Nothing in time.
+            OSError: The port is closed (ENODEV), or the transfer failed.
+        """
+        return bytes(self._transfer(self.usb.read, endpoint, most_bytes, timeout_s))
+
+    def _transfer(self, call: Callable[..., Any], endpoint: int, what: bytes | int, timeout_s: float) -> Any:
+        if not self.is_open:
+            raise OSError(errno.ENODEV, "the port is closed")
+        try:
+            return call(endpoint, what, timeout_ms(timeout_s))
+        except usb.core.USBTimeoutError as error:
+            raise TimeoutError(str(error), timeout_s) from error
+        except usb.core.USBError as error:
+            raise as_os_error(error) from error
+
     def close(self) -> None:
         """Release the interfaces and give them back to the kernel's driver; a second call does nothing."""
         for interface in self._claimed:
@@ -96,6 +125,11 @@ class ClaimedInterfaces:
     def is_open(self) -> bool:
         """Get whether any interface is ours."""
         return bool(self._claimed)
+
+
+def timeout_ms(timeout_s: float) -> int:
+    """Return a timeout for libusb, for which 0 would mean «for ever»: at least 1 ms."""
+    return max(math.ceil(timeout_s * 1e3), 1)
 
 
 def as_os_error(error: usb.core.USBError) -> OSError:

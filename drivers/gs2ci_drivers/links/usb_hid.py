@@ -1,15 +1,14 @@
 """A USB HID interface with 64-byte reports as a `HidPort`, by pyusb (libusb, no hidraw, no report ids).
 
-Here: interrupt transfers with timeouts. Not here: finding and claiming (`usb_device`), any protocol.
+Here: the reports. Not here: finding, claiming and transfers (`usb_device`), any protocol.
 """
 
 import errno
-import math
 from typing import Final
 
 import usb.core
 
-from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find, as_os_error
+from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find
 from gs2ci_drivers.ports import HID_REPORT_BYTES
 
 # Addresses of the interrupt endpoints to the device and from it.
@@ -45,38 +44,19 @@ class UsbHid:
 
     def write(self, report: bytes, timeout_s: float) -> None:
         """Send one report; see `HidPort.write`."""
-        self._require_open()
         if len(report) != HID_REPORT_BYTES:
             raise ValueError(f"a HID report of {len(report)} bytes instead of {HID_REPORT_BYTES}")
-        try:
-            written = self._claimed.usb.write(_ENDPOINT_OUT, report, timeout_ms(timeout_s))
-        except usb.core.USBTimeoutError as error:
-            raise TimeoutError(str(error), timeout_s) from error
-        except usb.core.USBError as error:
-            raise as_os_error(error) from error
+        written = self._claimed.write(_ENDPOINT_OUT, report, timeout_s)
         if written != HID_REPORT_BYTES:
             raise OSError(errno.EIO, f"only {written} bytes of a report were sent")
 
     def read(self, timeout_s: float) -> bytes:
         """Receive one report; see `HidPort.read`."""
-        self._require_open()
         try:
-            return bytes(self._claimed.usb.read(_ENDPOINT_IN, HID_REPORT_BYTES, timeout_ms(timeout_s)))
-        except usb.core.USBTimeoutError:
+            return self._claimed.read(_ENDPOINT_IN, HID_REPORT_BYTES, timeout_s)
+        except TimeoutError:
             return b""
-        except usb.core.USBError as error:
-            raise as_os_error(error) from error
 
     def close(self) -> None:
         """Give the interface back to the kernel; a second call does nothing."""
-        if self._claimed.is_open:
-            self._claimed.close()
-
-    def _require_open(self) -> None:
-        if not self._claimed.is_open:
-            raise OSError(errno.ENODEV, "the port is closed")
-
-
-def timeout_ms(timeout_s: float) -> int:
-    """Return a timeout for libusb, for which 0 would mean «for ever»: at least 1 ms."""
-    return max(math.ceil(timeout_s * 1e3), 1)
+        self._claimed.close()

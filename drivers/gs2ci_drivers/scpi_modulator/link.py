@@ -47,7 +47,7 @@ class ScpiLink:
         self._unsure = True
 
     def ask(self, command: str) -> str:
-        """Send something that may be sent twice; a lost or spoilt answer is asked for again once.
+        """Send something that may be sent twice; a lost or damaged answer is requested again once.
 
         Raises:
             NoAnswerError, BadReplyError: No usable answer, twice.

@@ -102,7 +102,7 @@ class Format(ctypes.Structure):
 
 
 class RequestBuffers(ctypes.Structure):
-    """struct v4l2_requestbuffers: how many buffers are asked for, and got."""
+    """struct v4l2_requestbuffers: how many buffers are requested, and got."""
 
     _fields_ = (
         ("count", u32),

@@ -87,7 +87,7 @@ class FrameJudge:
         return self._frame(taken)
 
     def pass_over(self, taken: TakenBuffer) -> None:
-        """Count a frame that nobody wants to see."""
+        """Count a frame that is not delivered."""
         number = taken.buffer.sequence
         if self._next is not None:
             ahead = (number + 1 - self._next) % _WRAP

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gs2ci.core.config import SIMULATED, ConfigTable, Count, Delay, Duration, NotNegative, Offset, Positive
+from gs2ci.core.config import SIMULATED, Count, Delay, Duration, Offset, Positive
 from gs2ci.core.records import CfaPattern
+from gs2ci_drivers.camera_options import CameraOptions
 from gs2ci_drivers.sensor import StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment
 
@@ -17,7 +18,7 @@ SIMULATED_NODE = "/dev/video0"
 """The only camera of a simulated computer."""
 
 
-class V4l2Options(ConfigTable):
+class V4l2Options(CameraOptions):
     """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
 
     kind: Literal["v4l2"] = "v4l2"
@@ -25,15 +26,9 @@ class V4l2Options(ConfigTable):
     """The capture node ("/dev/video0") or "simulated"."""
     subdevice: str = ""
     """The sensor's own node ("/dev/v4l-subdev0") where a media controller keeps the controls there."""
-    height: Annotated[int, Field(ge=0)] = 0
-    """Rows; 0 takes the largest."""
-    width: Annotated[int, Field(ge=0)] = 0
-    """Columns; 0 takes the largest."""
     top: Annotated[int, Field(ge=0)] | None = None
     """First row of the region of interest; without it, the middle of the sensor. Kernel drivers move and widen regions
     to what the sensor can do, the IMX296's to multiples of 4."""
-    left: Annotated[int, Field(ge=0)] | None = None
-    """First column of the region of interest."""
     format: str = ""
     """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
     gain_db: float | None = None
@@ -42,8 +37,6 @@ class V4l2Options(ConfigTable):
     """Gain in dB per unit of the gain control, where it is linear in dB."""
     buffers: Count = 4
     """Frame buffers to ask the kernel for."""
-    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """Frames to throw away after a start."""
     controls: dict[str, int] = Field(default_factory=dict)
     """[sensor.controls]: further controls by name, set in this order."""
     trigger_adapter: Literal["none", "module", "control"] = "control"
@@ -75,12 +68,6 @@ class V4l2Options(ConfigTable):
     stamps: StampMeaning | None = None
     """What the frames' time stamps are the time of: "start-of-exposure", "start-of-frame" or "end-of-frame"; without
     it, what is known of the kernel driver. `gs2ci doctor` measures it."""
-    black_level_dn: NotNegative = 0.0
-    """Reading without light."""
-    full_well_e: Positive | None = None
-    """Electrons at the top of the scale."""
-    electrons_per_dn: Positive | None = None
-    """Electrons per step of the reading."""
 
     @property
     def node(self) -> str:
@@ -89,12 +76,12 @@ class V4l2Options(ConfigTable):
 
     @property
     def cfa(self) -> CfaPattern | None:
-        """Get the colour mosaic of the format that is asked for."""
+        """Get the colour mosaic of the format that is requested."""
         known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
         return known.cfa if known else None
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is asked for; None where the device's present one is taken."""
+        """Get the bits of the format that is requested; None where the device's present one is taken."""
         known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
         return known.bits if known else None

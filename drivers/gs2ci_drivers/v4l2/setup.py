@@ -214,7 +214,7 @@ class OpenCamera:
         """Have the sensor read out the region that is wanted; return whether its driver knows regions.
 
         Raises:
-            UnsupportedError: A place is asked for and there are no regions, or none of this size.
+            UnsupportedError: A place is requested and there are no regions, or none of this size.
             OutOfRangeError: It leaves the pixel array.
         """
         bounds = node.get_region(abi.SelectionTarget.CROP_BOUNDS, of_subdevice=of_subdevice)

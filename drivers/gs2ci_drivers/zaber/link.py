@@ -13,7 +13,7 @@ from gs2ci_drivers.zaber.packets import MESSAGE_IDS, Alert, ZaberReply, parse, r
 REPLY_TIMEOUT_S = 0.5
 """Devices answer within some 10 ms; the rest is for USB serial adapters and busy hosts."""
 QUERY_ATTEMPTS = 2
-"""A question changes nothing, so a lost answer may be asked for again; a motion is never sent twice."""
+"""A question changes nothing, so a lost answer may be requested again; a motion is never sent twice."""
 
 
 class ZaberLink:
@@ -48,7 +48,7 @@ class ZaberLink:
         self._next_id = int(clock.now_s() * 1e3) % MESSAGE_IDS
 
     def query(self, axis: int, text: str) -> ZaberReply:
-        """Ask something that changes nothing; a lost or spoilt answer is asked for again.
+        """Ask something that changes nothing; a lost or damaged answer is requested again.
 
         Raises:
             LinkError: No usable answer.

@@ -10,14 +10,11 @@ Source: Zaber ASCII protocol manual, "Message format"; reference section 3.1. Th
 
 import re
 from dataclasses import dataclass
-from typing import Literal
 
 LONGEST_REQUEST = 80
 """Characters of a request with its end, by the protocol's default."""
 MESSAGE_IDS = 100
 """Message ids run from 0 to 99."""
-
-Status = Literal["BUSY", "IDLE"]
 
 _CHECKSUM = re.compile(r"^(.*):([0-9A-Fa-f]{2})$", re.DOTALL)
 _REPLY = re.compile(r"^@(\d{1,2}) (\d{1,2})(?: (\d{1,2}))? (OK|RJ) (BUSY|IDLE) ([A-Z-]{2})(?: (.*))?$")

@@ -137,7 +137,7 @@ class StageDisplay(ABC):
 
 
 def wait_for_enter(request: str) -> None:
-    """Wait until somebody has done what was asked for.
+    """Wait until somebody has done what was requested.
 
     Raises:
         InputError: Standard input has ended.

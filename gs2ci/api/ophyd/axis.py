@@ -50,7 +50,7 @@ class _AxisLogic(MovableLogic[float], FlyableLogic[FlyMotorInfo, Sweep]):
         await self.call(self.carrier.check_targets, {self.axis: new_position})
 
     async def move(self, new_position: float, timeout: TimeoutCalculator) -> None:
-        if self.stopped:  # after it was asked for and before it began: ophyd-async has nothing to cancel yet
+        if self.stopped:  # after it was requested and before it began: ophyd-async has nothing to cancel yet
             return
         limit_s = timeout()
         if limit_s is None:

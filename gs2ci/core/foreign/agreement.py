@@ -1,7 +1,7 @@
 """Whether masks, measurement and truth belong together, tested on the numbers and not on the shapes.
 
 A coded measurement carries the fine pattern of its masks' sum: that is how masks of another measurement, or turned
-ones, are found out (`pattern`). Where the truth is known, Σ wᵢ Mᵢ ⊙ Xᵢ must give the measurement up to one factor,
+ones, are recognised (`pattern`). Where the truth is known, Σ wᵢ Mᵢ ⊙ Xᵢ must give the measurement up to one factor,
 the scale; this also finds a colour filter array and a reversed order of the masks, which nothing else can.
 """
 

@@ -1,6 +1,6 @@
 """A foreign file in, shots and the list of guesses out.
 
-Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is found out. Not here:
+Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is determined. Not here:
 the single guesses (the files beside this one), writing (`gs2ci.core.storage`).
 """
 

@@ -26,7 +26,7 @@ _TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "HWC", "HW", "KNHW
 
 @dataclass(frozen=True)
 class Arranged:
-    """Arrays in the order of the house, still in the units of the file.
+    """Arrays in gs2ci's order of axes, still in the units of the file.
 
     Args:
         measurements: [K, H, W, C].

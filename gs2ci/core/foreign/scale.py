@@ -27,7 +27,7 @@ FULL_SCALES: Final[dict[str, float]] = {
     "16-bit": 65535.0,
 }
 # The brightest thousandth of a scene lies between these shares of full scale: noise may carry it a little over,
-# and a scene darker than a twentieth is one that nobody exposes for.
+# and a scene darker than a twentieth is not exposed for in practice.
 OVER: Final = 1.1
 WELL_EXPOSED: Final = 0.3
 DARK: Final = 0.05

@@ -80,7 +80,7 @@ def check_manifest_place(path: Path) -> None:
     """Accept a path beside which a manifest may be written: `seal` replaces what lies there.
 
     Raises:
-        StorageError: A file of that name is somebody else's.
+        StorageError: A file of that name was not made by gs2ci.
     """
     manifest = manifest_of(path)
     if manifest.exists() and not _is_manifest(manifest):

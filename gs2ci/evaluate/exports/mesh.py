@@ -23,7 +23,7 @@ from gs2ci.evaluate.points import Cameras
 
 VOXELS: Final = 160
 VOXEL_RANGE: Final = (8, 512)
-# Distances are believed so many voxels either side of a surface: less leaves holes, more fills gaps between surfaces.
+# Distances are integrated so many voxels either side of a surface: less leaves holes, more fills gaps between surfaces.
 TRUNCATION_VOXELS: Final = 4.0
 LEAST_CONFIDENCE: Final = 0.5
 # Single depths far off shall not stretch the lattice.
@@ -55,11 +55,11 @@ def fuse(
         depth: [N, H, W], 0 where nothing is seen.
         views: Their colours, [N, H, W, C].
         cameras: Of the views.
-        confidence: Of depth, [N, H, W]; what lies below `LEAST_CONFIDENCE` is not used. None believes all.
+        confidence: Of depth, [N, H, W]; what lies below `LEAST_CONFIDENCE` is not used. None uses all.
         voxels: Of the lattice's longest side.
 
     Raises:
-        InputError: No depth can be believed, or no surface lies in the lattice.
+        InputError: No depth is reliable, or no surface lies in the lattice.
     """
     least, most = VOXEL_RANGE
     if not least <= voxels <= most:
@@ -119,7 +119,7 @@ def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
 
 
 def _box(depth: F32, believed: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
-    """Return the corner and the size of a box round what is believed."""
+    """Return the corner and the size of a box round the reliable points."""
     seen = []
     for view, (row, column) in ((v, np.nonzero(believed[v])) for v in range(len(depth))):
         rays = cameras.rays(np.stack([column + 0.5, row + 0.5], axis=-1))

@@ -6,12 +6,11 @@
     pictures.py     arrays as pictures inside the page, within a budget of bytes
     camera_path.py  a camera path from above as SVG
     next_steps.py   what a run's evidence says to try next: the rules
-    run_evidence.py what a run folder holds, read as from a stranger
+    run_evidence.py what a run folder holds, read as untrusted input
     run_pictures.py which pictures a run's page shows
     tradeoff_section.py  what accuracy costs: its section of a run's page
     run_page.py     the page of a run
     templates/      the HTML, CSS and JavaScript, by hand
 
 Every text passes through Jinja's escaping; only what `templates/` and these modules write themselves is markup.
-The commands and the rest of `gs2ci.evaluate` may import these modules.
 """

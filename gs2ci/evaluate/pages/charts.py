@@ -228,7 +228,7 @@ def _even_ticks(low: float, high: float, most: int) -> list[float]:
     power = 10 ** math.floor(math.log10(raw))
     step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw)
     first = math.ceil(low / step)
-    # Multiples of the step, rounded to it: 0.30000000000000004 is nobody's tick.
+    # Multiples of the step, rounded to it: 0.30000000000000004 is no label for a tick.
     digits = max(0, -math.floor(math.log10(step)) + 1)
     return [round(step * i, digits) for i in range(first, math.floor(high / step) + 1)]
 

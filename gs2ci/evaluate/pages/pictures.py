@@ -31,7 +31,7 @@ _MAGIC: Final = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/j
 
 @dataclass(frozen=True)
 class Picture:
-    """An encoded picture; width and height are 0 where nobody needs them."""
+    """An encoded picture; width and height are 0 where they are not needed."""
 
     content: bytes
     kind: str

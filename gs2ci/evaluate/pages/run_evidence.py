@@ -1,4 +1,4 @@
-"""What a run folder holds for its page, read as if from a stranger.
+"""What a run folder holds for its page, read as untrusted input.
 
 Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot; whether a
 run is of a shot. Not here: the trade-off that may lie beside it (`gs2ci.evaluate.tradeoff.record`), the page

@@ -30,13 +30,15 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.crop import middle_of
 from gs2ci.core.errors import InputError
-from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.by_name import patch_settings
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
@@ -233,13 +235,12 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     watch = Timed(_ITERATIONS)
     fit_coarse(
         jury=Jury.of(shot, HELDOUT_SHARE, 0),
+        renderer=ShotRenderer(shot, geometry.intrinsics, backend),
         start=start,
         geometry=geometry,
-        backend=backend,
         settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
         seed=0,
-        refine=lambda scene: scene + decode_residual(shot, scene, ResidualSettings()),
-        progress=Silent(),
+        monitoring=Monitoring(lambda scene: scene + decode_residual(shot, scene, ResidualSettings())),
         pace=watch,
     )
     return len(start), watch.iteration_s, watch.look_s

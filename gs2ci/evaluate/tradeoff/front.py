@@ -114,7 +114,7 @@ def _next_decibel(rows: Sequence[Row], front: Sequence[Row], measure: Measure) -
 
 
 def _trust(rows: Sequence[Row], measure: Measure) -> list[str]:
-    """Say how far decibels of held-out pixels are to be believed."""
+    """Say how well decibels of held-out pixels agree with those of the truth."""
     if measure == "heldout_db":
         return [
             "The truth is not known: decibels are those by which pixels of the measurement are predicted that no trial "

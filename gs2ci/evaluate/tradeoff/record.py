@@ -1,6 +1,6 @@
 """What a trade-off leaves for the page of a run: `tradeoff.json`, schema `gs2ci.tradeoff/1`.
 
-Here: the record, its writing, and its reading as if from a stranger. Not here: making it of trials (`pages.py`), its
+Here: the record, its writing, and its reading as untrusted input. Not here: making it of trials (`pages.py`), its
 section (`gs2ci.evaluate.pages.tradeoff_section`).
 
 What was said is kept in words, so that a page made years later needs neither the solver nor the version that tried.

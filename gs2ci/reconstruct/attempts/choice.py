@@ -4,29 +4,23 @@ A doubtful path is fitted once, and sought again in the views of that fit (`seco
 tracks bear out competes with a camera at rest: where nothing shows but a period or a gradient, any motion explains the
 measurement, and a fit from rest ends several dB better; where it is far behind after a quarter of the schedule, it is
 given up. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The held-out pixels
-choose. Not here: what an attempt is made of (`fits`).
+choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.attempts.attempt import Attempt, How
+from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
-from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.ensemble import Ensemble, Member
 from gs2ci.reconstruct.fit.motion import moving_share
-from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.stopping import Rival
-from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
@@ -40,41 +34,6 @@ from gs2ci.reconstruct.moving import (
     rested,
     speaks_for_motion,
 )
-from gs2ci.reconstruct.settings import Settings
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """Fits, and the look and the geometry that they began with.
-
-    Args:
-        look: What had been found.
-        geometry: As it was fitted from.
-        fits: The leader's, and those of its companions.
-        ensemble: Of these.
-        later: The companions that have not been fitted: an attempt that may be replaced makes one fit at first.
-    """
-
-    look: FirstLook
-    geometry: Geometry
-    fits: tuple[CoarseFit, ...]
-    ensemble: Ensemble
-    later: tuple[Member, ...] = ()
-
-
-@dataclass(frozen=True)
-class How:
-    """How an attempt is made.
-
-    Args:
-        moving: Whether the scene may move.
-        alone: Whether the leader is fitted alone at first.
-        rival: A fit that those of the attempt have to keep up with.
-    """
-
-    moving: bool = False
-    alone: bool = False
-    rival: Rival | None = None
 
 
 @dataclass(frozen=True)
@@ -82,33 +41,15 @@ class Attempts:
     """What is fitted to a measurement, from the first look and from what else is worth it, and which of it is taken.
 
     Args:
-        attempt: Fits from a look, with views to take colours and motion from.
-        complete: Makes the fits of an attempt that it has been without so far.
-        release: Goes on with fits of a still scene, and lets it move.
-        jury: The measurement.
-        lens: Through which it was taken, unless it is a pinhole.
-        settings: What may be tried.
-        refine: What will be done to the views of fits.
-        progress: Told why more is tried.
-        lap: Called with a stage's name when it ends.
-        halt: Once it is asked, nothing more is tried.
+        fits: Make the attempts.
     """
 
-    attempt: Callable[[FirstLook, F32, How], Attempt]
-    complete: Callable[[Attempt], Attempt]
-    release: Callable[[Attempt], Attempt]
-    jury: Jury
-    lens: Lens | None
-    settings: Settings
-    refine: Refinement
-    progress: Progress
-    lap: Callable[[str], None]
-    halt: Halt
+    fits: Fits
 
     def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make one attempt, whatever comes of it."""
-        moving = self.settings.motion == "on"
-        tried = self.attempt(rested(first) if moving else first, first.decoded, How(moving))
+        moving = self.fits.settings.motion == "on"
+        tried = self.fits.attempt(rested(first) if moving else first, first.decoded, How(moving))
         name = MOVING if moving else STILL
         return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
 
@@ -119,10 +60,10 @@ class Attempts:
             The first look, with the best decode there is; the best attempt; and how anything in it came to move, or
             not to.
         """
-        still = self.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
+        still = self.fits.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
-        whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
+        whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
+        if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
@@ -130,66 +71,66 @@ class Attempts:
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
             asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
-        if self.halt.asked or not (self._wanted or asked.speaks_for_motion):
+        if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             return first, still, self._report(asked, {STILL: still}, still, {})
-        self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
-        still = self.complete(still)
-        first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
-        views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-        attempts = {STILL: still, RELEASED: self.release(still)}
-        if not self.halt.asked:
-            attempts[MOVING] = self.attempt(rested(still.look), views, How(moving=True))
+        self.fits.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
+        still = self.fits.completed(still)
+        first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
+        views = min((refined, first.decoded), key=lambda shown: self.fits.jury.residual_rms(shown) or 0.0)
+        attempts = {STILL: still, RELEASED: self.fits.release(still)}
+        if not self.fits.halt.asked:
+            attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
         residuals = self._residuals({name: one.ensemble.views for name, one in attempts.items()})
         tried = self._clearly_best(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 
     @property
     def _wanted(self) -> bool:
-        return self.settings.motion == "on"
+        return self.fits.settings.motion == "on"
 
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
         """Fit a still scene once more from a second look, or from rest, where the first path is doubtful.
 
         Of a first path that is doubtful there is one fit so far: it is held against the leaders of the other attempts.
         """
-        if self.halt.asked or not self._may_look_again(first):
+        if self.fits.halt.asked or not self._may_look_again(first):
             return tried
-        views = self.refine(tried.ensemble.views)
+        views = self.fits.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
-        again = second_look(first, views, self.lens, self.settings, self.progress)
-        if again is not None and not self.halt.asked:
-            attempts["second look"] = self.attempt(again, views, How())
-        if needs_rest(first) and not self.halt.asked:
-            attempts["rest"] = self.attempt(from_rest(first), first.decoded, How(rival=self._rival(tried)))
+        again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
+        if again is not None and not self.fits.halt.asked:
+            attempts["second look"] = self.fits.attempt(again, views, How())
+        if needs_rest(first) and not self.fits.halt.asked:
+            attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, How(rival=self._rival(tried)))
         if len(attempts) == 1:
-            return self.complete(tried)
+            return self.fits.completed(tried)
         leaders = {name: one.fits[0].views for name, one in attempts.items()}
-        return self.complete(self._best(attempts, self._residuals(leaders)))
+        return self.fits.completed(self._best(attempts, self._residuals(leaders)))
 
     def _rival(self, tried: Attempt) -> Rival:
         """Return what an attempt's leader has left, for another one to keep up with."""
         looks = {point.iteration: point.heldout for point in tried.fits[0].curve if point.heldout is not None}
-        return Rival(looks, self.settings.fit.iterations)
+        return Rival(looks, self.fits.settings.fit.iterations)
 
     def _may_look_again(self, first: FirstLook) -> bool:
-        return self.settings.may_look_again and is_wanted(first.geometry, self.settings.geometry)
+        return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
 
     def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
-        if first.decoder == "patches" or self.settings.long_decode is None:
+        if first.decoder == "patches" or self.fits.settings.long_decode is None:
             return first
-        longer = first.decoded_longer(self.settings.long_decode, self.progress)
-        self.lap("decode")
-        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(longer.decoded)
+        longer = first.decoded_longer(self.fits.settings.long_decode, self.fits.progress)
+        self.fits.clock.lap("decode")
+        before, after = self.fits.jury.residual_rms(first.decoded), self.fits.jury.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before
         return longer if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
         """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""
-        left = ask(self.jury, still.ensemble.views)
+        left = ask(self.fits.jury, still.ensemble.views)
         if not speaks_for_motion(left):
             return MotionQuestion(left)
-        refined = self.refine(still.ensemble.views)
+        refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
         worth_more = gain >= LEAST_POLISH_GAIN
         long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
@@ -197,13 +138,13 @@ class Attempts:
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels hardly better than the first decode."""
-        fitted, decoded = (self.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
+        fitted, decoded = (self.fits.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
         return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
         """Return by which share a patch decode from these views on leaves less of the held-out pixels."""
-        before = self.jury.residual_rms(refined)
-        after = self.jury.residual_rms(patch_decode_from(self.jury.seen, refined, steps))
+        before = self.fits.jury.residual_rms(refined)
+        after = self.fits.jury.residual_rms(patch_decode_from(self.fits.jury.seen, refined, steps))
         return 0.0 if not before or after is None else 1 - after / before
 
     def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
@@ -226,7 +167,7 @@ class Attempts:
 
     def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
         """Return what each attempt's views, [N, H, W, C], leave of the held-out pixels when they are refined."""
-        return {name: self.jury.residual_rms(self.refine(one)) for name, one in views.items()}
+        return {name: self.fits.jury.residual_rms(self.fits.refine(one)) for name, one in views.items()}
 
     def _report(
         self,
@@ -237,7 +178,7 @@ class Attempts:
     ) -> MotionReport:
         moves = taken.ensemble.best.scene.motion is not None
         return MotionReport(
-            self.settings.motion, asked, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
+            self.fits.settings.motion, asked, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
         )
 
 

@@ -6,9 +6,10 @@ A scene inside out moves like the right one where the motion is small and the fi
 tell, or err together where the camera model is a little wrong. But near hides far, and a fit that has to hide the wrong
 thing leaves more of the measurement. Fits also differ by luck: by where their path begins. So a geometry is compared
 with its own exact reversal, which shares its luck, and what tracks find the other way round with the reversal of that.
-A reversal is no minimum of its own and leaves a little more for that alone, which cancels between the two. Here: when
-to compare, how many pairs, and what follows. Not here: the fits (`order_fits`), the reversal (`geometry/reversal.py`),
-the tracks' preference (`geometry/motion.py`).
+A reversal is no minimum of its own and leaves a little more for that alone, which cancels between the two. Before any
+pixel is asked, the order in which the camera turns less is the likelier: a stage hardly turns. Here: when to compare,
+how many pairs, what each judge counts, and what follows. Not here: the fits (`order_fits`), the reversal and its turn
+(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
 """
 
 import math
@@ -18,9 +19,9 @@ from typing import Final
 
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel
 from gs2ci.reconstruct.geometry.validity import Criteria
 
 LEAST_SCHEDULE: Final = 150
@@ -44,6 +45,11 @@ _SURE_AGAINST_TOLD: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
+# So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
+# hand turns as it likes: without so many errors of pixels and tracks on its side it stays below what is sure.
+_TRAVEL_COUNTS: Final = 2.5
+_LEAST_SEEN: Final = 1.0
+_BELOW_SURE: Final = 1.9
 
 # A source of paths that no tracks bear out.
 _UNTRACKED: Final = "uniform"
@@ -64,7 +70,7 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
 
 
 def unsettled(geometry: Geometry) -> Geometry:
-    """Say of a geometry whose order is open that nobody looked."""
+    """Note for a geometry whose order is open that no fits were made."""
     return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
 
 
@@ -79,17 +85,18 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     Args:
         geometry: What was found first.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
-        progress: Told of what is done.
+        progress: Receives what is done.
         told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
 
     Returns:
         The geometry the right way round as far as anything tells, with a note where it was turned or is open. Its
-        `order_errors` are then those of pixels and tracks together.
+        `order_errors` are then those of pixels, tracks and travel together.
     """
     progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
-    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, told=told)
+    travel = 0.0 if told else _travel_errors(geometry)
+    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, told=told)
     if geometry.source == _UNTRACKED and errors < 0:
         return _contested(geometry, -errors)
     if told:
@@ -109,14 +116,34 @@ def _contested(geometry: Geometry, errors: float) -> Geometry:
     return replace(geometry, order_errors=errors, reverse=None, notes=notes)
 
 
+def _travel_errors(geometry: Geometry) -> float:
+    """Return by how many errors a geometry is preferred to its reverse for turning less."""
+    other = geometry.reverse or reversed_geometry(geometry)
+    return _TRAVEL_COUNTS * (share_with_travel(geometry) - share_with_travel(other))
+
+
+def _with_travel(seen: float, travel: float) -> float:
+    """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel."""
+    both = seen + travel
+    sign = math.copysign(1.0, both)
+    return both if sign * seen >= _LEAST_SEEN or travel == 0 else sign * min(abs(both), _BELOW_SURE)
+
+
 def _of_pairs(
-    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, *, told: bool
+    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, travel: float, *, told: bool
 ) -> tuple[list[float], float]:
     """Compare orders by pairs of short fits, until they are sure.
 
+    Args:
+        geometry: Compared with its reversal, and so is what tracks found the other way round.
+        fit_briefly: Fits a geometry briefly.
+        luck: The standard deviation of a pair's log ratio that is luck.
+        tracks: By how many errors tracks prefer the geometry's own order.
+        travel: By how many errors it is preferred for turning less.
+        told: Whether a file or a model told the path.
+
     Returns:
-        The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred, with
-        the tracks' share.
+        The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred in all.
     """
     beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
     pairs = [(one, reversed_geometry(one)) for one in beginnings]
@@ -128,7 +155,8 @@ def _of_pairs(
         ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         both = len(pairs) > 1 and len(found) % len(pairs) == 0
-        errors = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
+        seen = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
+        errors = _with_travel(seen, travel)
         if told:
             doubted = errors <= -_SURE_AGAINST_TOLD and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
             sure = errors >= _SURE or doubted

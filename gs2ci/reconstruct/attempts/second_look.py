@@ -41,7 +41,7 @@ def second_look(
         views: Those of a fit, refined, [N, H, W, C].
         lens: Through which the measurement was taken, unless it is a pinhole.
         settings: Of the stages before a fit.
-        progress: Told of every step.
+        progress: Receives every step.
     """
     before = first.geometry
     progress.say("The camera path is doubtful: it is sought again in the views of the fit.")

@@ -1,6 +1,6 @@
 """What a plug-and-play decoder calls between its projections: the `Denoiser` protocol, and two that need no weights.
 
-Here: total variation and non-local means. Not here: learned denoisers (`onnx_denoiser`), the decoders (`pnp`).
+Here: total variation and non-local means. Not here: learned denoisers (`learned.onnx_denoiser`), the decoders (`pnp`).
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -1,8 +1,8 @@
 """Plug-and-play decoding: projections onto the measurement in turn with any denoiser (Yuan 2020).
 
 Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inner loop (`kernels`), the denoisers
-(`denoisers`, `onnx_denoiser`). The views are approximate: good enough to track and to look at, never a photometric
-target of a fit.
+(`denoisers`, `learned.onnx_denoiser`). The views are approximate: good enough to track and to look at, never a
+photometric target of a fit.
 """
 
 from collections.abc import Callable, Sequence

@@ -7,8 +7,11 @@ its compiler, which takes three seconds of a run that may have eight. Not here: 
 
 from typing import Final
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from gs2ci.reconstruct.fit.gaussian_kernels import adam_step
 
 _DECAY: Final = 0.9
 _SQUARE_DECAY: Final = 0.999
@@ -28,20 +31,23 @@ class Adam:
         """Move a parameter along its gradient, in place; without one it stays.
 
         Args:
-            parameter: Any shape; of the same one each time, except for `follow`.
+            parameter: Any shape, in one piece of memory; of the same one each time, except for `follow`.
             rate: The step size.
         """
         if parameter.grad is None:
             return
-        with torch.no_grad():
-            gradient = parameter.grad
-            if self._mean is None or self._square is None:
-                self._mean, self._square = torch.zeros_like(gradient), torch.zeros_like(gradient)
-            self._steps += 1
-            self._mean.lerp_(gradient, 1 - _DECAY)
-            self._square.mul_(_SQUARE_DECAY).addcmul_(gradient, gradient, value=1 - _SQUARE_DECAY)
-            spread = self._square.sqrt().div_((1 - _SQUARE_DECAY**self._steps) ** 0.5).add_(_EPSILON)
-            parameter.addcdiv_(self._mean, spread, value=-rate / (1 - _DECAY**self._steps))
+        values = parameter.detach()
+        if self._mean is None or self._square is None:
+            self._mean, self._square = torch.zeros_like(values), torch.zeros_like(values)
+        self._steps += 1
+        constants = (
+            *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
+            *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
+        )
+        flat = values.view(-1).numpy()
+        moments = (self._mean.view(-1).numpy(), self._square.view(-1).numpy())
+        gradient = parameter.grad.contiguous().view(-1).numpy()
+        adam_step(flat, gradient, *moments, np.array(constants, flat.dtype))
 
     def widen(self, columns: int) -> None:
         """Go on with so many columns of a parameter [G, columns, ...]; the moments of those added begin at zero."""

@@ -75,7 +75,7 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     Args:
         jury: The measurement, and its held-out pixels, of which there is at least one.
         candidates: J of them.
-        noise: Power of the measurement's noise; no more is believed than the candidates leave of what none has seen.
+        noise: Power of the measurement's noise; bounded by what the candidates leave of pixels that none has seen.
 
     Returns:
         Summed over the views, per pixel and channel.
@@ -105,7 +105,7 @@ def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
     """Return by how much views are expected to err, root mean square over all pixels, views and channels.
 
     As above with what is the same for all: N σ²/|M|². A pixel that no mask opens has no reading to be known by, and
-    errs as one does whose reading nobody saw. Fits follow noise, of which too little is then taken off: about right
+    errs like one whose reading was held out. Fits follow noise, of which too little is then taken off: about right
     where there is little of it, and too much where there is more.
 
     Args:

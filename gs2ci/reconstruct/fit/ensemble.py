@@ -97,7 +97,7 @@ def fit_together(
     Args:
         fit_one: Runs one.
         beginnings: One for each.
-        progress: Told of the leader.
+        progress: Receives the leader.
         pace: Of the leader; companions have one beside it.
         halt: Which the fits look at; where they run in turn, none begins after it was asked.
 

@@ -18,11 +18,10 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.looks import Looks, Monitoring, Refine
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
 from gs2ci.reconstruct.fit.poses import length_of
@@ -204,12 +203,8 @@ def fit_fine(
     renderer: ShotRenderer,
     fine: Fine,
     seed: int,
-    refine: Refine,
-    progress: Progress,
-    score: Score | None = None,
-    since_s: float | None = None,
+    monitoring: Monitoring,
     detailed: Refine | None = None,
-    halt: Halt | None = None,
 ) -> CoarseFit:
     """Refine the Gaussians of a coarse fit with its cameras held fast.
 
@@ -219,19 +214,16 @@ def fit_fine(
         renderer: Renders for this shot.
         fine: Settings and models.
         seed: For the order of the pseudo-views.
-        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
-        progress: Told every iteration.
-        score: Called with the refined views at each look; its value is reported as `psnr_db`.
-        since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
+        monitoring: What is called at looks and iterations, and what may interrupt.
         detailed: Adds to views, [N, H, W, C], what the residual shows, for priors that want to know; `refine` where the
             views are handed over with it anyway.
-        halt: Ends the stage after an iteration in which it is asked to.
 
     Returns:
         The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
         out that could tell, and where the prior or the distance fails. A note says which.
     """
     settings = fine.settings.check()
+    refine, progress = monitoring.refine, monitoring.progress
     before = jury.residual_rms(refine(coarse.views))
     if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
@@ -240,8 +232,8 @@ def fit_fine(
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
-    looks = Looks(jury, refine, score, since_s)
-    loop = _Loop(fit, looks, progress, halt or Halt(), first=coarse.curve[-1].iteration if coarse.curve else 0)
+    looks = Looks(jury, monitoring)
+    loop = _Loop(fit, looks, monitoring, first=coarse.curve[-1].iteration if coarse.curve else 0)
     after = loop.run(before)
     curve = (*coarse.curve, *looks.curve)
     if loop.best is None:
@@ -344,13 +336,12 @@ class _Fit:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
         loss = self._data_term(self._renderer.measurement(scene, self.poses, self._reuse))
-        loss = regulated(loss, scene, self._loss)
         if self._pseudo_loss is not None:
             view = next(self._order)
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
             loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
         loss.backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach())
+        return float(loss.detach()) + add_regularisers(scene, self._loss)
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""
@@ -374,12 +365,11 @@ def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
 class _Loop:
     """The iterations, counted on from those of the coarse stage: step, look, stop."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, halt: Halt, first: int) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, monitoring: Monitoring, first: int) -> None:
         self.best: Gaussians | None = None
-        self._halt = halt
         self._fit = fit
         self._looks = looks
-        self._progress = progress
+        self._progress, self._halt = monitoring.progress, monitoring.halt
         self._first = first
 
     def run(self, before: float | None) -> float | None:

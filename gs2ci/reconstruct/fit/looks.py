@@ -1,13 +1,16 @@
 """The looks at a running fit: what its views would be worth if they were handed over now, and the curve of it.
 
-Here: a look, and its point of the curve. Not here: when a fit looks (`coarse.py`, `fine.py`), and when it ends
-(`stopping.py`).
+Here: a look, its point of the curve, and the record of what a fit calls while it runs (`Monitoring`). Not here: when a
+fit looks (`coarse.py`, `fine.py`), and when it ends (`stopping.py`).
 """
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.measurement.jury import Jury
 
@@ -15,22 +18,39 @@ Score = Callable[[F32], float]
 Refine = Callable[[F32], F32]
 
 
+@dataclass(frozen=True)
+class Monitoring:
+    """What a fit calls while it runs, and what may interrupt it.
+
+    Args:
+        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
+        progress: Called at every iteration.
+        score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
+        since_s: `time.monotonic()` from which the curve's seconds count, as of the whole reconstruction; None: now.
+        halt: Ends the fit after the iteration in which it is set.
+    """
+
+    refine: Refine
+    progress: Progress = field(default_factory=Silent)
+    score: Score | None = None
+    since_s: float | None = None
+    halt: Halt = field(default_factory=Halt)
+
+
 class Looks:
     """Judges a fit's views, and keeps what came out.
 
     Args:
         jury: The measurement and its held-out pixels.
-        refine: What will be done to the views, [N, H, W, C], before they are handed over.
-        score: Turns refined views into a figure for the curve, in dB; it may know the truth.
-        since_s: `time.monotonic()` when the curve's seconds begin; None: now.
+        monitoring: How views are refined and scored, and when the curve's seconds begin.
     """
 
-    def __init__(self, jury: Jury, refine: Refine, score: Score | None, since_s: float | None) -> None:
+    def __init__(self, jury: Jury, monitoring: Monitoring) -> None:
         self.curve: list[CurvePoint] = []
+        self.refine = monitoring.refine
         self._jury = jury
-        self.refine = refine
-        self._score = score
-        self._since_s = time.monotonic() if since_s is None else since_s
+        self._score = monitoring.score
+        self._since_s = time.monotonic() if monitoring.since_s is None else monitoring.since_s
 
     def take(self, views: F32, iteration: int, loss: float, gaussians: int) -> float | None:
         """Enter one look; return the held-out residual of the refined views, None where no pixel is held out.

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.windows import check_window
+from gs2ci.reconstruct.fit.gaussian_kernels import add_opacity_gradient, add_size_gradient
 from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
 from gs2ci.render.gaussians import Gaussians
 
@@ -112,21 +113,16 @@ class _DataTermFunction(torch.autograd.Function):
         return ctx.gradient * upstream, None
 
 
-def regulated(loss: Tensor, scene: Gaussians, weights: LossWeights) -> Tensor:
-    """Add to a scalar loss what its weights ask of a scene's opacities and sizes."""
-    loss = loss + weights.opacity * opacity_term(scene.opacity_logits)
-    return loss + weights.size * size_term(scene.log_scales) if weights.size else loss
+def add_regularisers(scene: Gaussians, weights: LossWeights) -> float:
+    """Return what weights ask of a scene's mean opacity and mean size, and add its gradient to the scene's."""
+    found = weights.opacity * add_opacity_gradient(*_values(scene.opacity_logits, weights.opacity))
+    if weights.size:
+        found += weights.size * add_size_gradient(*_values(scene.log_scales, weights.size))
+    return float(found)
 
 
-def opacity_term(opacity_logits: Tensor) -> Tensor:
-    """Return the mean opacity of Gaussians with logits [G]; zero when there are none."""
-    if opacity_logits.numel() == 0:
-        return opacity_logits.new_zeros(())
-    return torch.sigmoid(opacity_logits).mean()
-
-
-def size_term(log_scales: Tensor) -> Tensor:
-    """Return the mean standard deviation of Gaussians with log scales [G, 3]; zero when there are none."""
-    if log_scales.numel() == 0:
-        return log_scales.new_zeros(())
-    return log_scales.exp().mean()
+def _values(tensor: Tensor, weight: float) -> tuple[NDArray[Any], float, NDArray[Any]]:
+    """Return a parameter, a weight and the parameter's gradient as the kernels take them."""
+    if tensor.grad is None:
+        tensor.grad = torch.zeros_like(tensor)
+    return tensor.detach().view(-1).numpy(), weight, tensor.grad.view(-1).numpy()

@@ -50,7 +50,7 @@ class MaskMomentSettings:
     Args:
         within_mask: "still": one pose for each mask, as where the camera stands still under each, or was coded in
             software from still pictures; "moving": it goes on, and masks get the moments that they need. Readings
-            tell the two apart only where the motion is large (docs/decisions), so that nobody guesses.
+            tell the two apart only where the motion is large (docs/decisions), so this is not guessed.
         tolerance: What motion within a mask may blur a view by at most, in full scales, root mean square over its
             pixels (`bounds`).
         most: Moments of one mask.

@@ -1,8 +1,7 @@
 """How unlike two images look: the unweighted term of the pseudo-view loss (paper, eq. 10, D_per).
 
 Here: the interface, and the stand-in that needs no weights: 1 − SSIM, averaged over three scales. It is not LPIPS and
-is never called so. Not here: learned distances (`lpips.py`), the loss around them (`fine.py`). For
-`gs2ci.reconstruct`.
+is never called so. Not here: learned distances (`learned/lpips.py`), the loss around them (`fine.py`).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
 Here: the parameters, their optimiser and its schedule, the lengths that step sizes are measured in, and the prior on
-poses that were told. Not here: the initial poses, and how far told ones may err (`reconstruct.geometry`). For
-`gs2ci.reconstruct.fit`.
+given poses. Not here: the initial poses, and the standard errors of given ones (`reconstruct.geometry`).
 """
 
 from dataclasses import dataclass
@@ -12,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors
-from gs2ci.render import se3
 from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
@@ -75,7 +74,7 @@ class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
     def __init__(self, world_to_camera: F64, settings: PoseSettings, told: PoseErrors | None = None) -> None:
-        """Begin at given poses, [N, 4, 4]; `told` says how far they may err, None that nobody knows."""
+        """Begin at given poses, [N, 4, 4]; `told` gives their standard errors, None where these are unknown."""
         self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
@@ -92,10 +91,30 @@ class PoseCorrections:
         self._accumulated = 0
 
     def world_to_camera(self) -> Tensor:
-        """Return the corrected poses, [N, 4, 4] float32, differentiable in the twists."""
+        """Return the corrected poses, [N, 4, 4] float32."""
         if self._adam is None:
             return self._initial
-        return se3.exp(self._units * self._twists) @ self._initial
+        found = torch.empty_like(self._initial)
+        correct_poses(*self._arrays(), self._initial.numpy(), found.numpy())
+        return found
+
+    def pull(self, world_to_camera: Tensor, gradient: F32) -> None:
+        """Accumulate the gradient by the twists that a gradient by the poses, [N, 4, 4], comes to.
+
+        Args:
+            world_to_camera: The poses that it was taken at, as they are now.
+            gradient: Those by their last rows do not count.
+        """
+        if self._adam is None:
+            return
+        if self._twists.grad is None:
+            self._twists.grad = torch.zeros_like(self._twists)
+        twists, units = self._arrays()
+        gradient = np.ascontiguousarray(gradient, np.float32)
+        twist_gradient(twists, units, world_to_camera.numpy(), gradient, self._twists.grad.numpy())
+
+    def _arrays(self) -> tuple[F32, F32]:
+        return self._twists.detach().numpy(), self._units.numpy()
 
     def penalty(self) -> Tensor | float:
         """Return what the corrections cost that told poses make unlikely, [] (see `PoseSettings.told_weight`)."""

@@ -1,4 +1,4 @@
-"""Where the fine stage looks from beside the recovered cameras, and how far it believes what it sees there.
+"""Where the fine stage looks from beside the recovered cameras, and the weight of what it sees there.
 
 Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight (eq. 9). Not here: what the views
 there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`).
@@ -18,7 +18,7 @@ from gs2ci.render import se3
 
 @dataclass(frozen=True)
 class SupportSettings:
-    """How far a pixel of a pseudo-view is believed, by the light that the Gaussians stop there (paper: IV-A).
+    """The weight of a pixel of a pseudo-view, by the light that the Gaussians stop there (paper: IV-A).
 
     Args:
         threshold: Alpha at which belief is half-way, τ_v.
@@ -53,7 +53,7 @@ def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:
         where there is only one camera.
 
     Raises:
-        InputError: Fewer than none are asked for.
+        InputError: Fewer than none are requested.
     """
     if between < 0:
         raise InputError(f"{between} poses between two cameras", allowed="0 or more")

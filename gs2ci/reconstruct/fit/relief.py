@@ -26,8 +26,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.relief_kernels import derivative_along, step_of_gaussians, take_step
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
@@ -90,22 +92,23 @@ def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> Re
         world_to_camera: Poses, [N, 4, 4].
         reference: The view whose centre stays.
     """
-    with torch.no_grad():
-        poses = world_to_camera.detach()
-        own = poses[reference]
-        turn, shift = own[:3, :3], own[:3, 3]
-        relative = poses @ torch.linalg.inv(own)
-        travel = relative[:, :3, 3]
-        bend = torch.linalg.svd(travel[:, :2])[2][0]
-        points = scene.means.detach() @ turn.T + shift
-        depth = points[:, 2].clamp(min=NEAR)
-        # Beyond the picture's rims, and behind the camera, nothing is seen that would tell.
-        nearer = 1 + ((points[:, :2] / depth[:, None]) @ bend).clamp(-_WIDEST, _WIDEST).square()
-        shrink = float((depth * nearer).median())
-        growth = shrink - depth * nearer
-        means = (growth[:, None] * points) @ turn
-        turns = torch.stack([travel[:, 1], -travel[:, 0], torch.zeros_like(travel[:, 0])], dim=1)
-        return ReliefStep(means, growth, torch.cat([shrink * travel, turns], dim=1), bend, shrink)
+    poses = world_to_camera.detach().double().numpy()
+    own = poses[reference]
+    travel = (poses @ np.linalg.inv(own))[:, :3, 3]
+    bend = _main_direction(travel[:, :2])
+    means = scene.means.detach().contiguous()
+    by_means, by_sizes = torch.empty_like(means), means.new_empty(len(means))
+    shrink = step_of_gaussians(means.numpy(), own, bend, NEAR, _WIDEST, by_means.numpy(), by_sizes.numpy())
+    turns = np.stack([travel[:, 1], -travel[:, 0], np.zeros(len(travel))], axis=1)
+    twists = torch.from_numpy(np.concatenate([shrink * travel, turns], axis=1)).to(world_to_camera.dtype)
+    return ReliefStep(by_means, by_sizes, twists, torch.from_numpy(bend).to(means.dtype), float(shrink))
+
+
+def _main_direction(vectors: F64) -> F64:
+    """Return the unit vector along which vectors, [N, 2], are longest in the mean square; its sign is arbitrary."""
+    (xx, xy), (_, yy) = vectors.T @ vectors
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    return np.array([np.cos(angle), np.sin(angle)])
 
 
 class Relief:
@@ -167,11 +170,9 @@ class Exchange:
 
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
-        with torch.no_grad():
-            growth = (self.beta * self.along.log_sizes).clamp(-_MOST_GROWTH, _MOST_GROWTH)
-            share = torch.where(self.along.log_sizes == 0, 0.0, growth / self.along.log_sizes)
-            scene.means.add_(self.along.means * share[:, None])
-            scene.log_scales.add_(growth[:, None])
+        moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
+        along = self.along
+        take_step(*moved, along.means.numpy(), along.log_sizes.numpy(), self.beta, _MOST_GROWTH)
 
     @property
     def twists(self) -> Tensor:
@@ -181,9 +182,8 @@ class Exchange:
 
 def _gradient(scene: Gaussians, twist_gradient: Tensor, along: ReliefStep) -> Tensor:
     """Return the derivative of the objective by beta."""
-    total = (twist_gradient * along.twists).sum(dtype=torch.float64)
-    if scene.means.grad is not None:
-        total = total + (scene.means.grad * along.means).sum(dtype=torch.float64)
-    if scene.log_scales.grad is not None:
-        total = total + (scene.log_scales.grad.sum(dim=1) * along.log_sizes).sum(dtype=torch.float64)
-    return total
+    total = float((twist_gradient * along.twists).sum(dtype=torch.float64))
+    for parameter, step in ((scene.means, along.means), (scene.log_scales, along.log_sizes[:, None])):
+        if parameter.grad is not None:
+            total += derivative_along(parameter.grad.numpy(), step.numpy())
+    return torch.tensor(total, dtype=torch.float64)

@@ -13,6 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.render.adjoint import Pull, coded_with_pull
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -44,6 +45,7 @@ class ShotRenderer:
         self.times = mask_times(shot.views)
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
+        self.lens = lens
         self._sampling = None if lens is None else lens.sampling
         self._mask_moments = mask_moments
         self._mask_set = self.code(
@@ -78,18 +80,58 @@ class ShotRenderer:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
 
+    def measurement_with_pull(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        reuse: Reuse | None = None,
+        screen: ScreenStatistics | None = None,
+    ) -> tuple[F32, Pull]:
+        """Render the coded measurement, [H, W, C], and how its gradient comes to scene and poses, [N, 4, 4].
+
+        Arguments as for `measurement`.
+        """
+        moments, times = world_to_camera.detach(), self.times
+        if self._mask_moments is not None:
+            own = moments.requires_grad_()
+            with torch.enable_grad():
+                moments, times = self._moments(own)
+        image, pull = coded_with_pull(
+            self._backend, scene, moments.detach(), self.intrinsics, self._mask_set, screen, reuse, times
+        )
+
+        def pull_channels(gradient: F32) -> F32:
+            by_moments = pull(self._to_colours(gradient))
+            if self._mask_moments is None:
+                return by_moments
+            moments.backward(torch.from_numpy(by_moments).to(moments.dtype))  # type: ignore[no-untyped-call]
+            assert own.grad is not None
+            found: F32 = own.grad.float().numpy()
+            return found
+
+        return self._to_channels(image), pull_channels
+
+    def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[F32, Pull]:
+        """Render a sum of views, [V, 4, 4], of a scene that stands still under another mask set, [H, W, 3]."""
+        return coded_with_pull(self._backend, scene, world_to_camera, self.intrinsics, mask_set)
+
+    def _to_channels(self, image: F32) -> F32:
+        """Return what the sensor sees of a colour image, [H, W, 3]: [H, W, C]."""
+        if self._channels is not None:
+            return np.take_along_axis(image, self._channels.numpy()[..., None], axis=2)
+        return image.mean(axis=2, keepdims=True) if self._mono else image
+
+    def _to_colours(self, gradient: F32) -> F32:
+        """Return the gradient by a colour image, [H, W, 3], of that by what the sensor sees, [H, W, C]."""
+        if self._channels is not None:
+            spread = np.zeros((*gradient.shape[:2], 3), np.float32)
+            np.put_along_axis(spread, self._channels.numpy()[..., None], gradient, axis=2)
+            return spread
+        return np.repeat(gradient / np.float32(3), 3, axis=2) if self._mono else gradient
+
     def code(self, masks: Tensor) -> MaskSet:
         """Prepare another mask set, [V, H, W]."""
         return self._backend.code(masks, self._sampling)
-
-    def coded(
-        self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet, times: Tensor | None = None
-    ) -> Tensor:
-        """Render the sum of views, [V, 4, 4], under another mask set, [H, W, 3]; differentiable.
-
-        `times`, [V], are needed where the scene moves.
-        """
-        return self._backend.coded(scene, world_to_camera, self.intrinsics, mask_set, times=times)
 
     def views(self, scene: Gaussians, world_to_camera: Tensor, times: Tensor | None = None) -> F32:
         """Render views from any poses [V, 4, 4]: [V, H, W, C] float32, not clamped; C is 1 for a mono shot.

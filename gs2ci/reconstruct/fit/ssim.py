@@ -14,12 +14,13 @@ leaves some 1e-7 of them. The readable definition they are held to is in `tests/
 the losses around it (`losses`, `perceptual`).
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba import njit, prange
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.fit.jit import JIT
 
 WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
 SIGMA_PX: Final = 1.5  # of that window; others are scaled with it
@@ -47,30 +48,26 @@ def _gaussian_taps(window_px: int) -> F64:
     return np.pad(taps, (0, -len(taps) % _TAPS_AT_ONCE))
 
 
-# Contraction to fused multiply-adds only: no reassociation, so that results do not depend on the vector width.
-_JIT: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
-
-
-@njit(**_JIT)
+@njit(**JIT)
 def _row(image: F32, y: int, zeros: F32) -> F32:
     return image[y] if 0 <= y < image.shape[0] else zeros
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _begin(out: F32, taps: F32, centre: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
     """Set a row to the sum of the window's inner taps."""
     for x in range(len(out)):
         out[x] = taps[0] * centre[x] + taps[1] * (a1[x] + b1[x]) + taps[2] * (a2[x] + b2[x])
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _add(out: F32, taps: F32, k: int, a0: F32, b0: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
     """Add three further taps on either side."""
     for x in range(len(out)):
         out[x] += taps[k] * (a0[x] + b0[x]) + taps[k + 1] * (a1[x] + b1[x]) + taps[k + 2] * (a2[x] + b2[x])
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, zeros: F32, out: F32) -> None:
     """Gaussian-filter row y of [H, W * C] into out [W * C]; pixels outside the image count as zero.
 
@@ -123,7 +120,7 @@ def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, zer
         )
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _filter_rows(source: F64, taps: F64, channels: int, out: F64) -> None:
     """Filter a whole image."""
     scratch, zeros = np.zeros(source.shape[1] + 2 * (len(taps) - 1) * channels), np.zeros(source.shape[1])
@@ -131,7 +128,7 @@ def _filter_rows(source: F64, taps: F64, channels: int, out: F64) -> None:
         _filter_row(source, y, taps, channels, scratch, zeros, out[y])
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _sum_row(values: F32, lanes: F64) -> float:
     """Add up a row in float64, sixteen sums side by side and then those in order."""
     lanes[:] = 0.0
@@ -147,7 +144,7 @@ def _sum_row(values: F32, lanes: F64) -> float:
     return total
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _compare_row(
     e: F32, ee: F32, eb: F32, mean: F32, centred: F32, variance: F32, by_e: F32, by_ee: F32, apart: F32
 ) -> None:
@@ -171,7 +168,7 @@ def _compare_row(
         eb[x] = _TWO * slope * unlike
 
 
-@njit(parallel=True, **_JIT)
+@njit(parallel=True, **JIT)
 def _compare(
     error: F32,
     target: F32,
@@ -203,13 +200,13 @@ def _compare(
         sums[y] = _sum_row(apart[y], np.empty(_LANES, np.float64))
 
 
-@njit(**_JIT)
+@njit(**JIT)
 def _chain_row(e: F32, b: F32, by_e: F32, by_ee: F32, by_eb: F32, scale: float, out: F32) -> None:
     for x in range(len(out)):
         out[x] = scale * (by_e[x] + _TWO * e[x] * by_ee[x] + b[x] * by_eb[x])
 
 
-@njit(parallel=True, **_JIT)
+@njit(parallel=True, **JIT)
 def _gradient(error: F32, target: F32, partial: F32, taps: F32, channels: int, scale: float, out: F32) -> None:
     """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
     height, width = error.shape

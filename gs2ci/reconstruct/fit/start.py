@@ -1,7 +1,6 @@
 """The first Gaussians, on the points that the geometry stage found.
 
-Here: their sizes, opacities and orientations. Not here: where they stand (`geometry.points`). For
-`gs2ci.reconstruct.pipeline`.
+Here: their sizes, opacities and orientations. Not here: where they stand (`geometry.points`).
 """
 
 from typing import Final

@@ -1,7 +1,7 @@
 """When a fit ends: how long it waits for the held-out pixels, and the watch that follows what they say.
 
 Here: the settings, the watch that follows what they say, and the rival that a fit has to keep up with. Not here: the
-pixels and their judgement (`reconstruct.jury`), the loop (`coarse.py`).
+pixels and their judgement (`gs2ci.reconstruct.measurement.jury`), the loop (`coarse.py`).
 """
 
 from collections.abc import Mapping

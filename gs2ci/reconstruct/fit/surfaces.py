@@ -3,7 +3,7 @@
 Views leave open how the Gaussians along a ray share its light: half of a fitted scene is fog that shows the right
 pictures from the right places. The views that it shows are good enough, though, to find depth in by a plane sweep as
 the decode is not. So, once they are, a few of them are swept, what the sweeps agree on is kept, and from then on light
-that is stopped elsewhere costs something. The cost fades: what the measurement says has the last word, and light that
+that is stopped elsewhere costs something. The cost fades, so that the measurement decides in the end, and light that
 has been gathered on surfaces stays there.
 
 Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`).
@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
@@ -21,6 +22,12 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surface_kernels import (
+    add_mean_gradient,
+    distance_to_surface,
+    exchange_inverse_depth,
+    parallax_moments,
+)
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -30,7 +37,7 @@ from gs2ci.render.interface import MaskSet
 
 # Sweeps that differ by so much parallax along the whole path, px, show the same surface.
 _SAME_PX = 1.5
-# The share of the other sweeps that see a pixel's surface too: at the first none is believed, at the second all is.
+# The share of the other sweeps that see a pixel's surface too: at the first the weight is 0, at the second 1.
 _AGREEMENT = (0.3, 0.8)
 # The planes' range: the scene's own, between these quantiles of inverse depth, with room beyond both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
@@ -113,10 +120,10 @@ class Surfaces:
         search: That found them.
         views: Which views were swept, [K].
         inverse_depth: Of what they see, [K, H, W] float32.
-        trust: How far to believe it, [K, H, W] float32 in [0, 1].
+        trust: Its weight, [K, H, W] float32 in [0, 1].
         parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
         rays: Of the pixels, where the camera has z = 1, [H, W, 2] float32.
-        pixels: Where the term looks in each view, as the renderer prepared it, and [H, W] bool.
+        pixels: Where the term looks in each view.
     """
 
     settings: SurfaceSettings
@@ -126,45 +133,89 @@ class Surfaces:
     trust: F32
     parallax_px: float
     rays: F32
-    pixels: tuple[tuple[MaskSet, Tensor], ...]
+    pixels: tuple["Pixels", ...]
 
     def exchanged(self, exchange: Exchange) -> "Surfaces":
         """Return the surfaces after path and scene have exchanged turning for travel."""
-        nearer = (1 + np.square(self.rays @ exchange.along.bend.numpy())).astype(np.float32)
-        moved = (self.inverse_depth + exchange.beta * nearer) * (1 - exchange.beta * exchange.along.shrink)
-        return replace(self, inverse_depth=moved.astype(np.float32))
+        moved = np.empty_like(self.inverse_depth)
+        bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
+        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, moved)
+        return replace(self, inverse_depth=moved)
 
-    def term(self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int) -> Tensor:
-        """Return the mean distance of one view's light from its surfaces, px of parallax, differentiable in the scene.
+    def draw(
+        self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float
+    ) -> float:
+        """Return the mean distance of one view's light from its surfaces, px of parallax.
 
         Of a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, it is the root of
         sum_i w_i (p_i - p)^2: the root, so that what lies far off does not outvote all.
 
         Args:
             renderer: Of the shot.
-            scene: The Gaussians.
+            scene: The Gaussians; `weight` times the gradient is added to theirs.
             world_to_camera: Poses of all views, [N, 4, 4]; they get no gradient.
             turn: Views are looked at in turn.
+            weight: Of the term.
         """
         k = turn % len(self.views)
-        scene = scene.at(float(renderer.times[self.views[k]])) if scene.motion is not None else scene
-        mask_set, looked_at = self.pixels[k]
         pose = world_to_camera[self.views[k]].detach()
-        depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
-        wanted = self.parallax_px * torch.from_numpy(self.inverse_depth[k])[looked_at]
-        trust = torch.from_numpy(self.trust[k])[looked_at]
+        if scene.motion is None:
+            return self._draw(renderer, scene, pose, k, weight)
+        with torch.enable_grad():
+            there = scene.at(float(renderer.times[self.views[k]]))
+        still = there.map(lambda tensor: tensor.detach())
+        distance = self._draw(renderer, still, pose, k, weight)
+        drawn = [pair for pair in zip(_all(there), _all(still), strict=True) if pair[1].grad is not None]
+        torch.autograd.backward([mine for mine, _ in drawn], [other.grad for _, other in drawn])
+        return distance
+
+    def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float:
+        """Do so for the view that was swept k-th, of a scene that stands still."""
+        pixels = self.pixels[k]
+        means, ray = scene.means.detach().numpy(), pose[2].numpy()
         # About the middle of what is wanted, so that the squares do not cancel.
-        middle = float(wanted.median())
-        parallax = self.parallax_px / depth - middle
-        moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
-        stopped, first, second = renderer.coded(
-            replace(scene, colours=moments, harmonics=None), pose[None], mask_set
-        )[looked_at].unbind(dim=1)  # fmt: skip
-        wanted = wanted - middle
-        squares = second - 2 * wanted * first + wanted.square() * stopped
-        distances = (squares.clamp(min=0) + _ROUND_PX**2).sqrt() - _ROUND_PX
-        mean: Tensor = (trust * distances).sum() / max(float(trust.sum()), 1.0)
-        return mean
+        at = (NEAR, self.parallax_px)
+        middle = self.parallax_px * pixels.middle
+        moments = torch.empty(len(scene), 3)
+        parallax_moments(means, ray, *at, middle, moments.numpy())
+        shown = replace(scene, colours=moments, harmonics=None)
+        image, pull = renderer.coded_with_pull(shown, pose[None], pixels.mask_set)
+        gradient = np.zeros_like(image)
+        distance: float = distance_to_surface(
+            image.reshape(-1, 3),
+            pixels.at,
+            self.inverse_depth[k].reshape(-1),
+            self.trust[k].reshape(-1),
+            self.parallax_px,
+            middle,
+            _ROUND_PX,
+            weight,
+            gradient.reshape(-1, 3),
+        )
+        pull(gradient)
+        assert moments.grad is not None
+        assert scene.means.grad is not None
+        add_mean_gradient(means, ray, *at, moments.numpy(), moments.grad.numpy(), scene.means.grad.numpy())
+        return distance
+
+
+def _all(scene: Gaussians) -> list[Tensor]:
+    return list(scene.parameters().values())
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Where the term looks in one view.
+
+    Args:
+        mask_set: As the renderer prepared it.
+        at: Flat indices, [P].
+        middle: The median inverse depth of the surfaces there, when they were found.
+    """
+
+    mask_set: MaskSet
+    at: NDArray[np.int64]
+    middle: float
 
 
 def find_surfaces(
@@ -173,23 +224,21 @@ def find_surfaces(
     world_to_camera: F64,
     views: F32,
     settings: SurfaceSettings,
-    lens: Lens | None,
     seed: int,
     search: Search | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
 
     Args:
-        renderer: Of the shot.
+        renderer: Of the shot, with its lens.
         scene: The Gaussians; their depths are the range that is swept.
         world_to_camera: Poses, [N, 4, 4].
         views: What is seen from there, [N, H, W, C].
         settings: How many, how finely.
-        lens: Through which the shot was taken, unless it is a pinhole.
         seed: Of the choice of pixels.
         search: Of the settings' searches; the first if None.
     """
-    count = len(views)
+    count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
     span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
@@ -212,8 +261,10 @@ def find_surfaces(
     taken = (draw.random(trust.shape) < settings.pixel_share) & (trust > 0)
     if not taken.any(axis=(1, 2)).all():
         return None
-    looked_at = [torch.from_numpy(mask) for mask in taken]
-    pixels = tuple((renderer.code(mask[None].float()), mask) for mask in looked_at)
+    pixels = tuple(
+        Pixels(renderer.code(torch.from_numpy(mask[None]).float()), np.flatnonzero(mask), float(np.median(depth[mask])))
+        for mask, depth in zip(taken, inverse_depth, strict=True)
+    )
     return Surfaces(
         settings,
         search or settings.searches[0],
@@ -221,7 +272,7 @@ def find_surfaces(
         inverse_depth,
         trust,
         parallax_px,
-        _rays(renderer, lens),
+        _rays(renderer),
         pixels,
     )
 
@@ -229,8 +280,7 @@ def find_surfaces(
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
     """Tell how far several maps of inverse depth bear each other out, [K, H, W] in [0, 1].
 
-    Each pixel's point is looked for in the other maps. One map alone, or a point that no other sees, has nobody to
-    agree with and is not believed.
+    Each pixel's point is looked for in the other maps. A single map, or a point that no other sees, gets no weight.
 
     Args:
         inverse_depth: [K, H, W].
@@ -277,8 +327,9 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
 
 
-def _rays(renderer: ShotRenderer, lens: Lens | None) -> F32:
+def _rays(renderer: ShotRenderer) -> F32:
     """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
+    lens = renderer.lens
     height, width = renderer.size
     rows, columns = np.mgrid[:height, :width] + 0.5
     places = np.stack([columns, rows], axis=-1) if lens is None else lens.sampling.places

@@ -1,8 +1,7 @@
 """Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
 
 Here: the triangulation under known poses, and how far these may err. Not here: their refinement, which is the fit's
-(`fit/poses.py`), and the way from tracks to depth, which is the same for every source of poses (`initialise`). For
-`gs2ci.reconstruct`.
+(`fit/poses.py`), and the way from tracks to depth, which is the same for every source of poses (`initialise`).
 """
 
 from dataclasses import dataclass, replace

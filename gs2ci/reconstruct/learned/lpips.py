@@ -1,8 +1,7 @@
 """LPIPS (Zhang et al. 2018) from an ONNX file that the user supplies, differentiable.
 
 Here: the few operators that such a network is made of, run by torch, so that the distance has a gradient, which ONNX
-Runtime does not give; and the check against ONNX Runtime that they mean the same. Not here: any weights. For
-`fit.perceptual.load_distance`.
+Runtime does not give; and the check against ONNX Runtime that they mean the same. Not here: any weights.
 
 The file is the plain export of the original module: two images, [1, 3, H, W] float32 in [−1, 1], and one number.
 """

@@ -1,7 +1,7 @@
 """Model files of others, as ONNX Runtime loads them, and where this machine's user keeps them.
 
 Here: opening a file with every refusal as a clear error, running it, and the list of models that the user has added
-by name. Not here: what any model takes and returns (`decode.onnx_denoiser`, `priors2d.onnx_prior`, `vggt`). ONNX
+by name. Not here: what any model takes and returns (`onnx_denoiser`, `priors2d.onnx_prior`, `vggt`). ONNX
 Runtime is imported when a model is loaded.
 """
 

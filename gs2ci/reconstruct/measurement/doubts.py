@@ -1,8 +1,7 @@
 """What a user should know about a measurement before believing anything that is made of it.
 
 Here: the findings about light, masks and saturation, and about views that hardly explain the measurement. Not here:
-errors (`Shot.check` refuses what contradicts itself), doubts about motion and depth (`geometry.validity`). For
-`gs2ci.reconstruct.pipeline`.
+errors (`Shot.check` refuses what contradicts itself), doubts about motion and depth (`geometry.validity`).
 """
 
 from typing import Final

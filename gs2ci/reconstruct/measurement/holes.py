@@ -1,7 +1,6 @@
 """What the fit is told of regions where no mask opens: what the decoder made of their surroundings.
 
-Here: `fill_holes`. Not here: doubts about such regions (`doubts`), dead lines (`dead_lines`). For
-`gs2ci.reconstruct.pipeline`.
+Here: `fill_holes`. Not here: doubts about such regions (`doubts`), dead lines (`dead_lines`).
 """
 
 from dataclasses import replace

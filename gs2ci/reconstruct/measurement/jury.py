@@ -15,7 +15,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, Coding, beyond_white, without_pixels
 
 _HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
-# Of the pixels that can judge, so many do where nothing else is asked for: enough to tell, too few to be missed.
+# Share of the eligible pixels that is held out by default: enough to judge by, too few to lose detail by.
 HELDOUT_SHARE: Final = 0.02
 # Of so many standard errors is what counts as sure.
 SURE: Final = 2.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -74,7 +74,7 @@ def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
     left = np.maximum(power - gained, 1e-12 * power)
     freedom = np.maximum(pixels - 2, 1)
     ratio = np.where(told, gained / 2 / np.where(told, left / freedom, 1), 0)
-    sure = told & (f_distribution.sf(ratio, 2, freedom) < _CHANCE)
+    sure = told & (fdtrc(2, freedom, ratio) < _CHANCE)
     by_chance = 2 * (power / np.maximum(pixels, 1))[told].sum()
     explained = (gained[told].sum() - by_chance) / power[told].sum()
     return LeftByMotion(

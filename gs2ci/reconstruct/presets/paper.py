@@ -9,7 +9,7 @@ what the settings mean (each stage's own file), the other presets (`named`).
 from dataclasses import replace
 from typing import Final
 
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings

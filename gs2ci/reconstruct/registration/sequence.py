@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import rankdata
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.ranks import ranks
 
 # Fewer views have too few distances to be ranked.
 LEAST_VIEWS: Final = 4
@@ -62,11 +62,11 @@ def find_beginning(views: F32) -> Beginning | None:
     one, other = np.triu_indices(count, 1)
     if np.ptp(distances[one, other]) == 0:
         return None
-    apart = rankdata(other - one)
+    apart = ranks(other - one)
     found = []
     for first in range(count):
         order = (np.arange(count) + first) % count
-        found.append(float(np.corrcoef(rankdata(distances[order[one], order[other]]), apart)[0, 1]))
+        found.append(float(np.corrcoef(ranks(distances[order[one], order[other]]), apart)[0, 1]))
     best = int(np.argmax(found))
     return Beginning(best, found[best], found[0])
 

@@ -10,11 +10,12 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
+from gs2ci.render.adjoint import Pull, accumulate
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, RenderTarget, ViewImages, as_float32
 from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
-from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
+from gs2ci.render.cpu.passes import Inputs, camera_fields, differentiate_cells, render_cells
 from gs2ci.render.cpu.stopping import depth_fields, stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
@@ -92,6 +93,56 @@ class CpuBackend:
         times: Tensor | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
+        target, camera, kept = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, times)
+        colours = colours_of(scene, world_to_camera, times)
+        return self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)[0]
+
+    def coded_with_pull(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
+    ) -> tuple[F32, Pull]:
+        """Render the coded sum, and differentiate it without a graph; see `AdjointBackend`."""
+        target, camera, kept = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, None)
+        inputs = _inputs(scene, scene.means, world_to_camera, camera)
+        lease = self._pool.lease()
+        assert lease.workspace is not None
+        rendered = render_cells(inputs, target.layout, self._settings.termination_transmittance, lease.workspace, kept)
+        image = target.collect(rendered.cells)[0].numpy()
+
+        def pull(gradient: F32) -> F32:
+            workspace = lease.workspace
+            if workspace is None:
+                raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
+            cells = target.spread_array(gradient, workspace)
+            found = differentiate_cells(inputs, target.layout, rendered, cells, workspace)
+            if screen is not None:
+                screen.add(*torch.from_numpy(found.sightings).unbind(dim=1))
+            lease.release()
+            accumulate(scene, found.of_scene())
+            return found.poses
+
+        return image, pull
+
+    def _coded_job(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None,
+        reuse: Reuse | None,
+        times: Tensor | None,
+    ) -> tuple[CodedSum, F32, CpuReuse | None]:
+        """Check what a coded sum is to be rendered from; return its cells, camera and lists that may be shared.
+
+        Raises:
+            InputError: See `Backend.coded`.
+        """
         if not isinstance(mask_set, CpuMaskSet):
             raise InputError(
                 f"a mask set of type {type(mask_set).__name__} given to the cpu backend",
@@ -104,12 +155,9 @@ class CpuBackend:
             )
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        target = CodedSum(mask_set.layout)
+        camera = _camera(_on_canvas(intrinsics, mask_set.sampling), mask_set.layout)
         # Lists that serve once lie in the rendering's own workspace, without a margin.
-        kept = reuse if self._settings.relist_every > 1 else None
-        camera = _on_canvas(intrinsics, mask_set.sampling)
-        colours = colours_of(scene, world_to_camera, times)
-        return self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)[0]
+        return CodedSum(mask_set.layout), camera, reuse if self._settings.relist_every > 1 else None
 
     def views(
         self,
@@ -131,7 +179,8 @@ class CpuBackend:
             return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = colours_of(scene, world_to_camera, times) if colours is None else colours
-        images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling), times)
+        camera = _camera(_on_canvas(intrinsics, sampling), target.layout)
+        images, alphas = self._run(target, scene, used, world_to_camera, camera, times)
         return images, alphas
 
     def _views_in_parts(
@@ -177,15 +226,7 @@ class CpuBackend:
             return found
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
         camera = _camera(_on_canvas(intrinsics, sampling), layout)
-        inputs = Inputs(
-            means=as_float32(_means(scene, times)),
-            log_scales=as_float32(scene.log_scales),
-            quaternions=as_float32(scene.quaternions),
-            logits=as_float32(scene.opacity_logits),
-            colours=as_float32(scene.colours),
-            poses=as_float32(world_to_camera),
-            camera=camera,
-        )
+        inputs = _inputs(scene, _means(scene, times), world_to_camera, camera)
         lease = self._pool.lease()
         assert lease.workspace is not None
         rendered = render_cells(inputs, layout, self._settings.termination_transmittance, lease.workspace)
@@ -199,12 +240,11 @@ class CpuBackend:
         scene: Gaussians,
         colours: Tensor,
         world_to_camera: Tensor,
-        intrinsics: Tensor,
+        camera: F32,
         times: Tensor | None,
         screen: ScreenStatistics | None = None,
         reuse: CpuReuse | None = None,
     ) -> tuple[Tensor, ...]:
-        camera = _camera(intrinsics, target.layout)
         parameters = (
             *(_means(scene, times), scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
@@ -229,6 +269,19 @@ def _parts(views: int, size: tuple[int, int]) -> list[slice]:
     """Divide views among renderings of at most `MOST_PIXELS_AT_ONCE`, but at least one view each."""
     at_once = max(1, MOST_PIXELS_AT_ONCE // (size[0] * size[1]))
     return [slice(first, min(first + at_once, views)) for first in range(0, views, at_once)]
+
+
+def _inputs(scene: Gaussians, means: Tensor, world_to_camera: Tensor, camera: F32) -> Inputs:
+    """Return a scene with its centres where `means` says, and poses, as the kernels take them."""
+    return Inputs(
+        means=as_float32(means),
+        log_scales=as_float32(scene.log_scales),
+        quaternions=as_float32(scene.quaternions),
+        logits=as_float32(scene.opacity_logits),
+        colours=as_float32(scene.colours),
+        poses=as_float32(world_to_camera),
+        camera=camera,
+    )
 
 
 def _means(scene: Gaussians, times: Tensor | None) -> Tensor:

@@ -78,11 +78,14 @@ class CodedSum:
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
         """Weigh the gradient of the sum by the masks."""
+        return self.spread_array(as_float32(gradients[0]), workspace)
+
+    def spread_array(self, gradient: F32, workspace: Workspace) -> F32:
+        """Do so for an array, [H, W, 3]."""
         layout = self.layout
         cells = workspace.get("cell_gradients", (layout.cells * CELL,))
-        coded_gradient_to_cells(
-            as_float32(gradients[0]).reshape(-1), layout.pixel, layout.weight, layout.cell_start, cells
-        )
+        flat = np.ascontiguousarray(gradient, np.float32).reshape(-1)
+        coded_gradient_to_cells(flat, layout.pixel, layout.weight, layout.cell_start, cells)
         return cells
 
 

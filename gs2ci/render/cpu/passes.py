@@ -153,6 +153,16 @@ class Gradients:
     poses: F32
     sightings: F32
 
+    def of_scene(self) -> dict[str, F32]:
+        """Return those of a scene's parameters by their names in `Gaussians`."""
+        return {
+            "means": self.means,
+            "log_scales": self.log_scales,
+            "quaternions": self.quaternions,
+            "opacity_logits": self.logits,
+            "colours": self.colours,
+        }
+
 
 def differentiate_cells(
     inputs: Inputs, layout: Layout, rendered: Rendered, cell_gradients: F32, workspace: Workspace

@@ -191,6 +191,23 @@ fused: Final = elementwise(lambda builder, a, b, c: call_llvm(builder, "llvm.fma
 """fused(a, b, c): a b + c, rounded once; for sums of two products, of which the compiler else chooses which to fuse."""
 
 
+@intrinsic
+def sum_of_lanes(typing: Any, a: Any) -> Any:
+    """Add up the lanes of a vector, in pairs, pairs of pairs and so on, whatever the processor."""
+    del typing
+
+    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Any:
+        del context, sig
+        value, undefined, half = args[0], ir.Constant(VECTOR, ir.Undefined), LANES // 2
+        while half:
+            order = [(lane + half) % LANES for lane in range(LANES)]
+            folded = builder.shuffle_vector(value, undefined, ir.Constant(VECTOR_I32, order))
+            value, half = builder.fadd(value, folded), half // 2
+        return builder.extract_element(value, ir.Constant(I32, 0))
+
+    return signature(types.float32, a), generate
+
+
 # --------------------------------------------------------------------------------------------------------- memory
 
 

@@ -21,7 +21,7 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.rig.live.bench import LiveBench
 
 LAPSE_S: Final = 4.0
-"""A holder that was not heard of for so long is gone."""
+"""A holder whose page has not called for so long is gone."""
 WATCH_S: Final = 0.25
 LARGEST_REQUEST: Final = 4096
 PORTS_TRIED: Final = 20
@@ -52,7 +52,7 @@ class LiveServer:
         self._bench = bench
         self._lock = threading.Lock()
         self._holder = ""
-        self._heard_s = 0.0
+        self._last_call_s = 0.0
         self._ended = threading.Event()
         self._local = host in LOCAL
         self._server = _listen(host, port, self)
@@ -87,7 +87,7 @@ class LiveServer:
                 self._holder = token
             if token != self._holder:
                 return False
-            self._heard_s = time.monotonic()
+            self._last_call_s = time.monotonic()
             return True
 
     def leave(self, token: str) -> None:
@@ -136,7 +136,7 @@ class LiveServer:
         while not self._ended.wait(WATCH_S):
             with self._lock:
                 # What it asked for last may take longer than a page may be silent: it is asked no further then.
-                gone = self._holder and time.monotonic() - self._heard_s > LAPSE_S
+                gone = self._holder and time.monotonic() - self._last_call_s > LAPSE_S
                 if gone:
                     self._holder = ""
             if gone:

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 import usb.core
 
-from gs2ci_drivers.links.usb_hid import UsbHid, timeout_ms
+from gs2ci_drivers.links.usb_device import timeout_ms
+from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.ports import HidPort
 
 

@@ -11,7 +11,8 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.attempts import choice
-from gs2ci.reconstruct.attempts.choice import How, ranking
+from gs2ci.reconstruct.attempts.attempt import Attempt, How
+from gs2ci.reconstruct.attempts.choice import ranking
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.settings import Settings
@@ -49,19 +50,21 @@ def test_one_attempt_alone_has_no_ranking(left):
 
 
 class Tries:
-    """Attempts whose views are the number that they leave of the held-out pixels; keeps how each was made."""
+    """Makes attempts whose views are the number that they leave of the held-out pixels; keeps how each was made."""
 
     def __init__(self, leaves):
-        self.leaves, self.made, self.completed = leaves, [], 0
+        self.leaves, self.made, self.completions = leaves, [], 0
+        self.jury, self.lens, self.settings = SimpleNamespace(residual_rms=lambda views: views), None, Settings()
+        self.refine, self.progress, self.halt = (lambda views: views), Silent(), Halt()
 
     def attempt(self, look, views, how):
         name = look.name
         self.made.append((name, how))
         fit = SimpleNamespace(views=self.leaves[name], curve=(CurvePoint(1.0, 100, 0.1, 0.03, None, 5),))
-        return choice.Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
+        return Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
 
-    def complete(self, tried):
-        self.completed += 1
+    def completed(self, tried):
+        self.completions += 1
         return replace(tried, later=())
 
     def again(self, monkeypatch, moving):
@@ -75,11 +78,7 @@ class Tries:
         monkeypatch.setattr(choice, "second_look", lambda *_: seen)
         monkeypatch.setattr(choice, "from_rest", lambda look: named(look, "rest"))
         monkeypatch.setattr(choice, "is_wanted", lambda *_: True)
-        jury = SimpleNamespace(residual_rms=lambda views: views)
-        attempts = choice.Attempts(
-            self.attempt, self.complete, None, jury, None, Settings(), lambda views: views, Silent(), None, Halt()
-        )
-        return attempts._again(first, self.attempt(first, None, How(alone=True)))
+        return choice.Attempts(self)._again(first, self.attempt(first, None, How(alone=True)))
 
 
 @pytest.mark.parametrize(
@@ -94,7 +93,7 @@ def test_a_doubtful_path_is_fitted_alone_and_what_is_taken_is_completed(monkeypa
     tries = Tries(leaves)
     best = tries.again(monkeypatch, moving)
     assert best.look.name == taken
-    assert (best.later, tries.completed) == ((), 1)
+    assert (best.later, tries.completions) == ((), 1)
     alone = {name: how.alone for name, how in tries.made}
     assert alone == {"first": True, "rest": False} | ({} if leaves["second"] is None else {"second": False})
 

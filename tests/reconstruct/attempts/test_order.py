@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.attempts.order import is_open, settle, shortened, unsettled
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.validity import Criteria
@@ -16,11 +17,24 @@ from gs2ci.reconstruct.geometry.validity import Criteria
 NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
 
 
+CAMERA = np.array([[2000.0, 0, 64], [0, 2000, 48], [0, 0, 1]])
+
+
 @pytest.fixture
 def found():
+    """A camera that turns so that the middle of the scene stays put: its travel tells nothing of the order."""
     poses = np.tile(np.eye(4), (4, 1, 1))
     poses[:, 0, 3] = (-0.02, -0.01, 0, 0.01)
-    return Geometry(poses, np.diag([200.0, 200, 1]), "file", NEAR_LEFT, 2, 100, 0.3, 2.0, "full", ())
+    poses[:, :3, :3] = Rotation.from_rotvec(-poses[:, 0, 3, None] * [0.0, 1.0, 0.0]).as_matrix()
+    return Geometry(poses, CAMERA, "file", NEAR_LEFT, 2, 100, 0.3, 2.0, "full", ())
+
+
+@pytest.fixture
+def carried(found):
+    """The same without a turn, as a stage would carry it."""
+    poses = found.world_to_camera.copy()
+    poses[:, :3, :3] = np.eye(3)
+    return replace(found, world_to_camera=poses)
 
 
 class Fits:
@@ -115,6 +129,34 @@ def test_what_tracks_say_counts_a_third(found):
     assert codes(settled(replace(found, order_errors=5.7), Fits(1.0, 1.0))) == [Code.DEPTH_ORDER_OPEN]
     assert settled(replace(found, order_errors=5.7), Fits(1.0, 1.0)).order_errors == pytest.approx(1.9)
     assert codes(settled(replace(found, order_errors=6.3), Fits(1.0, 1.0))) == []
+
+
+def test_a_camera_that_need_not_turn_is_preferred_where_nothing_else_tells(carried):
+    for geometry in (carried, replace(reversed_geometry(carried), reverse=carried)):
+        taken = settled(geometry, Fits(1.0, 1.0))
+        assert near_is_left(taken)
+        assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+        assert taken.order_errors == 1.9
+
+
+def test_a_camera_that_need_not_turn_and_a_little_of_the_picture_are_sure_together(carried):
+    taken = settled(replace(carried, reverse=reversed_geometry(carried)), Fits(1.0, 1.12))
+    assert codes(taken) == []
+    assert taken.order_errors > 3
+
+
+def test_short_fits_that_are_sure_overrule_a_camera_that_need_not_turn(carried):
+    both = replace(carried, reverse=reversed_geometry(carried))
+    taken = settled(both, Fits(1.6, 1.0))
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
+    assert near_is_left(settled(both, Fits(1.12, 1.0)))
+
+
+def test_how_a_told_path_turns_says_nothing_of_its_sign(carried):
+    told, turned = (replace(one, source="file") for one in (carried, reversed_geometry(carried)))
+    assert settled(told, Fits(1.0, 1.0), told=True).order_errors == pytest.approx(0.0)
+    assert settled(turned, Fits(1.0, 1.0), told=True).order_errors == pytest.approx(0.0)
 
 
 def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):

@@ -10,7 +10,7 @@ import torch
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.attempts.order_fits import OrderFits, mean_square
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings

@@ -9,14 +9,17 @@ from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.choices import RULE_NAMES
-from gs2ci.reconstruct.fit import coarse
-from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit import coarse_state
+from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.poses import PoseSettings
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut, Rival
@@ -51,16 +54,14 @@ def run(
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
     fit = fit_coarse(
         jury=jury,
+        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
         start=first_gaussians(seed_points(geometry, grey, 2)),
         geometry=geometry,
-        backend=backend or CpuBackend(),
         settings=settings,
         seed=seed,
-        refine=refine,
-        progress=listener or Silent(),
-        score=score,
-        rival=rival,
+        monitoring=Monitoring(refine, listener or Silent(), score),
         pace=pace,
+        rival=rival,
     )
     return fit, jury
 
@@ -73,11 +74,10 @@ class FaultyBackend(CpuBackend):
         self._when = when
         self._calls = itertools.count()
 
-    def coded(self, *arguments):
-        image = super().coded(*arguments)
-        if self._when(next(self._calls)):
-            image.register_hook(lambda gradient: gradient * float("nan"))
-        return image
+    def coded_with_pull(self, *arguments):
+        image, pull = super().coded_with_pull(*arguments)
+        faulty = self._when(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
 
 
 class Watching(CpuBackend):
@@ -90,14 +90,13 @@ class Watching(CpuBackend):
         self._when_faulty = when_faulty
         self._calls = itertools.count()
 
-    def coded(self, scene, world_to_camera, intrinsics, coding, screen, reuse, times):
+    def coded_with_pull(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
         if reuse not in self.given:
             self.given.append(reuse)
         self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
-        image = super().coded(scene, world_to_camera, intrinsics, coding, screen, reuse, times)
-        if self._when_faulty(next(self._calls)):
-            image.register_hook(lambda gradient: gradient * float("nan"))
-        return image
+        image, pull = super().coded_with_pull(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        faulty = self._when_faulty(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
 
 
 class Listener(Silent):
@@ -319,7 +318,7 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
         found = find_surfaces(*arguments)
         return replace(found, inverse_depth=3 * found.inverse_depth)
 
-    monkeypatch.setattr(coarse, "find_surfaces", wrong)
+    monkeypatch.setattr(coarse_state, "find_surfaces", wrong)
     settings = SurfaceSettings((Search(0.5, 3.0, 3.0),), every=1)
     fit, jury = run(moving_plane, replace(QUICK, surfaces=settings))
     before = [point.heldout for point in fit.curve if point.iteration <= 30]
@@ -355,11 +354,11 @@ def test_poses_that_step_seldom_cannot_exchange_turning_for_travel():
 def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
     swept = []
 
-    def watched(renderer, scene, poses, views, settings, lens, seed, search):
+    def watched(renderer, scene, poses, views, settings, seed, search):
         swept.append((search, views.copy()))
-        return find_surfaces(renderer, scene, poses, views, settings, lens, seed, search)
+        return find_surfaces(renderer, scene, poses, views, settings, seed, search)
 
-    monkeypatch.setattr(coarse, "find_surfaces", watched)
+    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
     run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)), refine=lambda views: 0 * views + 0.25)
     assert [search for search, _ in swept] == list(searches)
@@ -374,7 +373,7 @@ def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, 
     def first_only(*arguments):
         return find_surfaces(*arguments) if arguments[-1] == given.searches[0] else None
 
-    monkeypatch.setattr(coarse, "find_surfaces", first_only)
+    monkeypatch.setattr(coarse_state, "find_surfaces", first_only)
     kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
     assert np.array_equal(kept.views, found.views)
 
@@ -494,13 +493,12 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
     with pytest.raises(InputError):
         fit_coarse(
             jury=Jury(shot, np.zeros(shot.size, bool)),
+            renderer=ShotRenderer(shot, geometry.intrinsics, CpuBackend()),
             start=first_gaussians(seed_points(geometry, np.zeros((4, 32, 40, 3), np.float32), 2)),
             geometry=geometry,
-            backend=CpuBackend(),
             settings=replace(CoarseSettings(), **settings),
             seed=0,
-            refine=lambda views: views,
-            progress=Silent(),
+            monitoring=Monitoring(lambda views: views),
         )
 
 

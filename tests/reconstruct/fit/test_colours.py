@@ -7,13 +7,15 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from gs2ci.api.wishes import Wishes, settings_of
+from gs2ci.api.overrides import Overrides, settings_of
 from gs2ci.core.errors import InputError
-from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import grow
+from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.presets.paper import paper_settings
@@ -53,10 +55,10 @@ def test_settings_out_of_range_are_refused(wrong):
 
 
 def test_a_user_chooses_the_degree_and_the_preset_the_rest():
-    assert settings_of("paper", Wishes(sh_degree=0)).fit.colours == replace(paper_settings().fit.colours, degree=0)
-    assert settings_of("standard", Wishes(sh_degree=2)).fit.colours.degree == 2
+    assert settings_of("paper", Overrides(sh_degree=0)).fit.colours == replace(paper_settings().fit.colours, degree=0)
+    assert settings_of("standard", Overrides(sh_degree=2)).fit.colours.degree == 2
     with pytest.raises(InputError, match="spherical harmonics of degree 5"):
-        settings_of("draft", Wishes(sh_degree=5))
+        settings_of("draft", Overrides(sh_degree=5))
 
 
 def test_new_harmonics_begin_at_zero_and_the_others_go_on_as_they_were(scattered):
@@ -118,8 +120,8 @@ def fitted(scene, shot, geometry, degree):
     )
     settings = replace(settings, poses=replace(settings.poses, refine=False))
     jury = Jury.of(shot, settings.hold_out.share, 0)
-    backend = load_backend()
-    fit = fit_coarse(jury, scene, geometry, backend, settings, 0, lambda seen: seen, Silent())
+    renderer = ShotRenderer(shot, geometry.intrinsics, load_backend())
+    fit = fit_coarse(jury, renderer, scene, geometry, settings, 0, Monitoring(lambda seen: seen))
     return fit, jury.residual_rms(fit.views)
 
 

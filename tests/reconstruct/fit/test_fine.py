@@ -8,8 +8,10 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
+from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.perceptual import StructuralDissimilarity
 from gs2ci.reconstruct.fit.pseudo_views import support_weights
@@ -42,17 +44,17 @@ def coarse(moving_plane):
     """A fit that has been stopped early, so that there is something left to refine."""
     shot, geometry = moving_plane
     jury = Jury.of(shot, 0.05, 0)
+    renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend())
     fit = fit_coarse(
         jury=jury,
+        renderer=renderer,
         start=first_gaussians(seed_points(geometry, np.full((4, 32, 40, 3), 0.5, np.float32), 2)),
         geometry=geometry,
-        backend=CpuBackend(),
         settings=CoarseSettings(iterations=30, densify_every=100, hold_out=HoldOut(share=0.05, look_every=10)),
         seed=0,
-        refine=lambda views: views,
-        progress=Silent(),
+        monitoring=Monitoring(lambda views: views),
     )
-    return jury, fit, ShotRenderer(shot, geometry.intrinsics, CpuBackend())
+    return jury, fit, renderer
 
 
 def run(
@@ -75,11 +77,8 @@ def run(
         fit or given_fit,
         renderer or given_renderer,
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
-        seed=0,
-        refine=lambda views: views,
-        progress=progress or Silent(),
-        score=score,
-        halt=halt,
+        0,
+        Monitoring(lambda views: views, progress or Silent(), score, halt=halt or Halt()),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.looks import Looks
+from gs2ci.reconstruct.fit.looks import Looks, Monitoring
 from gs2ci.reconstruct.measurement.jury import Jury
 
 
@@ -20,7 +20,8 @@ def known():
 
 def test_refined_views_are_judged_and_scored(known):
     views, shot = known
-    looks = Looks(Jury.of(shot, 0.2, 0), lambda given: given + np.float32(0.1), lambda given: float(given.mean()), None)
+    monitoring = Monitoring(lambda given: given + np.float32(0.1), score=lambda given: float(given.mean()))
+    looks = Looks(Jury.of(shot, 0.2, 0), monitoring)
     heldout = looks.take(views - np.float32(0.1), 50, 0.25, 7)
     assert heldout == pytest.approx(0, abs=1e-6)
     (point,) = looks.curve
@@ -30,7 +31,7 @@ def test_refined_views_are_judged_and_scored(known):
 
 def test_without_held_out_pixels_and_a_truth_a_look_has_no_figures(known):
     views, shot = known
-    looks = Looks(Jury.of(shot, 0.0, 0), lambda given: given, None, None)
+    looks = Looks(Jury.of(shot, 0.0, 0), Monitoring(lambda given: given))
     assert looks.take(views, 10, 0.5, 3) is None
     assert (looks.curve[0].heldout, looks.curve[0].psnr_db) == (None, None)
 
@@ -38,7 +39,7 @@ def test_without_held_out_pixels_and_a_truth_a_look_has_no_figures(known):
 def test_seconds_count_from_where_they_are_told_to(known):
     views, shot = known
     jury, began_s = Jury.of(shot, 0.0, 0), time.monotonic() - 1000
-    since, now = (Looks(jury, lambda given: given, None, at) for at in (began_s, None))
+    since, now = (Looks(jury, Monitoring(lambda given: given, since_s=at)) for at in (began_s, None))
     for looks in (since, now):
         looks.take(views, 1, 0.0, 1)
         looks.take(views, 2, 0.0, 1)

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
 
 SIZE = (20, 27)
 TENTH = LossWeights(similarity=0.1)
@@ -131,18 +131,23 @@ def test_a_prediction_that_is_not_finite_gives_a_loss_that_is_not_finite(measure
     assert not np.isfinite(value)
 
 
-def test_the_opacity_term_is_the_mean_opacity():
-    logits = torch.tensor([-20.0, 0.0, 20.0], requires_grad=True)
-    term = opacity_term(logits)
-    term.backward()
-    assert term.item() == pytest.approx(0.5)
-    assert logits.grad[1].item() == pytest.approx(0.25 / 3)
+@pytest.mark.parametrize("count", [1, 37])
+def test_weights_ask_for_the_mean_opacity_and_the_mean_size_and_add_to_the_gradient(scattered, count):
+    weights = LossWeights(opacity=0.3, size=0.7)
+    scene = scattered(count)
+    scene.opacity_logits[:3] = torch.tensor([-120.0, 0.0, 90.0])[:count]
+    exact = scene.map(lambda tensor: tensor.double().requires_grad_())
+    expected = 0.3 * torch.sigmoid(exact.opacity_logits).mean() + 0.7 * exact.log_scales.exp().mean()
+    expected.backward()
+    scene.log_scales.grad = torch.ones_like(scene.log_scales)
+    assert add_regularisers(scene, weights) == pytest.approx(float(expected.detach()), rel=1e-6)
+    torch.testing.assert_close(scene.opacity_logits.grad.double(), exact.opacity_logits.grad, rtol=1e-5, atol=1e-12)
+    torch.testing.assert_close((scene.log_scales.grad - 1).double(), exact.log_scales.grad, rtol=1e-5, atol=3e-7)
 
 
-def test_no_gaussians_have_no_opacity():
-    term = opacity_term(torch.zeros(0, requires_grad=True))
-    assert term.shape == ()
-    assert term.item() == 0
+def test_no_gaussians_ask_for_nothing(scattered):
+    scene = scattered(3).map(lambda tensor: tensor[:0])
+    assert add_regularisers(scene, LossWeights(size=0.1)) == 0
 
 
 def test_the_dissimilarity_of_a_pixel_is_the_definitions_and_its_mean_that_of_the_loss(
@@ -166,12 +171,6 @@ def test_pixels_that_do_not_count_have_no_dissimilarity(rng, measurement, predic
     assert not error[~fitted].any()
     assert not error[saturated & (predicted > measurement).all(axis=2)].any()
     assert error[fitted & ~saturated].any()
-
-
-def test_the_size_term_is_the_mean_standard_deviation_and_zero_without_gaussians():
-    sizes = torch.tensor([[0.1, 0.2, 0.3], [1.0, 2.0, 6.0]])
-    assert float(size_term(sizes.log())) == pytest.approx(1.6)
-    assert float(size_term(torch.zeros(0, 3))) == 0
 
 
 @pytest.mark.parametrize("window_px", [1, 10, -11, 257])

@@ -15,7 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.reconstruct.decode.proxies import amdi
 from gs2ci.reconstruct.decode.proxies.routing import MULTIPLICITY_THRESHOLD
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import GaussianStatistics
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.losses import LossWeights

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors
 from gs2ci.render import se3
@@ -17,8 +18,34 @@ def path():
 
 def push(poses, gradient):
     """Add a gradient by the poses' own twists, [N, 6], as a rendering would."""
-    twists = se3.log(poses.world_to_camera() @ se3.inverse(poses.world_to_camera().detach()))
-    (twists * gradient).sum().backward()
+    pull(poses, lambda moved: (se3.log(moved @ se3.inverse(poses.world_to_camera())) * gradient).sum())
+
+
+def pull(poses, objective):
+    """Add the gradient of an objective of the poses."""
+    moved = poses.world_to_camera().clone().requires_grad_()
+    objective(moved).backward()
+    poses.pull(poses.world_to_camera(), moved.grad.numpy())
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 0.4999, 0.5001, 2.0, 3.1])
+def test_corrections_and_their_gradient_are_those_of_the_exponential(path, angle):
+    draw = torch.Generator().manual_seed(3)
+    twists = torch.randn(VIEWS, 6, dtype=torch.float64, generator=draw)
+    twists[:, 3:] *= angle / twists[:, 3:].norm(dim=1, keepdim=True)
+    units = torch.tensor([0.3] * 3 + [1.0] * 3)
+    twists[:, :3] /= 0.3
+    weights = torch.randn(VIEWS, 4, 4, generator=draw)
+    weights[:, 3] = 0
+    single, initial = twists.float(), torch.from_numpy(path).float()
+    exact = single.double().requires_grad_()
+    expected = se3.exp(units * exact) @ initial.double()
+    (expected * weights).sum().backward()
+    found, gradient = torch.empty(VIEWS, 4, 4), torch.ones(VIEWS, 6)
+    correct_poses(single.numpy(), units.numpy(), initial.numpy(), found.numpy())
+    torch.testing.assert_close(found.double(), expected.detach(), rtol=1e-6, atol=1e-6)
+    twist_gradient(single.numpy(), units.numpy(), found.numpy(), weights.numpy(), gradient.numpy())
+    torch.testing.assert_close(gradient.double() - 1, exact.grad, rtol=1e-5, atol=3e-6)
 
 
 def test_poses_start_at_their_estimates(path):
@@ -28,7 +55,8 @@ def test_poses_start_at_their_estimates(path):
 
 def test_without_refinement_the_poses_stay_exactly_as_they_were(path):
     poses = PoseCorrections(path, PoseSettings(refine=False))
-    assert not poses.world_to_camera().requires_grad
+    push(poses, torch.ones(VIEWS, 6))
+    assert poses.gradient() is None
     for i in range(10):
         poses.step(i / 10)
     poses.restore(poses.snapshot())
@@ -95,10 +123,14 @@ def test_told_poses_settle_where_the_measurement_and_their_errors_balance(path):
     settings = PoseSettings(rate=3e-3, final_rate=3e-6, told_weight=1e-3)
     poses = PoseCorrections(path, settings, told)
     errors = torch.tensor([0.02] * 3 + [0.005] * 3)
+
+    def data(moved):
+        twists = se3.log(moved @ torch.linalg.inv(torch.from_numpy(path).float()))
+        return settings.told_weight * (((twists - 0.01) / errors) ** 2).mean()
+
     for i in range(600):
-        twists = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float()))
-        data = settings.told_weight * (((twists - 0.01) / errors) ** 2).mean()
-        (data + poses.penalty()).backward()
+        poses.penalty().backward()
+        pull(poses, data)
         poses.step(i / 600)
     moved = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float())).detach()
     torch.testing.assert_close(moved, torch.full((VIEWS, 6), 0.005), rtol=0.02, atol=0)

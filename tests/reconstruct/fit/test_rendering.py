@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.cpu.backend import CpuBackend
@@ -34,6 +35,29 @@ def test_a_mono_sensor_and_a_mosaic_see_one_channel(moving_plane, renderer, scat
     assert mosaic.views(scene, poses).shape == (4, 32, 40, 3)
     np.testing.assert_array_equal(mosaic.measurement(scene, poses)[0::2, 0::2, 0], colour[0::2, 0::2, 0])
     np.testing.assert_array_equal(mosaic.measurement(scene, poses)[1::2, 1::2, 0], colour[1::2, 1::2, 2])
+
+
+@pytest.mark.parametrize("sensor", ["colour", "mono", "mosaic", "moments", "moving"])
+def test_the_gradient_by_a_call_is_that_of_the_graph(moving_plane, renderer, scattered, sensor):
+    shot, geometry = moving_plane
+    scene, poses = scattered(60), torch.from_numpy(geometry.world_to_camera).float()
+    if sensor in ("mono", "mosaic"):
+        shot = replace(shot, measurement=shot.measurement[..., :1], cfa="RGGB" if sensor == "mosaic" else "")
+    moments = MaskMoments((2,) * 4, (0.8,) * 4) if sensor == "moments" else None
+    if sensor == "moving":
+        scene = replace(scene, motion=torch.full((60, 2, 3), 0.01))
+    one = ShotRenderer(shot, geometry.intrinsics, CpuBackend(), mask_moments=moments)
+    ours, theirs = (scene.map(lambda tensor: tensor.clone().requires_grad_()) for _ in range(2))
+    leaf = poses.clone().requires_grad_()
+    expected = one.measurement(theirs, leaf)
+    weights = torch.randn(expected.shape, generator=torch.Generator().manual_seed(4))
+    expected.backward(weights)
+    image, pull = one.measurement_with_pull(ours, poses)
+    torch.testing.assert_close(torch.from_numpy(image), expected.detach(), rtol=1e-6, atol=1e-6)
+    by_poses = pull(weights.numpy())
+    torch.testing.assert_close(torch.from_numpy(by_poses), leaf.grad, rtol=1e-5, atol=1e-5)
+    for name, tensor in theirs.parameters().items():
+        torch.testing.assert_close(ours.parameters()[name].grad, tensor.grad, rtol=1e-5, atol=1e-5)
 
 
 def test_depth_is_that_of_the_surface_along_the_axis(moving_plane, renderer, scattered):

@@ -14,6 +14,7 @@ from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, ag
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
+from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
 SIZE = (40, 56)
@@ -61,11 +62,11 @@ def renderer():
 def surfaces_of(renderer, scene=None, poses=None, **changes):
     scene, poses = wall() if scene is None else scene, path() if poses is None else poses
     views = renderer.views(scene, torch.from_numpy(poses).float())
-    return find_surfaces(renderer, scene, poses, views, replace(SETTINGS, **changes), None, seed=0)
+    return find_surfaces(renderer, scene, poses, views, replace(SETTINGS, **changes), seed=0)
 
 
-def term(found: Surfaces, renderer, scene, turn=0):
-    return found.term(renderer, scene, torch.from_numpy(path()).float(), turn)
+def term(found: Surfaces, renderer, scene, turn=0, weight=1.0):
+    return found.draw(renderer, scene, torch.from_numpy(path()).float(), turn, weight)
 
 
 def test_a_wall_is_found_where_it_stands_and_believed(renderer):
@@ -109,8 +110,8 @@ def test_fog_before_a_wall_costs_and_its_gradient_thins_it_and_moves_it_to_the_w
     foggy = together(wall(1.5, logit=-1.0, seed=3), wall())
     fog = slice(0, len(foggy) // 2)
     assert term(found, renderer, foggy) > term(found, renderer, wall()) + 0.5
-    leaf = foggy.map(lambda tensor: tensor.clone().requires_grad_())
-    term(found, renderer, leaf).backward()
+    leaf = foggy.map(torch.clone)
+    term(found, renderer, leaf)
     seen = leaf.opacity_logits.grad[fog].abs() > 0
     assert seen.sum() > 200
     assert (leaf.opacity_logits.grad[fog][seen] > 0).double().mean() > 0.95
@@ -123,14 +124,52 @@ def test_surfaces_and_their_gradient_are_the_same_bits_on_any_number_of_threads(
     for count in (1, 2, 2):
         with threads(count):
             surfaces = surfaces_of(renderer, foggy)
-            leaf = foggy.map(lambda tensor: tensor.clone().requires_grad_())
-            term(surfaces, renderer, leaf).backward()
+            leaf = foggy.map(torch.clone)
+            term(surfaces, renderer, leaf)
             found.append(
                 (surfaces.inverse_depth, surfaces.trust, leaf.means.grad.numpy(), leaf.opacity_logits.grad.numpy())
             )
     for other in found[1:]:
         for one, again in zip(found[0], other, strict=True):
             np.testing.assert_array_equal(one, again)
+
+
+def definition(found, renderer, scene, turn):
+    """The term in torch, by one rendering with a graph: differentiable."""
+    view, pixels = found.views[turn], torch.from_numpy(found.pixels[turn].at)
+    pose = torch.from_numpy(path()[view]).float()
+    scene = scene.at(float(renderer.times[view])) if scene.motion is not None else scene
+    depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
+    wanted = found.parallax_px * torch.from_numpy(found.inverse_depth[turn]).reshape(-1)[pixels]
+    trust = torch.from_numpy(found.trust[turn]).reshape(-1)[pixels]
+    middle = float(wanted.median())
+    parallax = found.parallax_px / depth - middle
+    moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
+    image = load_backend().coded(
+        replace(scene, colours=moments), pose[None], renderer.intrinsics, found.pixels[turn].mask_set
+    )
+    stopped, first, second = image.reshape(-1, 3)[pixels].double().unbind(dim=1)
+    wanted = wanted.double() - middle
+    squares = second - 2 * wanted * first + wanted.square() * stopped
+    distances = (squares.clamp(min=0) + 0.1**2).sqrt() - 0.1
+    return (trust * distances).sum() / max(float(trust.sum()), 1.0)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_the_term_and_its_gradient_are_those_of_the_definition(renderer, moves):
+    found = surfaces_of(renderer)
+    foggy = together(wall(1.5, logit=-1.0, seed=3), wall())
+    foggy.means[:5, 2] = -1.0  # behind the camera
+    if moves:
+        foggy = replace(foggy, motion=torch.full((len(foggy), 2, 3), 0.01))
+    ours, exact = (foggy.map(lambda tensor: tensor.clone().requires_grad_()) for _ in range(2))
+    expected = definition(found, renderer, exact, 1)
+    (0.3 * expected).backward()
+    assert term(found, renderer, ours, 1, 0.3) == pytest.approx(float(expected.detach()), rel=1e-4)
+    for name, tensor in exact.parameters().items():
+        if name != "colours":
+            scale = float(tensor.grad.abs().max())
+            torch.testing.assert_close(ours.parameters()[name].grad, tensor.grad, rtol=1e-3, atol=2e-4 * scale)
 
 
 def test_views_are_looked_at_in_turn(renderer):

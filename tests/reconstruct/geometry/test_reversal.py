@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise
 from gs2ci.reconstruct.geometry.motion import (
@@ -13,7 +14,7 @@ from gs2ci.reconstruct.geometry.motion import (
     preference,
     reversed_depth,
 )
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 HUBER_PX = MotionSettings().huber_px
@@ -81,6 +82,51 @@ def test_what_lies_nearer_than_twice_the_median_stays_before_the_camera(slope):
     back = reversed_geometry(near)
     assert back.inverse_depth.min() > 0
     assert np.isfinite(back.inverse_depth).all()
+
+
+@pytest.fixture
+def small(slope):
+    """The same with a camera matrix of the depth map's own size."""
+    return replace(slope, intrinsics=np.diag([0.1, 0.1, 1.0]) @ slope.intrinsics)
+
+
+def turning(geometry, stays_put):
+    """Turn each camera so that what lies at this inverse depth stays put on the screen, to first order."""
+    poses = geometry.world_to_camera.copy()
+    shifts = poses[:, :3, 3]
+    about = stays_put * np.stack([shifts[:, 1], -shifts[:, 0], np.zeros(len(shifts))], axis=1)
+    poses[:, :3, :3] = Rotation.from_rotvec(about).as_matrix()
+    return replace(geometry, world_to_camera=poses)
+
+
+def test_all_motion_goes_with_the_travel_of_a_camera_that_does_not_turn_and_none_with_its_reversal(small):
+    assert share_with_travel(small) == pytest.approx(1.0)
+    assert share_with_travel(reversed_geometry(small)) < 0.01
+
+
+def test_where_the_middle_of_the_scene_stays_put_either_travel_explains_half(small):
+    narrow = replace(small, intrinsics=np.array([[300.0, 0, 16], [0, 300, 12], [0, 0, 1]]))
+    held = turning(narrow, 1.0)
+    assert share_with_travel(held) == pytest.approx(0.5, abs=0.05)
+    assert share_with_travel(reversed_geometry(held)) == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_camera_that_turns_a_little_still_moves_the_picture_with_its_travel(small):
+    assert share_with_travel(turning(small, 0.3)) > 0.99
+
+
+def test_a_camera_at_rest_or_that_only_turns_has_no_travel(small):
+    rest = replace(small, world_to_camera=np.tile(np.eye(4), (8, 1, 1)))
+    assert share_with_travel(rest) == 0.5
+    poses = turning(small, 1.0).world_to_camera.copy()
+    poses[:, :3, 3] = 0
+    assert share_with_travel(replace(small, world_to_camera=poses)) == 0.5
+
+
+def test_points_that_pass_through_a_camera_leave_the_share_a_number(small):
+    poses = small.world_to_camera.copy()
+    poses[:, 2, 3] = -1 / float(small.inverse_depth[0, 0])
+    assert 0 <= share_with_travel(replace(small, world_to_camera=poses)) <= 1
 
 
 def both_ways(scene):

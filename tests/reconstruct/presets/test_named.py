@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.presets.named import PRESETS, preset, rescheduled
 from gs2ci.reconstruct.settings import Settings

@@ -124,3 +124,12 @@ def test_transposes_and_weighted_sums_agree_with_numpy():
     loop(a, weights, out)
     np.testing.assert_array_equal(out[:256].reshape(16, 16), a.reshape(16, 16).T)
     np.testing.assert_allclose(out[256:].reshape(9, 16), weights.reshape(9, 16) @ a.reshape(16, 16).T, atol=1e-5)
+
+
+def test_lanes_are_added_up():
+    @numba.njit
+    def added(array):
+        return vector.sum_of_lanes(vector.load(array, 0))
+
+    assert added(SIXTEEN**2) == (SIXTEEN**2).sum()
+    assert np.isnan(added(np.where(SIXTEEN == 3, np.float32(np.nan), SIXTEEN)))

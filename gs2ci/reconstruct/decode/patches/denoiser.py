@@ -35,13 +35,17 @@ class SimilarPatches:
         self._groups: dict[int, np.ndarray] = {}
         self._calls = 0
 
+    def seeks(self, call: int) -> bool:
+        """Tell whether a call, counted from 0, seeks its groups, and does not use those of an earlier one again."""
+        return call // self._lattice.parts(len(self._last)) % self._refind_every == 0
+
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise, [N, C, H, W]; arguments as for `Denoiser`."""
         parts = self._lattice.parts(len(views))
-        phase, uses = self._calls % parts, self._calls // parts
+        phase, seeks = self._calls % parts, self.seeks(self._calls)
         self._calls += 1
         before = _opponent(self._last)
-        if uses % self._refind_every == 0:
+        if seeks:
             # In units of which white is 1 for a grey and for a coloured picture.
             guide = np.ascontiguousarray(before[:, 0]) / np.float32(np.sqrt(views.shape[1]))
             self._groups[phase] = find_groups(guide, Flow.between(guide), self._lattice, phase)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.decode.patches.eigen import REORDERED, eigen_rows
+from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows, padded
+from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 # Parts of the groups: enough for the cores of a workstation, as long as their buffers stay within bounds.
@@ -49,78 +50,87 @@ def _denoise(
     count, height, width = views.shape
     groups, members = corners.shape[0], corners.shape[1]
     size = patch[0] * patch[1]
+    row = padded(size)
     # Sum of patches and their number, beside each other.
     sums = np.zeros((parts, count, height, width, 2), np.float32)
     for part in numba.prange(parts):
-        group, mean = np.empty((members, size), np.float32), np.empty(size, np.float32)
-        squares = np.empty((3, size, size), np.float32)
-        lines = np.empty((4, size), np.float32)
+        group, work, lines = workspace(members, size)
         for g in range(groups * part // parts, groups * (part + 1) // parts):
             for m in range(members):
                 i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
                 for y in range(patch[0]):
                     for x in range(patch[1]):
-                        group[m, y * patch[1] + x] = views[i, top + y, left + x]
-            shrink_group(group, np.float32(sigma), mean, squares, lines)
+                        group[m * row + y * patch[1] + x] = views[i, top + y, left + x]
+            shrink_group(group, members, size, np.float32(sigma), work, lines)
             for m in range(members):
                 i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
                 for y in range(patch[0]):
                     for x in range(patch[1]):
-                        sums[part, i, top + y, left + x, 0] += group[m, y * patch[1] + x]
+                        sums[part, i, top + y, left + x, 0] += group[m * row + y * patch[1] + x]
                         sums[part, i, top + y, left + x, 1] += _ONE
     denoised = np.empty_like(views)
     for task in numba.prange(count * height):
-        i, row = task // height, task % height
+        i, at = task // height, task % height
         for column in range(width):
             total, number = _ZERO, _ZERO
             for part in range(parts):
-                total += sums[part, i, row, column, 0]
-                number += sums[part, i, row, column, 1]
-            denoised[i, row, column] = total / number if number > 0 else fallback[i, row, column]
+                total += sums[part, i, at, column, 0]
+                number += sums[part, i, at, column, 1]
+            denoised[i, at, column] = total / number if number > 0 else fallback[i, at, column]
     return denoised
 
 
+@numba.njit(cache=True)
+def workspace(members: int, size: int) -> tuple[F32, F32, F32]:
+    """Return what `shrink_group` works on: a group of M patches of D pixels, three matrices, and single rows.
+
+    All are 0; rows are padded to whole vectors (`eigen`), and what is beyond D has to stay 0.
+    """
+    row = padded(size)
+    group = np.zeros(members * row, np.float32)
+    return group, np.zeros((3, size * row), np.float32), np.zeros((LINES + 1, row), np.float32)
+
+
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
-def shrink_group(group: F32, sigma: float, mean: F32, squares: F32, lines: F32) -> None:
+def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32) -> None:
     """Take the noise off one group, in place.
 
     Args:
-        group: [M, D].
+        group: Its patches, M rows of D pixels, as `workspace` gives them.
+        members: M.
+        size: D.
         sigma: Standard deviation of its noise, above 0.
-        mean: [D], for the mean patch.
-        squares: [3, D, D], for covariance, eigenvectors and projection.
-        lines: [4, D], for the eigenvectors' search.
+        work: For covariance, eigenvectors and projection.
+        lines: For the eigenvectors' search, and the mean patch.
 
     A singular value s of the centred patches becomes max(0, s − √M σ² / s₀), where s₀² = s² − M σ² is what would be
     left of its energy without noise (Gu 2014, eq. 6 with its constant at 1); below s² = M σ² nothing is left.
     """
-    members, size = group.shape
-    covariance, vectors, projection = squares[0], squares[1], squares[2]
-    _centre(group, mean, covariance)
-    eigen_rows(covariance, vectors, lines[0], lines[1], lines[2], lines[3])
-    kept = _weigh(lines[0], vectors, members, sigma, projection)
+    covariance, vectors, projection, mean = work[0], work[1], work[2], lines[LINES]
+    row = mean.shape[0]
+    _centre(group, members, size, mean, covariance)
+    eigen_rows(covariance, vectors, lines[:LINES], size)
+    kept = _weigh(lines[0], vectors, members, size, sigma, projection)
     restored = lines[1]
-    for m in range(members):
-        for j in range(size):
-            restored[j] = mean[j]
-        if kept > 0:
-            for i in range(size):
-                factor = group[m, i]
-                for j in range(size):
-                    restored[j] += factor * projection[i, j]
-        for j in range(size):
-            group[m, j] = restored[j]
+    for m in range(0, members * row, row):
+        for b in range(0, row, LANES):
+            total = load(mean, b)
+            if kept > 0:
+                for i in range(size):
+                    total = fused(broadcast(get(group, m + i)), load(projection, i * row + b), total)
+            store(restored, b, total)
+        for b in range(0, row, LANES):
+            store(group, m + b, load(restored, b))
 
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
-def _weigh(values: F32, vectors: F32, members: int, sigma: float, projection: F32) -> int:
+def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, projection: F32) -> int:
     """Make the matrix that weighs each eigenvector's part of a patch, and count those of any weight."""
-    size = values.shape[0]
+    row = values.shape[0]
     noise = members * sigma * sigma
     threshold = np.sqrt(np.float32(members)) * sigma * sigma
-    for i in range(size):
-        for j in range(size):
-            projection[i, j] = _ZERO
+    for b in range(0, size * row, LANES):
+        store(projection, b, broadcast(_ZERO))
     kept = 0
     for k in range(size):
         if values[k] <= noise:
@@ -129,31 +139,39 @@ def _weigh(values: F32, vectors: F32, members: int, sigma: float, projection: F3
         if weight <= 0:
             continue
         kept += 1
-        for i in range(size):
-            factor = weight * vectors[k, i]
-            for j in range(size):
-                projection[i, j] += factor * vectors[k, j]
+        for b in range(0, row, LANES):
+            vector = load(vectors, k * row + b) * weight
+            for i in range(size):
+                at = i * row + b
+                store(projection, at, fused(broadcast(get(vectors, k * row + i)), vector, load(projection, at)))
     return kept
 
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
-def _centre(group: F32, mean: F32, covariance: F32) -> None:
+def _centre(group: F32, members: int, size: int, mean: F32, covariance: F32) -> None:
     """Subtract the mean patch, and sum the products of what is left."""
-    members, size = group.shape
-    for j in range(size):
-        mean[j] = _ZERO
-    for m in range(members):
-        for j in range(size):
-            mean[j] += group[m, j]
+    row = mean.shape[0]
     share = _ONE / np.float32(members)
-    for i in range(size):
-        mean[i] *= share
-        for j in range(size):
-            covariance[i, j] = _ZERO
-    for m in range(members):
-        for j in range(size):
-            group[m, j] -= mean[j]
-        for i in range(size):
-            factor = group[m, i]
-            for j in range(size):
-                covariance[i, j] += factor * group[m, j]
+    for b in range(0, row, LANES):
+        total = broadcast(_ZERO)
+        for m in range(members):
+            total = total + load(group, m * row + b)
+        total = total * share
+        store(mean, b, total)
+        for m in range(members):
+            store(group, m * row + b, load(group, m * row + b) - total)
+    # Four rows of the covariance at once: each patch is read once for them, and no sum waits for the one before.
+    for i in range(0, size, 4):
+        i1, i2, i3 = min(i + 1, size - 1), min(i + 2, size - 1), min(i + 3, size - 1)
+        for b in range(0, row, LANES):
+            s0, s1, s2, s3 = broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO)
+            for m in range(0, members * row, row):
+                patch = load(group, m + b)
+                s0 = fused(broadcast(get(group, m + i)), patch, s0)
+                s1 = fused(broadcast(get(group, m + i1)), patch, s1)
+                s2 = fused(broadcast(get(group, m + i2)), patch, s2)
+                s3 = fused(broadcast(get(group, m + i3)), patch, s3)
+            store(covariance, i * row + b, s0)
+            store(covariance, i1 * row + b, s1)
+            store(covariance, i2 * row + b, s2)
+            store(covariance, i3 * row + b, s3)

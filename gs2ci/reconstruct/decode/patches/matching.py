@@ -15,6 +15,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.decode.patches.eigen import REORDERED
 from gs2ci.reconstruct.decode.patches.flow import Flow
+from gs2ci.render.simd.vector import LANES, any_ge, broadcast, fused, get, load, store, where_ge
 
 _Corners = NDArray[np.int32]
 _FARTHEST: Final = np.float32(np.finfo(np.float32).max)
@@ -140,17 +141,24 @@ def match_patches(
     groups, count = around.shape[0], around.shape[1]
     found = np.empty((groups, count * each, 3), np.int32)
     side = 2 * reach + 1
+    height, width = views.shape[1], views.shape[2]
+    # Whole vectors are read, which may reach beyond the last pixel.
+    pixels = np.zeros(views.size + LANES, np.float32)
+    pixels[: views.size] = views.reshape(-1)
+    across = (side + LANES - 1) // LANES * LANES
     for g in numba.prange(groups):
-        unlike = np.empty((side, side), np.float32)
+        unlike, lanes = np.empty(side * across, np.float32), np.arange(across).astype(np.float32)
         least = np.empty(each, np.float32)
+        here = (at * height + corners[g, 0]) * width + corners[g, 1]
         for k in range(count):
-            rows = min(side, views.shape[1] - patch[0] + 1)
-            columns = min(side, views.shape[2] - patch[1] + 1)
-            top = max(0, min(around[g, k, 0] - reach, views.shape[1] - patch[0] + 1 - rows))
-            left = max(0, min(around[g, k, 1] - reach, views.shape[2] - patch[1] + 1 - columns))
-            _compare(views, at, corners[g, 0], corners[g, 1], first + k, top, left, patch, unlike[:rows, :columns])
+            rows = min(side, height - patch[0] + 1)
+            columns = min(side, width - patch[1] + 1)
+            top = max(0, min(around[g, k, 0] - reach, height - patch[0] + 1 - rows))
+            left = max(0, min(around[g, k, 1] - reach, width - patch[1] + 1 - columns))
+            there = ((first + k) * height + top) * width + left
+            _compare(pixels, width, here, there, patch, rows, columns, unlike, across, lanes)
             part = found[g, k * each : (k + 1) * each]
-            _keep_least(unlike[:rows, :columns], least, part)
+            _keep_least(unlike, rows, across, least, part)
             for m in range(each):
                 part[m, 0] = first + k
                 part[m, 1] += top
@@ -160,35 +168,60 @@ def match_patches(
 
 @numba.njit(cache=True, fastmath=REORDERED)
 def _compare(
-    views: F32, at: int, row: int, column: int, other: int, top: int, left: int, patch: tuple[int, int], unlike: F32
+    pixels: F32,
+    width: int,
+    here: int,
+    there: int,
+    patch: tuple[int, int],
+    rows: int,
+    columns: int,
+    unlike: F32,
+    across: int,
+    lanes: F32,
 ) -> None:
-    """Write the squared differences of one patch from those whose corners begin at (top, left) of another view."""
-    rows, columns = unlike.shape
+    """Write the squared differences of one patch from those around, rows of `across` numbers.
+
+    Args:
+        pixels: Of all views, [N * H * W] and a vector more.
+        width: W.
+        here: Where the patch begins.
+        there: Where the first of the others begins.
+        patch: Height and width.
+        rows: How many of the others lie below each other.
+        columns: And beside each other; numbers beyond them are written as the farthest.
+        unlike: [rows * across].
+        across: So many columns make whole vectors.
+        lanes: 0, 1, 2, ... across.
+    """
     for r in range(rows):
-        for c in range(columns):
-            unlike[r, c] = 0
-        for y in range(patch[0]):
-            for x in range(patch[1]):
-                here = views[at, row + y, column + x]
-                for c in range(columns):
-                    difference = views[other, top + r + y, left + c + x] - here
-                    unlike[r, c] += difference * difference
+        for b in range(0, across, LANES):
+            total = broadcast(np.float32(0))
+            for y in range(patch[0]):
+                row, other = here + y * width, there + (r + y) * width + b
+                for x in range(patch[1]):
+                    # Beyond the last column of the last row there may be nothing to read.
+                    difference = load(pixels, min(other + x, pixels.size - LANES)) - get(pixels, row + x)
+                    total = fused(difference, difference, total)
+            store(unlike, r * across + b, where_ge(load(lanes, b), np.float32(columns), _FARTHEST, total))
 
 
 @numba.njit(cache=True)
-def _keep_least(unlike: F32, least: F32, places: _Corners) -> None:
+def _keep_least(unlike: F32, rows: int, across: int, least: F32, places: _Corners) -> None:
     """Write row and column of the smallest numbers behind the first index of `places`, in ascending order."""
     each = least.shape[0]
     least[:] = _FARTHEST
-    for r in range(unlike.shape[0]):
-        for c in range(unlike.shape[1]):
-            here = unlike[r, c]
-            if here >= least[each - 1]:
+    for r in range(rows):
+        for b in range(0, across, LANES):
+            if not any_ge(broadcast(least[each - 1]), load(unlike, r * across + b)):
                 continue
-            m = each - 1
-            while m > 0 and least[m - 1] > here:
-                least[m] = least[m - 1]
-                places[m, 1], places[m, 2] = places[m - 1, 1], places[m - 1, 2]
-                m -= 1
-            least[m] = here
-            places[m, 1], places[m, 2] = r, c
+            for c in range(b, b + LANES):
+                value = unlike[r * across + c]
+                if value >= least[each - 1]:
+                    continue
+                m = each - 1
+                while m > 0 and least[m - 1] > value:
+                    least[m] = least[m - 1]
+                    places[m, 1], places[m, 2] = places[m - 1, 1], places[m - 1, 2]
+                    m -= 1
+                least[m] = value
+                places[m, 1], places[m, 2] = r, c

@@ -1,11 +1,11 @@
 """Which proxy for which masks: the multiplicity and the rule (paper, eq. 3).
 
-Here: the rule, what happens when it cannot be kept, and the decoded views instead. Not here: the two constructions
-(`eni`, `amdi`).
+Here: the rule, what happens when it cannot be kept, and the decoded views instead. Not here: the constructions (`eni`,
+`amdi`, and `naive`, which is only compared with and never chosen).
 """
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.decode.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.decode.proxies.eni import energy_normalised_views
+from gs2ci.reconstruct.decode.proxies.naive import masked_measurements
 
-ProxyMethod = Literal["eni", "amdi"]
+ProxyMethod = Literal["naive", "eni", "amdi"]
 
 # τ_μ: from so many views in a pixel on, a normalised sample is a mixture and no longer a view.
 MULTIPLICITY_THRESHOLD: Final = 4.0
@@ -71,16 +72,16 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto", ma
 
     Args:
         shot: A checked shot.
-        method: One of the two, or `auto` for the one that the masks ask for. Where `auto` asks for AMDI and the
-            masks do not tell the views apart (equal or all-open masks), ENI stands in, and `note` says so.
+        method: One of the three, or `auto` for that of ENI and AMDI that the masks ask for. Where `auto` asks for AMDI
+            and the masks do not tell the views apart (equal or all-open masks), ENI stands in, and `note` says so.
         masks_of: Whose masks `auto` asks, where those of the shot have been closed over some pixels.
 
     Raises:
         InputError: An unknown method; AMDI was asked for by name and the masks do not allow it; no pixel of the
             measurement counts.
     """
-    if method not in ("auto", "eni", "amdi"):
-        raise InputError(f"proxy method {method!r}", allowed="auto, eni, amdi")
+    if method not in ("auto", *get_args(ProxyMethod)):
+        raise InputError(f"proxy method {method!r}", allowed=", ".join(("auto", *get_args(ProxyMethod))))
     chosen, note = route(masks_of or shot) if method == "auto" else method, None
     if chosen == "amdi":
         try:
@@ -91,6 +92,8 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto", ma
             chosen, note = "eni", finding(Code.PROXIES_BY_ENERGY, problem=error.problem)
     if chosen == "eni":
         views = energy_normalised_views(shot)
+    elif chosen == "naive":
+        views = masked_measurements(shot)
     return Proxies(np.clip(views, 0, 1), chosen, multiplicity(masks_of or shot), note)
 
 

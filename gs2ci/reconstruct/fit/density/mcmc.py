@@ -2,8 +2,7 @@
 
 Here: the rule. The faint are relocated into the opaque, newcomers are placed among them, and after every iteration
 the faint are shaken, the more the larger they are. Not here: the arithmetic of sharing a place (`sharing.py`), nor
-its two regularisers, mean opacity and mean size, which are weights of the loss (`fit/losses.py`). For
-`gs2ci.reconstruct.fit`.
+its two regularisers, mean opacity and mean size, which are weights of the loss (`fit/losses.py`).
 """
 
 from dataclasses import dataclass
@@ -42,7 +41,7 @@ class Mcmc:
         weights = torch.where(faint, 0.0, opacity)
         newcomers = max(0, min(evidence.cap, int((1 + self.growth) * len(scene))) - len(scene))
         wanted = int(faint.sum()) + newcomers
-        if wanted == 0 or bool(faint.all()):  # nobody moves, or there is nobody to move to
+        if wanted == 0 or bool(faint.all()):  # no Gaussian moves, or there is none to move to
             return PopulationChange(present.map(torch.clone), torch.arange(len(scene)))
         chosen = torch.multinomial(weights, wanted, replacement=True, generator=generator)
         return self._move(present, faint, self._affordable(present, chosen))

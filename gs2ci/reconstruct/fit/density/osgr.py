@@ -1,8 +1,7 @@
 """OSGR: opacity-guided splitting and growth regulation (paper, section III-E and supplement II).
 
 Here: the rule. Its mean-opacity term is in the loss (`fit/losses.py`), its transmittance-preserving opacities in
-`base.grow`, the criteria it adds to in `classic.py`, its population cap in the schedule (`fit/coarse.py`). For
-`gs2ci.reconstruct.fit`.
+`base.grow`, the criteria it adds to in `classic.py`, its population cap in the schedule (`fit/coarse.py`).
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange, grow, within
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange, Preserving, grow, within
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.render.gaussians import Gaussians
 
@@ -32,6 +31,7 @@ class Osgr:
         shared_room: Whether a population near its cap shares the room out among the kinds of candidates by their
             numbers. If not, those with the largest gradient come first, and those that only their opacity or their
             radius asks for never come.
+        preserving: Of what the transmittance stays (supplement II: of copies and of children).
     """
 
     criteria: Classic = field(default_factory=Classic)
@@ -40,6 +40,7 @@ class Osgr:
     extra_splits: float = 0.05
     ranked_first: bool = False
     shared_room: bool = False
+    preserving: Preserving = "both"
     name: str = "osgr"
 
     @classmethod
@@ -82,7 +83,8 @@ class Osgr:
                 (wanting, evidence.screen_gradient), (peaks, excess), (split | duplicate, evidence.screen_radius)
             )
         split, duplicate = within(room, priority, split, duplicate)
-        return self.criteria.reset(grow(scene, ~(remove | split), duplicate, split, generator), evidence)
+        grown = grow(scene, ~(remove | split), duplicate, split, generator, preserving=self.preserving)
+        return self.criteria.reset(grown, evidence)
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> None:
         """Move nothing."""

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.decode.patches.eigen import eigen_rows
+from gs2ci.reconstruct.decode.patches.eigen import LINES, eigen_rows, padded
 
 
 def decompose(matrix):
     size = len(matrix)
-    vectors, lines = np.empty((size, size), np.float32), np.empty((4, size), np.float32)
-    eigen_rows(matrix.astype(np.float32), vectors, *lines)
-    return lines[0], vectors
+    width = padded(size)
+    rows, vectors = np.zeros((size, width), np.float32), np.full((size, width), np.nan, np.float32)
+    rows[:, :size] = matrix
+    lines = np.full((LINES, width), np.nan, np.float32)
+    eigen_rows(rows.reshape(-1), vectors.reshape(-1), lines, size)
+    assert (vectors[:, size:] == 0).all()
+    return lines[0, :size], vectors[:, :size]
 
 
 def check(matrix):

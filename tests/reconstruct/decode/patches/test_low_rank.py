@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups, shrink_group
+from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups, shrink_group, workspace
 
 
 def shrink_reference(group, sigma):
@@ -28,10 +28,13 @@ def denoise_reference(views, corners, patch, sigma, fallback):
 
 
 def shrunk(group, sigma):
-    group, size = group.astype(np.float32), group.shape[1]
-    empty = (np.empty(size, np.float32), np.empty((3, size, size), np.float32), np.empty((4, size), np.float32))
-    shrink_group(group, np.float32(sigma), *empty)
-    return group
+    members, size = group.shape
+    flat, work, lines = workspace(members, size)
+    rows = flat.reshape(members, -1)
+    rows[:, :size] = group
+    shrink_group(flat, members, size, np.float32(sigma), work, lines)
+    assert (rows[:, size:] == 0).all()
+    return rows[:, :size]
 
 
 @pytest.mark.parametrize("shape", [(64, 36), (20, 36), (5, 1), (1, 9), (3, 4)])

@@ -53,7 +53,7 @@ def test_the_masks_as_they_were_calibrated_route_where_pixels_have_been_closed_s
     assert proxies.multiplicity == pytest.approx(4)
 
 
-@pytest.mark.parametrize("method", ["auto", "eni", "amdi"])
+@pytest.mark.parametrize("method", ["auto", "naive", "eni", "amdi"])
 def test_proxies_are_in_range_and_say_how_they_were_made(make_shot, random_masks, method):
     shot = make_shot(random_masks(8, (32, 32), 0.75), np.random.default_rng(0).random((8, 32, 32, 1)))
     proxies = build_proxies(shot, method)

@@ -35,6 +35,15 @@ def test_a_large_gaussian_with_a_large_gradient_is_split(line, evidence):
     assert len(result.scene) == 41
 
 
+def test_copies_and_children_keep_the_opacity_of_the_one_where_the_transmittance_need_not_stay(line, evidence):
+    for size, moved in ((None, (7,)), (LARGE, (7,))):
+        scene = line(40) if size is None else line(40, size=size)
+        before = scene.opacity_logits[7]
+        kept = change(scene, evidence(40, moved=moved), preserving="neither").scene.opacity_logits
+        assert torch.equal(kept[-1], before)
+        assert change(scene, evidence(40, moved=moved)).scene.opacity_logits[-1] < before
+
+
 def test_an_opacity_that_stands_out_of_its_neighbours_is_split(line, evidence):
     opacity = torch.full((40,), 0.2)
     opacity[11] = 0.9

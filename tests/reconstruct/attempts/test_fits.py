@@ -9,11 +9,10 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct import fits
-from gs2ci.reconstruct.attempts import order
-from gs2ci.reconstruct.attempts.choice import How
+from gs2ci.reconstruct.attempts import fits, order
+from gs2ci.reconstruct.attempts.attempt import How
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld

@@ -1,11 +1,11 @@
 """What the arguments of `gs2ci reconstruct` change: the settings, the shot, and the plan within a budget of seconds.
 
-Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
+Here: changed settings, a shot with the focal length that its user knows, the plan of a budget. Not here: the
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -34,8 +34,8 @@ from gs2ci.reconstruct.settings import Settings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wishes:
-    """What the user wants of any settings, whichever preset they come from; None leaves what the preset says."""
+class Overrides:
+    """Changes to the settings of any preset; None leaves what the preset says."""
 
     geometry: PoseSource | None = None
     proxy: ProxyName | None = None
@@ -57,24 +57,24 @@ class Wishes:
 
     @property
     def fine_stage(self) -> bool:
-        """Get whether the fine stage is asked for, by its name or by one of its parts."""
+        """Get whether the fine stage is requested, by its name or by one of its parts."""
         return self.fine or self.prior is not None or self.distance is not None
 
     def on(self, settings: Settings) -> Settings:
-        """Return settings changed as wished.
+        """Return settings with these changes.
 
         Raises:
             InputError: A name is unknown.
         """
-        settings = replace(settings, seed=self.seed)
-        if self.geometry is not None:
-            settings = replace(settings, poses=self.geometry)
-        if self.proxy is not None:
-            settings = replace(settings, proxy=self.proxy)
-        if self.motion is not None:
-            settings = replace(settings, motion=self.motion)
-        if self.first_look is not None:
-            settings = replace(settings, first_look=self.first_look)
+        given: dict[str, Any] = {
+            "poses": self.geometry,
+            "proxy": self.proxy,
+            "motion": self.motion,
+            "first_look": self.first_look,
+            "fits": self.fits,
+        }
+        changed = {name: value for name, value in given.items() if value is not None}
+        settings = replace(settings, seed=self.seed, **changed)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.light is not None:
@@ -85,32 +85,32 @@ class Wishes:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
-        settings = self._on_fits(ablation.without(settings, self.without))
+        settings = self._on_fit(ablation.without(settings, self.without))
         if self.fine_stage:
             default = settings.fine or settings.fine_if_asked
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
             settings = replace(settings, fine=stage)
         return settings
 
-    def _on_fits(self, settings: Settings) -> Settings:
+    def _on_fit(self, settings: Settings) -> Settings:
         fit = settings.fit
         if self.iterations is not None:
             fit = replace(fit, iterations=self.iterations)
         if self.sh_degree is not None:
             fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree).check())
-        return replace(settings, fit=fit, fits=settings.fits if self.fits is None else self.fits)
+        return replace(settings, fit=fit)
 
 
-def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> float | None:
+def budget_seconds(budget: str | None, preset: PresetName, overrides: Overrides) -> float | None:
     """Read the budget, which leaves nothing else to decide; None where there is none.
 
     Raises:
-        InputError: It is no duration, or what it decides is asked for beside it.
+        InputError: It is no duration, or what it decides is requested beside it.
     """
     if budget is None:
         return None
     budget_s = parse_duration_s(budget)
-    if preset != "standard" or wishes.iterations is not None or wishes.fine_stage:
+    if preset != "standard" or overrides.iterations is not None or overrides.fine_stage:
         raise InputError(
             "a budget decides preset, iterations and stages itself",
             remedy="give either --budget, or --preset, --iterations and --fine",
@@ -118,21 +118,21 @@ def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> fl
     return budget_s
 
 
-def settings_of(name: PresetName, wishes: Wishes) -> Settings:
-    """Return a preset's settings, changed as wished.
+def settings_of(name: PresetName, overrides: Overrides) -> Settings:
+    """Return a preset's settings with the changes.
 
     Raises:
         InputError: A name is unknown.
     """
     for option, value, allowed in (
-        ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
-        ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
-        ("--light", wishes.light, (None, *get_args(LightMode))),
-        ("--within-mask", wishes.within_mask, (None, *get_args(WithinMask))),
-        ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
+        ("--proxy", overrides.proxy, (None, *get_args(ProxyName))),
+        ("--first-look", overrides.first_look, (None, *get_args(FirstLookName))),
+        ("--light", overrides.light, (None, *get_args(LightMode))),
+        ("--within-mask", overrides.within_mask, (None, *get_args(WithinMask))),
+        ("--registration", overrides.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)
-    return wishes.on(preset(name))
+    return overrides.on(preset(name))
 
 
 def with_focal(focal_px: float | None, shot: Shot) -> Shot:

@@ -2,7 +2,7 @@
 
 Here: `Fits`: their beginnings, one fit, an attempt's fits and their mean, fits that begin to move, fits that settle the
 order of depth, fits that a budget allows, the fine stage. Not here: in which order these are asked for (`pipeline`),
-which attempts are made and taken (`attempts/choice.py`), what a fit is (`fit/coarse.py`).
+which attempts are made and taken (`choice.py`), what a fit is (`fit/coarse.py`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -12,15 +12,16 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.attempts.choice import Attempt, How
+from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
 from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
-from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.pace import Pace, Timed
@@ -53,7 +54,7 @@ class Fits:
         lens: Through which it was taken, unless it is a pinhole.
         settings: Of every stage.
         refine: What will be done to the views of fits.
-        progress: Told of every stage and step.
+        progress: Receives every stage and step.
         clock: Of the stages.
         score: Of views, for the curve.
         halt: Once it is asked, fits end.
@@ -166,12 +167,8 @@ class Fits:
             renderer,
             fine,
             self.settings.seed,
-            self.refine.in_full,
-            self.progress,
-            self.score,
-            self.clock.began_s,
+            self._monitoring(self.progress),
             detailed,
-            self.halt,
         )
         return self._mean(tuple(fined if fit is best else fit for fit in tried.fits), "fine")
 
@@ -195,29 +192,28 @@ class Fits:
         """Say how one fit of the ensemble goes; far behind its rival it ends."""
 
         def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
+            # Its buffers serve one at a time.
+            backend = load_backend(self.settings.backend, self.settings.raster)
+            renderer = ShotRenderer(self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments)
             return fit_coarse(
                 jury=self.fitted,
+                renderer=renderer,
                 start=member.start,
                 geometry=geometry,
-                # Its buffers serve one at a time.
-                backend=load_backend(self.settings.backend, self.settings.raster),
                 settings=replace(self.settings.fit, density=member.density),
                 seed=member.seed,
-                refine=self.refine.in_full,
-                progress=progress,
-                score=self.score,
-                since_s=self.clock.began_s,
+                monitoring=self._monitoring(progress),
                 pace=pace,
-                lens=self.lens,
-                halt=self.halt,
-                mask_moments=self.mask_moments,
                 rival=rival,
             )
 
         return fit
 
+    def _monitoring(self, progress: Progress) -> Monitoring:
+        return Monitoring(self.refine.in_full, progress, self.score, self.clock.began_s, self.halt)
+
     def _trying(self, fit: CoarseSettings) -> "Fits":
-        """Return the same for fits that only answer a question: nobody scores them or ends them early."""
+        """Return the same for auxiliary fits: they are neither scored nor ended early."""
         return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
 
     def _mean(self, fits: tuple[CoarseFit, ...], stage: str) -> Ensemble:

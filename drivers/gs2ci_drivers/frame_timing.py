@@ -1,0 +1,120 @@
+"""Frames held against the triggers that they are taken for, by their time stamps.
+
+Here: what is noted while one start of the modulator is served (`Fire`), and the checks. Not here: the capture
+(`acquisition.py`), checks of a frame by itself (`v4l2/judge.py`, `genicam/judge.py`).
+"""
+
+from dataclasses import dataclass, field
+
+from gs2ci_drivers.failures import ExtraFrameError, SequenceError, TriggerTimeoutError
+from gs2ci_drivers.plan import CapturePlan, Mode
+from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor
+
+END_TOLERANCE_S = 2e-3
+CLOCK_TOLERANCE = 1e-3
+"""By how much the modulator's and the computer's seconds may differ, with the jitter of one exchange."""
+PERIOD_TOLERANCE = 0.25
+"""Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
+
+
+@dataclass
+class Fire:
+    """What is noted while one start of the modulator is served."""
+
+    fired_ns: int = 0
+    rest_mm: dict[str, float] = field(default_factory=dict)
+    crossed_s: float = 0.0
+    position_error_mm: float = 0.0
+    reference_ns: int = 0
+    """Stamp of the frame that others are held against."""
+    reference_index: int = 0
+    done_s: float = 0.0
+    frames: int = 0
+
+
+class FrameTiming:
+    """Checks the frames of a capture against its plan.
+
+    Args:
+        plan: The capture.
+        sensor: Which took the frames, set up for it.
+        modulator: Name of the modulator, for messages.
+    """
+
+    def __init__(self, plan: CapturePlan, sensor: Sensor, modulator: str) -> None:
+        self._plan = plan
+        self._sensor = sensor
+        self._modulator = modulator
+
+    def check(self, fire: Fire, frame: Frame) -> None:
+        """Check by its time stamp that a frame answers the trigger it is taken for, and count it.
+
+        Raises:
+            TriggerTimeoutError: It is late by more than a quarter of the period: a trigger was missed.
+            ExtraFrameError: It is as much too early: a trigger was doubled, or the line has the wrong polarity.
+        """
+        index, plan = fire.frames, self._plan
+        fire.frames += 1
+        if index == 0:
+            self._check_start(fire, frame)
+        if not fire.reference_ns or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
+            return
+        expected_s = self._due_s(index) - self._due_s(fire.reference_index)
+        late_s = (frame.t_kernel_ns - fire.reference_ns) * 1e-9 - expected_s
+        if plan.settings.continuous:  # over minutes, two clocks drift apart by more than the tolerance
+            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
+        if late_s > PERIOD_TOLERANCE * plan.frame_period_s:
+            raise TriggerTimeoutError(self._sensor.name, index, late_s)
+        if late_s < -PERIOD_TOLERANCE * plan.frame_period_s:
+            raise ExtraFrameError(
+                self._sensor.name,
+                f"frame {index} came {-late_s:.3g} s before its trigger could",
+                remedy="look for reflections on the trigger line or a second source of triggers",
+            )
+
+    def _due_s(self, index: int) -> float:
+        """Return when the trigger of a frame is due, from the first one of its fire."""
+        shot, within = divmod(index, self._plan.frames_per_shot)
+        return shot * self._plan.sequence.period_s + within * self._plan.frame_period_s
+
+    def _check_start(self, fire: Fire, frame: Frame) -> None:
+        """Check that the first exposure did not begin before the modulator was told to start.
+
+        A sensor that is gated by a line of the wrong polarity exposes until the masks come.
+        """
+        if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            return
+        began_s = frame.began_s(self._plan.exposure_s, self._sensor.settings.readout_s)
+        early_s = fire.fired_ns * 1e-9 - began_s
+        if early_s > END_TOLERANCE_S:
+            raise ExtraFrameError(
+                self._sensor.name,
+                f"the exposure of the first frame began {early_s:.3g} s before the modulator was started",
+                remedy="check the polarity of the trigger line and what time stamps mean: `gs2ci doctor` does both",
+            )
+
+    def check_end(self, fire: Fire, last: Frame) -> None:
+        """Check that the last exposure had begun early enough for all of its masks.
+
+        A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
+        is not the configured one) gives a frame like any other, except that the modulator ends before it should.
+
+        Raises:
+            SequenceError: It had not.
+        """
+        plan, readout_s = self._plan, self._sensor.settings.readout_s
+        if not last.flags & FrameFlag.STAMPED_MONOTONIC:
+            return  # a time of another clock
+        # A stamp of a frame's end comes late by its transfer, of which no more is known than that it takes a readout.
+        late_s = 0.0 if last.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) else readout_s
+        one_mask = plan.settings.mode is Mode.PER_MASK
+        shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
+        short_s = last.began_s(plan.exposure_s, readout_s) + shown_s - fire.done_s
+        if short_s > late_s + END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
+            raise SequenceError(
+                self._modulator,
+                "fire",
+                [f"the sequence ended {short_s:.3g} s before the masks of its last trigger could have been shown"],
+                remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",
+            )

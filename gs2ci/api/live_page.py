@@ -1,0 +1,49 @@
+"""The live page of a bench as an object: `LivePage`, which `OpenRig.live` makes.
+
+Not here: the page (`gs2ci.rig.live`).
+"""
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from gs2ci.rig.opening import Rig
+
+
+class LivePage:
+    """A bench that a browser shows while one aligns it; made by `OpenRig.live`.
+
+    Args:
+        rig: The bench.
+        host: Who may look, and press if nobody else does.
+        port: Of the local server, or the first of the next ones that is free; 0 for any.
+    """
+
+    def __init__(self, rig: "Rig", host: str, port: int) -> None:
+        from gs2ci.rig.live.bench import LiveBench
+        from gs2ci.rig.live.server import LiveServer
+
+        self._bench = LiveBench(rig)
+        self._bench.begin()
+        try:
+            self._server = LiveServer(self._bench, host, port)
+        except BaseException:
+            self._bench.close()
+            raise
+        name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
+        self.address = f"http://{name}:{self._server.port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End serving, disarm everything and close the devices."""
+        try:
+            self._server.stop()
+        finally:
+            self._bench.close()

@@ -1,0 +1,25 @@
+"""Ranks, and how well two orders agree: `scipy.stats` has them too, and takes longer to import than a report to write.
+
+Not here: any decision by them.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gs2ci.core.arrays import F64
+
+
+def ranks(values: ArrayLike) -> F64:
+    """Return the ranks of numbers, [N], from 1; equal ones share the mean of theirs."""
+    _, which, counts = np.unique(np.asarray(values).reshape(-1), return_inverse=True, return_counts=True)
+    found: F64 = (np.cumsum(counts) - (counts - 1) / 2)[which]
+    return found
+
+
+def rank_correlation(one: ArrayLike, other: ArrayLike) -> float:
+    """Return Spearman's rank correlation of numbers, [N] each; NaN where either are all equal."""
+    apart = [own - own.mean() for own in (ranks(one), ranks(other))]
+    lengths = [float(np.sqrt(own @ own)) for own in apart]
+    if min(lengths) == 0:
+        return float("nan")
+    return float(np.clip(apart[0] @ apart[1] / (lengths[0] * lengths[1]), -1, 1))

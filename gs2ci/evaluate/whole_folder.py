@@ -1,0 +1,145 @@
+"""A folder of results that appears whole or not at all, and takes the place of nothing but an earlier one.
+
+Here: the place, the move into it, and what runs and decodes have in common: the report's name, pictures of views. Not
+here: what they hold (`run_folder`, `decode_folder`), nor any library that these need beyond this: a decode within
+seconds waits for what is loaded.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import StorageError
+from gs2ci.core.json_text import parse_json
+from gs2ci.core.whole_file import check_place
+
+REPORT_NAME: Final = "report.json"
+RUN_SCHEMA: Final = "gs2ci.report/2"
+NO_RUN: Final = "give the folder that `gs2ci reconstruct -o` wrote"
+
+
+def check_destination(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCHEMA) -> None:
+    """Refuse a place where no run may be written; to be asked before the work, not after it.
+
+    Args:
+        folder: The place.
+        overwrite: Whether an earlier run may be replaced.
+        schema: Of the report that an earlier run holds, of whatever version.
+
+    Raises:
+        StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run; or
+            nothing can be written there.
+    """
+    # The new folder is made beside its place and renamed.
+    check_place(folder.resolve() if folder.is_symlink() else folder)
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise StorageError(f"{folder} is not a folder", remedy="choose another place with -o")
+    if folder.is_mount():
+        raise StorageError(
+            f"{folder} is where a disk or volume is mounted, and nothing can take its place",
+            remedy=f"choose a folder in it: -o {folder / 'run'}",
+        )
+    if not any(folder.iterdir()):
+        return
+    if not overwrite:
+        raise StorageError(
+            f"{folder} exists and is not empty",
+            allowed="a new or an empty folder",
+            remedy="choose another place with -o, or add --overwrite to replace an earlier run",
+        )
+    if not _holds(folder, schema.partition("/")[0]):
+        raise StorageError(
+            f"{folder} holds something other than a run, which is not replaced",
+            allowed="a folder with a report.json of ours",
+            remedy="choose another place with -o",
+        )
+
+
+def _holds(folder: Path, kind: str) -> bool:
+    """Tell whether a folder holds a report of a kind, of whatever version."""
+    try:
+        found = schema_of(folder)
+    except StorageError:
+        return False
+    return isinstance(found, str) and found.partition("/")[0] == kind
+
+
+@contextmanager
+def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCHEMA) -> Iterator[Path]:
+    """Give a hidden sibling folder to fill; rename it into place at the end, remove it if anything goes wrong.
+
+    Raises:
+        StorageError: See `check_destination`; or the disk refuses.
+    """
+    check_destination(folder, overwrite=overwrite, schema=schema)
+    folder = folder.resolve()
+    partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
+    try:
+        # One of this name can only be the rest of a killed process whose number came round again.
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        yield partial
+        _swap_in(partial, folder)
+    except OSError as error:
+        raise StorageError(
+            f"{folder} cannot be written: {error}",
+            remedy="check the free space and the permissions, or choose another",
+        ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _swap_in(partial: Path, folder: Path) -> None:
+    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
+    replacing = folder.exists()
+    if replacing:
+        folder.rename(old)
+    try:
+        partial.rename(folder)
+    except OSError:
+        if replacing:
+            old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def write_pictures(folder: Path, views: F32) -> None:
+    """Make a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    folder.mkdir()
+    for name, view in zip(view_names(len(views)), views, strict=True):
+        eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
+        if not cv2.imwrite(str(folder / name), eight_bit[..., ::-1]):
+            raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
+
+
+def view_names(count: int) -> list[str]:
+    """Get the file names of the views, in order of exposure."""
+    return [f"view_{index:03d}.png" for index in range(count)]
+
+
+def schema_of(folder: Path) -> Any:
+    """Return the name of the schema of a folder's report, whatever else it holds.
+
+    Raises:
+        StorageError: There is no report, or it is no JSON.
+    """
+    path = Path(folder) / REPORT_NAME
+    try:
+        report = parse_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise StorageError(f"{path} cannot be read: {reason}", remedy=NO_RUN) from error
+    return report.get("schema") if isinstance(report, dict) else None

@@ -1,0 +1,136 @@
+"""The patch decode within a time: as many steps as it leaves, at noise levels that fall as it goes by.
+
+A decode of few steps is best made of many cheap ones: its reference patches lie side by side, not half over each other
+as those of the whole schedule do. Every step is timed; from the time that is left follows how many more there will be,
+and by how much the noise level falls. So the last step is at the last level whatever else the machine does, and
+the result depends on its speed.
+
+Here: the clock, the levels, the end. Not here: where the time comes from (`gs2ci.api.decoding`), the steps (`decoder`).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.gap_tv import decode_signed
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
+from gs2ci.reconstruct.decode.patches.matching import Lattice
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+
+# Steps do not all take the same; so much more than the last of its kind each of the next is reckoned with.
+_MARGIN: Final = 1.1
+
+
+# So many steps with a sparse lattice come to what the whole schedule comes to with the dense one, and take as long.
+_MOST_STEPS: Final = 144
+
+
+def _sparse() -> PatchSettings:
+    lattice = Lattice()
+    sparse = replace(lattice, step_px=lattice.patch_px)
+    return PatchSettings(iterations=_MOST_STEPS, first_sigma=50 / 255, lattice=sparse)
+
+
+@dataclass(frozen=True)
+class InTime:
+    """What a decode came to in the time that it had.
+
+    Args:
+        views: [N, H, W, C] float32 in [0, 1].
+        steps: How many were made; 0 where there was time for GAP-TV alone.
+        settings: As they were used; `iterations` is the most that there could have been.
+    """
+
+    views: F32
+    steps: int
+    settings: PatchSettings
+
+
+def decode_until(
+    shot: Shot,
+    until_s: float,
+    settings: PatchSettings | None = None,
+    progress: Progress | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> InTime:
+    """Decode one coded measurement by groups of similar patches, and end before a moment.
+
+    Args:
+        shot: See `patch_decode`.
+        until_s: The moment, on `clock`. GAP-TV, with which a decode begins, does not keep to it.
+        settings: The first and the last noise level, the most steps that there is a use for, and which patches.
+        progress: Hears of each step and its relative residual.
+        clock: The time in seconds; never decreases.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    settings, progress = (settings or _sparse()).check(), progress or Silent()
+    start = decode_signed(shot, settings.start, progress)
+    planar = np.ascontiguousarray(start.transpose(0, 3, 1, 2))
+    steps = _Steps(SimilarPatches(planar, settings.lattice, settings.refind_every), settings, until_s, progress, clock)
+    if clock() >= until_s:
+        return InTime(np.clip(start, 0, 1), 0, settings)
+    schedule = PlugAndPlaySettings(sigmas=(settings.first_sigma,), iterations=settings.iterations)
+    views = plug_and_play(shot, steps.denoise, schedule, progress, start, steps.enough)
+    return InTime(np.clip(views, 0, 1), len(steps.sigmas), settings)
+
+
+@dataclass
+class _Steps:
+    """The steps of a decode, each at the level that the time says.
+
+    Attributes:
+        sigmas: Noise levels of the steps that were made.
+    """
+
+    patches: SimilarPatches
+    settings: PatchSettings
+    until_s: float
+    progress: Progress
+    clock: Callable[[], float]
+    sigmas: list[float] = field(default_factory=list)
+    _began_s: float = 0.0
+    # Of the latest step that sought patches, and of the latest that did not.
+    _searching_s: float = 0.0
+    _plain_s: float | None = None
+
+    def denoise(self, views: F32, sigma: float) -> F32:
+        """Make a step; of the levels that the loop hands over only the first is used."""
+        if not self.sigmas:
+            self._began_s = self.clock()
+        else:
+            left, last = max(self._affordable(), 1), self.settings.last_sigma
+            sigma = self.sigmas[-1] * (last / self.sigmas[-1]) ** (1 / left)
+        self.sigmas.append(sigma)
+        return self.patches(views, sigma)
+
+    def enough(self, _: F32) -> bool:
+        """Take the time of a step, with what the loop did around it, and tell whether it was the last."""
+        now_s, done = self.clock(), len(self.sigmas)
+        took_s, self._began_s = now_s - self._began_s, now_s
+        if self.patches.seeks(done - 1):
+            self._searching_s = took_s
+        else:
+            self._plain_s = took_s
+        left = self._affordable()
+        self.progress.expect(done + left)
+        return left == 0 or self.sigmas[-1] <= self.settings.last_sigma
+
+    def _affordable(self) -> int:
+        """Count the steps that there is time for from now on."""
+        done, left_s, more = len(self.sigmas), self.until_s - self.clock(), 0
+        plain_s = self._searching_s if self._plain_s is None else self._plain_s
+        while done + more < self.settings.iterations:
+            left_s -= _MARGIN * (self._searching_s if self.patches.seeks(done + more) else plain_s)
+            if left_s < 0:
+                break
+            more += 1
+        return more

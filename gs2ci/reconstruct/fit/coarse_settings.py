@@ -1,0 +1,94 @@
+"""The settings of the coarse stage: its schedule, and those of all that it is made of.
+
+Here: `CoarseSettings` and its check. Not here: the stage (`coarse.py`), presets of it (`gs2ci.reconstruct.presets`).
+"""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.colours import ColourSettings
+from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
+from gs2ci.reconstruct.fit.optimiser import StepSizes
+from gs2ci.reconstruct.fit.poses import PoseSettings
+from gs2ci.reconstruct.fit.relief import ReliefSettings
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
+
+STANDARD_ITERATIONS: Final = 400
+"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time
+(docs/decisions/0051-shorter-schedule.md)."""
+
+
+@dataclass(frozen=True)
+class CoarseSettings:
+    """The schedule of the coarse stage.
+
+    Args:
+        iterations: At most this many.
+        densify_every: Iterations between turns of the density rule.
+        densify_from: Share of the schedule before its first turn.
+        densify_until: Share of the schedule after its last turn.
+        gaussians_per_pixel: Population cap, as a share of the pixels of one view; None for none.
+        most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
+        cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
+        surfaces: How light is gathered on surfaces; None leaves that to the measurement.
+        relief: How turning is exchanged for travel where neither a stage nor a file gave the path; None never does.
+        per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
+            that thresholds found on photographs hold (`gathering.py`).
+        motion: How Gaussians may move that begin with a motion.
+        colours: How far colours may change with the direction of sight.
+    """
+
+    iterations: int = STANDARD_ITERATIONS
+    densify_every: int = STANDARD_ITERATIONS // 8
+    densify_from: float = 0.025
+    densify_until: float = 0.75
+    gaussians_per_pixel: float | None = 0.25
+    most_gaussians: int | None = None
+    cap_from: float | None = None
+    surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
+    relief: ReliefSettings | None = field(default_factory=ReliefSettings)
+    per_open_share: bool = True
+    loss: LossWeights = field(default_factory=LossWeights)
+    steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
+    poses: PoseSettings = field(default_factory=PoseSettings)
+    hold_out: HoldOut = field(default_factory=HoldOut)
+    density: DensityRule = field(default_factory=Osgr.sparing)
+    motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
+    colours: ColourSettings = field(default_factory=ColourSettings)
+
+    def check(self) -> "CoarseSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel between
+                steps of the poses, or the loss's window or hold-out settings out of range.
+        """
+        if self.iterations < 1 or self.densify_every < 1:
+            raise InputError(
+                f"{self.iterations} iterations of the fit, densified every {self.densify_every}",
+                allowed="counts of at least 1",
+            )
+        if self.gaussians_per_pixel is None and self.most_gaussians is None:
+            raise InputError(
+                "a fit without any bound on its population",
+                allowed="gaussians_per_pixel, which limits it, or most_gaussians, which ends the fit",
+            )
+        self.loss.check()
+        if self.surfaces is not None:
+            self.surfaces.check()
+        if self.relief is not None:
+            self.relief.check()
+            if self.poses.every != 1:
+                raise InputError(
+                    f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
+                    allowed="poses that step at every iteration, or no relief settings",
+                )
+        self.hold_out.check()
+        self.motion.check()
+        self.colours.check()
+        return self

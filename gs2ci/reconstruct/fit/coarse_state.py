@@ -1,0 +1,230 @@
+"""What the iterations of the coarse stage change: Gaussians, poses, surfaces, and what density rules decide on.
+
+Here: the state, its gradients, its steps, and copies of it to go back to. Not here: when each is due (`coarse.py`), nor
+what a step is made of (losses, optimiser, poses, density rules: one file each).
+"""
+
+import sys
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import ResourceError
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.gathering import Gathering
+from gs2ci.reconstruct.fit.looks import Refine
+from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
+from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
+from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of
+from gs2ci.reconstruct.fit.raster_order import raster_order
+from gs2ci.reconstruct.fit.relief import Exchange, Relief
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.sources import TOLD
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass
+class Snapshot:
+    """A state to go back to."""
+
+    scene: Gaussians
+    twists: Tensor
+    iteration: int
+    surfaces: Surfaces | None
+
+
+class FitState:
+    """The state of one fit between iterations.
+
+    Args:
+        jury: The measurement, and the pixels of it that the loss may not see.
+        renderer: Renders for this shot.
+        start: Initial Gaussians.
+        geometry: Initial poses.
+        settings: The schedule.
+        seed: For the density rule's draws.
+    """
+
+    def __init__(
+        self,
+        jury: Jury,
+        renderer: ShotRenderer,
+        start: Gaussians,
+        geometry: Geometry,
+        settings: CoarseSettings,
+        seed: int,
+    ) -> None:
+        shot = jury.shot
+        self._seed = seed
+        # Where no parallax was found, views show no depth.
+        moved = settings.surfaces is not None and geometry.verdict == "full"
+        self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
+        self._surfaces: Surfaces | None = None
+        self._exchange: Exchange | None = None
+        # A stage or a file tells how the camera turned; and what moves in a scene looks like depth.
+        free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
+        self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
+        self.settings = settings
+        self._renderer = renderer
+        self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
+        self._reuse = self._renderer.reuse()
+        # At a depth of 1, which is the scene's median.
+        self._px_per_length = float(geometry.intrinsics[0, 0])
+        self._pixels = shot.size[0] * shot.size[1]
+        self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
+        self.cap = _UNBOUNDED
+        if settings.gaussians_per_pixel is not None:
+            self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
+        self._bounded = False
+        self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
+        self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def views(self) -> F32:
+        """Render what each mask saw, [N, H, W, C] float32, not clamped."""
+        return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
+
+    def backward(self, share: float, iteration: int) -> float:
+        """Accumulate gradients of the objective.
+
+        Args:
+            share: Of the schedule that is done.
+            iteration: How many are.
+
+        Returns:
+            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
+        """
+        if not self.optimiser.scene_is_finite():
+            return float("nan")
+        self.optimiser.let_colours_vary(self.settings.colours.at(share))
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        predicted, pull = self._renderer.measurement_with_pull(scene, poses, self._reuse, self._gathering.screen)
+        loss, gradient = self.data_term.value_and_gradient(predicted)
+        self.poses.pull(poses, pull(gradient))
+        loss += add_regularisers(scene, self.settings.loss)
+        for further in (self.settings.motion.penalty(scene, self._px_per_length, self._pixels), self.poses.penalty()):
+            if isinstance(further, Tensor):
+                further.backward()  # type: ignore[no-untyped-call]
+        # Before the surfaces' term: they move with an exchange, and do not influence it.
+        self._exchange = self._exchange_wanted(poses, share)
+        if self._surfaces is not None:
+            turn, between = divmod(iteration, self._surfaces.settings.every)
+            if between == 0:
+                self._surfaces.draw(self._renderer, scene, poses, turn, self._surfaces.search.weight_at(share))
+        return loss
+
+    @property
+    def awaits_surfaces(self) -> bool:
+        """Get whether surfaces are yet to be looked for."""
+        return bool(self._searches)
+
+    def find_surfaces(self, share: float, refine: Refine) -> bool:
+        """Look for surfaces when it is time to, and tell whether some were found now.
+
+        The views are swept as they would be handed over, with their residual put back: a sweep of the final ones is
+        nearer the truth than the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
+        """
+        settings = self.settings.surfaces
+        if settings is None or not self._searches or share < self._searches[0].begins:
+            return False
+        search = self._searches.pop(0)
+        scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
+        views = refine(self.views())
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search)
+        self._surfaces = found or self._surfaces
+        return found is not None
+
+    def is_finite(self, loss: float) -> bool:
+        """Tell whether this iteration may be taken into the parameters."""
+        return np.isfinite(loss) and self.optimiser.gradient_is_finite() and self.poses.gradient_is_finite()
+
+    def step(self, share: float, damping: float) -> None:
+        """Take the gradients into the parameters, and let the density rule shake the Gaussians."""
+        exchange = self._exchange
+        self.optimiser.step(share, damping)
+        self.poses.step(share)
+        if exchange is not None:
+            exchange.of_scene(self.optimiser.scene)
+            self.poses.shift(exchange.twists)
+            if self._surfaces is not None:
+                self._surfaces = self._surfaces.exchanged(exchange)
+        rate = self.optimiser.means_rate(share, damping)
+        moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
+        if moves is not None:
+            self.optimiser.shift(moves)
+
+    def _exchange_wanted(self, poses: Tensor, share: float) -> Exchange | None:
+        """Choose how much turning becomes travel, by the present gradients; None where that is not wanted."""
+        gradient = self.poses.gradient()
+        if self._relief is None or gradient is None:
+            return None
+        return self._relief.step(self.optimiser.scene, poses, gradient, share)
+
+    def bound_population(self) -> None:
+        """Let the population grow no larger than it is at the first call (paper, supplement II)."""
+        if not self._bounded:
+            self.cap = min(self.cap, len(self.optimiser.scene))
+            self._bounded = True
+
+    def densify(self, iteration: int) -> bool:
+        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does.
+
+        Raises:
+            ResourceError: It wants more Gaussians than the memory guard allows.
+        """
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        evidence = self._gathering.evidence(
+            scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
+        )
+        change = self.settings.density.change(scene, evidence, self.generator)
+        _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
+        middle = poses[len(poses) // 2].detach()
+        order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
+        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), change.source[order], change.forget)
+        self._meet_others()
+        return bool(change.forget)
+
+    def _meet_others(self) -> None:
+        """Forget what was seen of the Gaussians and what their renderings shared: they are others now."""
+        self._gathering.start_again(len(self.optimiser.scene))
+        self._reuse = self._renderer.reuse()
+
+    def _dissimilarity(self) -> Tensor:
+        """Return what is wrong with the present prediction, [H, W]."""
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        predicted, _ = self._renderer.measurement_with_pull(scene, poses, self._reuse)
+        return torch.from_numpy(self.data_term.dissimilarity(predicted))
+
+    def snapshot(self, iteration: int) -> Snapshot:
+        """Copy the present state."""
+        copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
+        return Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces)
+
+    def restore(self, state: Snapshot) -> None:
+        """Go back to a state."""
+        self.optimiser.restore(state.scene)
+        self.poses.restore(state.twists)
+        # Found once, they stay; but they have moved with the path.
+        self._surfaces = state.surfaces or self._surfaces
+        self._meet_others()
+
+
+_UNBOUNDED: Final = sys.maxsize
+
+
+def _guard_memory(count: int, most: int | None, iteration: int) -> None:
+    """Refuse a population that the memory guard does not allow."""
+    if most is not None and count > most:
+        raise ResourceError(
+            f"the density rule wants {count:,} Gaussians at iteration {iteration}",
+            allowed=f"at most {most:,}, the memory guard of this fit",
+            remedy="bound the population (leave out `--without count-cap`), take another preset, or a smaller picture",
+        )

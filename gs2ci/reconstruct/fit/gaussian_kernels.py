@@ -1,0 +1,91 @@
+"""What an iteration does to every number of a population: Adam's step, the mean opacity and the mean size.
+
+Each is one pass over memory, where torch makes several and a tensor for each. The same bits on any number of threads:
+they run on one. Here: the kernels. Not here: rates and moments (`adam.py`), weights (`losses.py`).
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.fit.jit import JIT
+
+_LANES: Final = 16
+
+
+@njit(**JIT)
+def adam_step(
+    parameter: NDArray[Any],
+    gradient: NDArray[Any],
+    mean: NDArray[Any],
+    square: NDArray[Any],
+    constants: NDArray[Any],
+) -> None:
+    """Take a gradient into the moments, and step, in place; all but the last argument of one length.
+
+    Args:
+        parameter: float32 or float64, as all of them.
+        gradient: By it.
+        mean: First moment.
+        square: Second moment.
+        constants: One less the decay of the mean, that of the squares, one less it, the root of the squares'
+            correction inverted, the least root, and the step with the mean's correction, [6].
+    """
+    taken, decay, fresh = constants[0], constants[1], constants[2]
+    scale, least, step = constants[3], constants[4], constants[5]
+    for i in range(len(parameter)):
+        g = gradient[i]
+        m = mean[i] + taken * (g - mean[i])
+        v = decay * square[i] + fresh * g * g
+        mean[i] = m
+        square[i] = v
+        parameter[i] -= step * m / (np.sqrt(v) * scale + least)
+
+
+@njit(**JIT)
+def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
+    """Return the mean of sigmoid(logits), [G], and add `weight` times its gradient to `gradient`, [G]."""
+    count = len(logits)
+    if count == 0:
+        return 0.0
+    opacities, share = np.empty(count, np.float32), np.float32(weight / count)
+    one = np.float32(1)
+    for i in range(count):
+        opacity = one / (one + np.exp(-logits[i]))
+        opacities[i] = opacity
+        gradient[i] += share * opacity * (one - opacity)
+    total: float = _sum(opacities)
+    return total / count
+
+
+@njit(**JIT)
+def add_size_gradient(log_scales: F32, weight: float, gradient: F32) -> float:
+    """Return the mean of exp(log_scales), [3 G], and add `weight` times its gradient to `gradient`, [3 G]."""
+    count = len(log_scales)
+    if count == 0:
+        return 0.0
+    sizes, share = np.empty(count, np.float32), np.float32(weight / count)
+    for i in range(count):
+        sizes[i] = np.exp(log_scales[i])
+        gradient[i] += share * sizes[i]
+    total: float = _sum(sizes)
+    return total / count
+
+
+@njit(**JIT)
+def _sum(values: F32) -> float:
+    """Add up in float64, sixteen sums side by side and then those in order."""
+    lanes = np.zeros(_LANES)
+    whole = len(values) // _LANES * _LANES
+    for x in range(0, whole, _LANES):
+        for lane in range(_LANES):
+            lanes[lane] += values[x + lane]
+    total = 0.0
+    for lane in range(_LANES):
+        total += lanes[lane]
+    for x in range(whole, len(values)):
+        total += values[x]
+    return total

@@ -1,0 +1,95 @@
+"""What an exchange of turning for travel does to each Gaussian, and the derivative along it, in two passes over memory.
+
+Here: the kernels; they take float32 and float64. Not here: the direction of the cameras, its steps (`relief.py`).
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.fit.jit import JIT
+
+Numbers = NDArray[Any]
+
+
+@njit(**JIT)
+def step_of_gaussians(
+    means: Numbers, pose: F64, bend: F64, near: float, widest: float, by_means: Numbers, by_sizes: Numbers
+) -> float:
+    """Store the derivatives by beta of all means, [G, 3], and log sizes, [G]; return the median of z (1 + (u . e)^2).
+
+    Args:
+        means: [G, 3].
+        pose: Of the reference view, [4, 4].
+        bend: e, [2].
+        near: The least depth.
+        widest: Bound on u . e.
+        by_means: [G, 3].
+        by_sizes: [G].
+    """
+    count = len(means)
+    nearer = np.empty_like(by_sizes)
+    for g in range(count):
+        x, y, z = _seen(means, pose, g)
+        depth = max(z, near)
+        slant = min(max((x * bend[0] + y * bend[1]) / depth, -widest), widest)
+        nearer[g] = depth * (1 + slant * slant)
+    # Of two in the middle the lower one, as torch has it.
+    shrink: float = np.partition(nearer, (count - 1) // 2)[(count - 1) // 2]
+    for g in range(count):
+        growth = shrink - nearer[g]
+        x, y, z = _seen(means, pose, g)
+        for j in range(3):
+            by_means[g, j] = growth * (x * pose[0, j] + y * pose[1, j] + z * pose[2, j])
+        by_sizes[g] = growth
+    return shrink
+
+
+@njit(**JIT)
+def _seen(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
+    x, y, z = means[g, 0], means[g, 1], means[g, 2]
+    return (
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3],
+        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
+    )
+
+
+@njit(**JIT)
+def derivative_along(gradient: Numbers, step: Numbers) -> float:
+    """Return the sum over products of gradients and steps, [G, K]; a step [G, 1] counts for every column."""
+    total = 0.0
+    columns = gradient.shape[1]
+    for g in range(len(gradient)):
+        one = 0.0
+        for j in range(columns):
+            one += np.float64(gradient[g, j]) * step[g, j if step.shape[1] > 1 else 0]
+        total += one
+    return total
+
+
+@njit(**JIT)
+def take_step(
+    means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: Numbers, beta: float, most: float
+) -> None:
+    """Move Gaussians by `beta`, in place, but none by more than a share `most` of its distance.
+
+    Args:
+        means: [G, 3].
+        log_scales: [G, 3].
+        by_means: Derivatives by beta, [G, 3].
+        by_sizes: Of the log sizes, [G].
+        beta: The step.
+        most: See above.
+    """
+    for g in range(len(means)):
+        if by_sizes[g] == 0:
+            continue
+        growth = min(max(beta * by_sizes[g], -most), most)
+        share = growth / by_sizes[g]
+        for j in range(3):
+            means[g, j] += share * by_means[g, j]
+            log_scales[g, j] += growth

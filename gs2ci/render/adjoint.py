@@ -1,0 +1,73 @@
+"""A coded rendering whose gradient is asked for by a call: what a fit does hundreds of times over.
+
+Torch's graph costs a small rendering more than its kernels do, so a backend may hand out the gradient itself. Here:
+that interface, and the same by torch's graph for scenes and backends that need it. Not here: any rendering.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F32
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend, MaskSet, Reuse
+from gs2ci.render.screen import ScreenStatistics
+
+Pull = Callable[[F32], F32]
+"""Takes the gradient of an objective by a rendered sum, [H, W, 3], adds those by the scene's parameters to their
+`grad`, and returns that by the poses, [V, 4, 4]. It may be called once."""
+
+
+@runtime_checkable
+class AdjointBackend(Backend, Protocol):
+    """A backend that differentiates without a graph."""
+
+    def coded_with_pull(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
+    ) -> tuple[F32, Pull]:
+        """Render the coded sum of a scene that stands still and looks the same from everywhere, [H, W, 3].
+
+        Arguments and errors as for `Backend.coded`.
+        """
+
+
+def coded_with_pull(
+    backend: Backend,
+    scene: Gaussians,
+    world_to_camera: Tensor,
+    intrinsics: Tensor,
+    mask_set: MaskSet,
+    screen: ScreenStatistics | None = None,
+    reuse: Reuse | None = None,
+    times: Tensor | None = None,
+) -> tuple[F32, Pull]:
+    """Render the coded sum, [H, W, 3], by any backend; arguments and errors as for `Backend.coded`."""
+    if isinstance(backend, AdjointBackend) and scene.motion is None and scene.harmonics is None:
+        return backend.coded_with_pull(scene, world_to_camera, intrinsics, mask_set, screen, reuse)
+    poses = world_to_camera.detach().requires_grad_()
+    with torch.enable_grad():
+        image = backend.coded(scene, poses, intrinsics, mask_set, screen, reuse, times)
+
+    def pull(gradient: F32) -> F32:
+        image.backward(torch.from_numpy(gradient).to(image.dtype))  # type: ignore[no-untyped-call]
+        found: F32 = np.zeros(poses.shape, np.float32) if poses.grad is None else poses.grad.float().numpy()
+        return found
+
+    return image.detach().float().numpy(), pull
+
+
+def accumulate(scene: Gaussians, gradients: Mapping[str, F32]) -> None:
+    """Add gradients to those of a scene's parameters, by their names; the arrays are the scene's from now on."""
+    parameters = scene.parameters()
+    for name, gradient in gradients.items():
+        tensor, added = parameters[name], torch.from_numpy(gradient)
+        tensor.grad = added.to(tensor.dtype) if tensor.grad is None else tensor.grad.add_(added)

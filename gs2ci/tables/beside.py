@@ -1,0 +1,99 @@
+"""What a measurement's scene looks like from beside its path, where somebody knows: as a file says it, and the scores.
+
+Here: `NAME.beside.npz`, which stands beside a measurement `NAME.npz`, and the figures of a scene seen from there. Not
+here: where these places are (`gs2ci.evaluate.novel_views.beside_path`), what the simulator shows from them (`cases`).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.crop import middle_begins
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.tables.store import Row
+
+_ENDING: Final = ".beside.npz"
+PLACES: Final = ("between", "beyond")
+
+
+@dataclass(frozen=True)
+class BesideViews:
+    """True views from the places of `beside_path`, in their order.
+
+    Args:
+        views: [M, H, W, C] float32, full scale 1; M = 1 where nobody knows what lies beyond the path.
+        depth: From the first of them, along the optical axis, in any unit, [H, W] float32; 0 where nobody knows; None
+            where it is not known at all, or is scored at the recorded views.
+    """
+
+    views: F32
+    depth: F32 | None = None
+
+
+def beside_file(file: str) -> Path:
+    """Return where the views from beside a measurement's path would be told."""
+    return Path(file).with_name(Path(file).stem + _ENDING)
+
+
+def tells_beside(file: Path) -> bool:
+    """Tell whether a file is no measurement but tells the views from beside another's path."""
+    return file.name.endswith(_ENDING)
+
+
+def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
+    """Read what a measurement's scene looks like from beside its path; None where no file tells.
+
+    Args:
+        file: The measurement's.
+        size: Height and width of the middle that is kept, px; None for all of it.
+
+    Raises:
+        InputError: There is such a file, and it does not hold one or two views, or a depth of another size.
+    """
+    path = beside_file(file)
+    if not path.is_file():
+        return None
+    allowed = f"an .npz file with views [1 or 2, H, W, 1 or 3]: {', '.join(PLACES)}; and, if known, depth [H, W]"
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+            views = arrays["views"]
+            depth = arrays["depth"].astype(np.float32) if "depth" in arrays else None
+        views = (views / np.float32(255) if views.dtype == np.uint8 else views).astype(np.float32)
+    except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
+        raise InputError(f"{path} tells no views from beside the path: {error}", allowed=allowed) from error
+    fits = views.ndim == 4 and 1 <= len(views) <= len(PLACES) and views.shape[3] in (1, 3) and np.isfinite(views).all()
+    if not fits or (depth is not None and depth.shape != views.shape[1:3]):
+        told = "" if depth is None else f" and depth {list(depth.shape)}"
+        raise InputError(f"{path} holds views {list(views.shape)}{told}", allowed=allowed)
+    if size is None:
+        return BesideViews(views, depth)
+    top, left = middle_begins((int(views.shape[1]), int(views.shape[2])), size)
+    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
+    return BesideViews(views[:, rows, columns], None if depth is None else depth[rows, columns])
+
+
+def scores_beside(images: F32, true: BesideViews | None) -> Row:
+    """Score images from beside the path, [2, H, W, 3], in dB; None where nobody knows. Grey truth meets their mean."""
+    row: Row = {f"{place}_psnr_db": None for place in PLACES}
+    if true is None:
+        return row
+    shown = images if true.views.shape[3] == images.shape[3] else images.mean(axis=3, keepdims=True)
+    for place, psnr_db in zip(PLACES, psnr_per_view(shown[: len(true.views)], true.views), strict=False):
+        row[f"{place}_psnr_db"] = float(psnr_db)
+    return row
+
+
+def depth_beside(surface: F32, true: BesideViews, shot: Shot, intrinsics: F64) -> DepthErrors | None:
+    """Score the depth of the scene's surface from between the middle poses, [H, W]; None where nobody knows it."""
+    if true.depth is None:
+        return None
+    path = shot.truth.world_to_camera
+    parallax = None if path is None else parallax_of(path, intrinsics)
+    return depth_errors(surface[None], true.depth, parallax)
