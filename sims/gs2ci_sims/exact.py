@@ -74,6 +74,10 @@ class ExactRenderer(Renderer):
 
     supersampling: int = 4
 
+    def finer(self, scene: Scene) -> Renderer:
+        """Return this one: the grain counts what lies between rays."""
+        return self
+
     def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
         """Return the depth that the weights along the ray through each pixel's centre expect; see `Renderer.depth`."""
         if scene.mesh is not None:
