@@ -71,12 +71,9 @@ class ExactRenderer(Renderer):
 
     grain: ClassVar[float] = 9e-5
     skips: ClassVar[bool] = False
+    sample_filter_px2: ClassVar[float] = 0.0
 
     supersampling: int = 4
-
-    def finer(self, scene: Scene) -> Renderer:
-        """Return this one: the grain counts what lies between rays."""
-        return self
 
     def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
         """Return the depth that the weights along the ray through each pixel's centre expect; see `Renderer.depth`."""

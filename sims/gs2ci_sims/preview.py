@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.render.conventions import DILATION_PX2
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import (
     Bound,
@@ -510,7 +509,7 @@ def preview(
         if better is renderer:
             return moving_spectrum(views, drawn, drawn, 0.0)
         middle = path.world_to_camera(times[len(times) // 2, None])
-        filter_px2 = DILATION_PX2 * (drawn**-2 - better.supersampling**-2)
+        filter_px2 = renderer.sample_filter_px2 * (drawn**-2 - better.supersampling**-2)
         fine_views = better.supersampled_views(scene, middle, margin=margin)
         return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2)
 

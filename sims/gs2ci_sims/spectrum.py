@@ -17,6 +17,8 @@ from gs2ci.core.arrays import F32, F64
 # (right, down) from (right, up).
 SECTORS: Final = 4
 BINS: Final = 193
+# Frequencies are binned in bands of so many rows, which bounds the memory that a large view takes.
+ROWS_AT_ONCE: Final = 128
 
 
 @dataclass(frozen=True)
@@ -51,18 +53,27 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
         drawn: Samples per pixel side of the views that are asked about, at most n; a pixel is their mean.
         filter_px2: Variance by which their samples are blurred more than those given, square pixels.
     """
-    _, height, width, _ = views.shape
-    power = np.square(dctn(views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
+    _, height, width, channels = views.shape
+    # One plane after the other, and bands of frequencies: a large view is looked at in little more than its own memory.
+    power = np.zeros((height, width), np.float32)
+    for view in views:
+        for channel in range(channels):
+            power += np.square(dctn(view[..., channel], norm="ortho"))
+    power /= views.size
     down = np.arange(height) / (2 * height) * samples
     right = np.arange(width) / (2 * width) * samples
-    power *= np.square(_left(down, drawn, filter_px2))[:, None] * np.square(_left(right, drawn, filter_px2))
-    frequency = np.hypot(down[:, None], right)
+    left_down, left_right = (np.square(_left(side, drawn, filter_px2)) for side in (down, right))
     ends = np.linspace(0, samples * np.sqrt(0.5), BINS)
-    place = np.searchsorted(ends, frequency.ravel()).clip(max=BINS - 1)
-    turn = np.arctan2(*np.broadcast_arrays(down[:, None], right)) / (np.pi / 2)
-    sector = (turn * SECTORS).astype(np.intp).clip(max=SECTORS - 1).ravel()
-    binned = np.bincount(place * SECTORS + sector, power.ravel(), BINS * SECTORS)
-    return MovingSpectrum(ends, binned.reshape(BINS, SECTORS).astype(np.float64))
+    binned = np.zeros(BINS * SECTORS)
+    for first in range(0, height, ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        frequency = np.hypot(down[rows, None], right)
+        place = np.searchsorted(ends, frequency.ravel()).clip(max=BINS - 1)
+        turn = np.arctan2(*np.broadcast_arrays(down[rows, None], right)) / (np.pi / 2)
+        sector = (turn * SECTORS).astype(np.intp).clip(max=SECTORS - 1).ravel()
+        left = power[rows] * left_down[rows, None] * left_right
+        binned += np.bincount(place * SECTORS + sector, left.ravel(), BINS * SECTORS)
+    return MovingSpectrum(ends, binned.reshape(BINS, SECTORS))
 
 
 def _left(frequency: F64, drawn: int, filter_px2: float) -> F64:
