@@ -186,7 +186,8 @@ def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterato
     for panels in np.unique(np.rint(np.geomspace(1, most, PANEL_CHOICES)).astype(int)):
         ends = np.interp(_cut_at(kinks, times[[0, -1]], NEAR_SHARE / panels), times, progress)
         parts = np.maximum(np.rint(panels * np.diff(ends) / progress[-1]).astype(int), 1)
-        even = [np.linspace(*piece, part + 1) for *piece, part in zip(ends[:-1], ends[1:], parts, strict=True)]
+        pieces = zip(ends[:-1], ends[1:], parts, strict=True)
+        even = [np.linspace(begin, end, part + 1) for begin, end, part in pieces]
         yield np.interp(np.unique(np.concatenate(even)), progress, times), NODES, True
 
 
