@@ -16,7 +16,7 @@ allows, everything is scaled by as much. Not here: any effect.
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +45,7 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scene import Scene
+from gs2ci_sims.spectrum import MovingSpectrum, moving_spectrum
 
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
@@ -75,6 +76,7 @@ class Preview:
         margin: That margin, pixels.
         render_s: What rendering one view took.
         grain: The renderer's, of this scene.
+        finer: Looks once more, with more samples where they show more, for the spectrum of what moves.
         effects: All that the rig has: each is bounded as it acts among the others.
         seed: Of the exposure: effects that shake the camera draw from it.
     """
@@ -89,6 +91,7 @@ class Preview:
     margin: int
     render_s: float
     grain: float
+    finer: Callable[[], MovingSpectrum]
     effects: tuple[Effect, ...] = ()
     seed: int = 0
 
@@ -274,6 +277,11 @@ class Preview:
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
         return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
 
+    @cached_property
+    def spectrum(self) -> MovingSpectrum:
+        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
+        return self.finer()
+
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
         """Return rms and peak, radiance, of what a linear filter changes in a view (Parseval).
 
@@ -295,18 +303,17 @@ class Preview:
     def _shifted_rms(self, shift_px: float) -> float:
         return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
 
-    def of_views(self, rms: float, peak: float) -> Bound:
-        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
+    def of_views(self, rms: float | F64, peak: float) -> Bound:
+        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        if self.at_rest:
-            worst = weights.worst_rms_of_one(rms, peak)
-        else:
-            worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
+        each = np.broadcast_to(rms, (len(self.masks),))
+        most = float(each.max())
+        worst = weights.worst_rms_of_one(most, peak) if self.at_rest else weights.worst_rms(each, peak)
         return Bound(scale * worst, scale * peak * weights.largest_sum).by(
             "S * a * rho",
             *self._full_scale_steps,
-            BoundStep("rho", rms, "", "change of a view, rms, by the image's spectrum; white is 1"),
-            BoundStep("a", worst / rms if rms > 0 else 0.0, "", "what the masks make of it where they lie worst"),
+            BoundStep("rho", most, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
     @cached_property
@@ -495,6 +502,17 @@ def preview(
     started = time.perf_counter()
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
     render_s = (time.perf_counter() - started) / len(times)
+
+    @cache
+    def finer() -> MovingSpectrum:
+        drawn, better = renderer.supersampling, renderer.finer(scene)
+        if better is renderer:
+            return moving_spectrum(views, drawn, drawn, 0.0)
+        middle = path.world_to_camera(times[len(times) // 2, None])
+        filter_px2 = renderer.sample_filter_px2 * (drawn**-2 - better.supersampling**-2)
+        fine_views = better.supersampled_views(scene, middle, margin=margin)
+        return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2)
+
     return Preview(
         scene,
         path,
@@ -506,6 +524,7 @@ def preview(
         margin,
         render_s,
         renderer.grain_of(scene),
+        finer,
         effects,
         seed,
     )

@@ -4,7 +4,7 @@ Here: the renderer with supersampling, and depth maps. Not here: time, masks, el
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ import torch
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
+from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.rays.meshes import trace_mesh
@@ -40,6 +41,8 @@ class Renderer:
     polynomial through a pixel of motion."""
     skips: ClassVar[bool] = True
     """Whether pixels behind a closed mask can be left out."""
+    sample_filter_px2: ClassVar[float] = DILATION_PX2
+    """By how much each sample is blurred: a variance, in samples squared."""
 
     supersampling: int = 2
     backend: str = "cpu"
@@ -48,6 +51,13 @@ class Renderer:
     def __post_init__(self) -> None:
         if self.supersampling < 1:
             raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
+
+    def finer(self, scene: Scene) -> "Renderer":
+        """Return a renderer that resolves what this one's samples cannot, though they show it: twice as many samples.
+
+        Of meshes it is this one: their grain counts what lies between rays.
+        """
+        return self if scene.mesh is not None else replace(self, supersampling=2 * self.supersampling)
 
     def grain_of(self, scene: Scene) -> float:
         """Return the grain of this scene's views."""

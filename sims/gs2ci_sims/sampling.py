@@ -1,7 +1,7 @@
 """How many views stand for a moving image, and when they are rendered: as few as the tolerance allows.
 
-Here: the choice among panels of time (`moments`), by the bounds of `effects.motion_blur`. Not here: which effects are
-simulated (`planner`, the only user).
+Here: the choice among panels of time (`moments`), by the bounds of `effects.motion_blur` and `waves`. Not here: which
+effects are simulated (`planner`, the only user).
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,30 +12,32 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Effect, Stage
-from gs2ci_sims.effects.motion_blur import MotionBlur, even_panel_rms_dn, panel_bound
+from gs2ci_sims.effects.motion_blur import MotionBlur, sampling_bound
 from gs2ci_sims.light_path import EffectChain
-from gs2ci_sims.motion import net_motion_px
+from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import kinks_s
 from gs2ci_sims.preview import Preview
 from gs2ci_sims.signals import Slices, nominal_slices
+from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
+
+_Family = tuple[F64, tuple[int, ...], bool]
 
 # Panels within a mask interval, and views within such a panel.
 PARTS: Final = (1, 2, 3, 5, 9, 15, 27, 45)
 NODES_WITHIN: Final = (1, 2, 3, 4, 5, 6, 7, 8, 9)
 # Views within a panel that spans several masks, and how many such panels per mask at most.
-NODES: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12)
+NODES: Final = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12)
 PANELS_PER_MASK: Final = 4
 PANEL_CHOICES: Final = 14
-# Options are only reckoned in full whose error would be within the budget if the image moved evenly, by this share of
-# its net motion's error (panels differ, and only the fastest is guessed at).
-GUESS_SHARE: Final = 0.3
-# Of an option that was reckoned in vain, this share of its error over the guess counts for all with the same panels.
-LEARNED_SHARE: Final = 0.7
 TRAVEL_STEPS: Final = 512
 # If no option stays within its budget, the cheapest is taken of those that promise no more than this share of the
 # budget above the best; none has more views per mask than the last figure.
 ALIKE_SHARE: Final = 0.1
 VIEWS_PER_MASK_MAX: Final = 405
+# The true views that go with a shot may be off by so much of full scale, rms, by their bound.
+TRUTH_SHARE: Final = 1e-3
+# Once an option is within the budget, panels with fewer views than this in each are not asked about any more.
+NODES_WORTH: Final = 3
 # A jump of velocity that lies nearer to the end of a panel than this share of the panel is passed over.
 NEAR_SHARE: Final = 0.02
 
@@ -81,93 +83,124 @@ def choose_sampling(
     if travel[1][-1] == 0:
         whole = (float(travel[0][0]), float(travel[0][-1]))
         return Sampling(MotionBlur(1, whole), 1, 0.0, "1 in all", "nothing moves")
-    uneven = unevenness(slices)
-    plain = _Option(np.unique(look.intervals_s), 1, 0.0, uneven, count)
+    if not (slices.mix.any(axis=1) & (slices.duration_s > 0)).any():
+        return Sampling(None, count, 0.0, "", "no light is collected")
+    bounding = _Bounding(look, slices)
+    plain_dn = bounding.error_dn(one_per_interval(look.intervals_s))
     if not blurs:
-        return Sampling(None, count, _error(look, plain), "", "forced off")
+        return Sampling(None, count, plain_dn, "", "forced off")
+    plain = _Option(one_per_interval(look.intervals_s), plain_dn, plain_dn <= budget_dn, plain=True)
+    best = plain if plain.fits else None
+    fallback = [plain]
     kinks = kinks_s(look.path, float(travel[0][0]), float(travel[0][-1]))
-    options = [*_across_masks(look, travel, kinks)]
+    families = [*_across_masks(look, travel, kinks)]
     if not irregular:
-        options += [plain, *_within_masks(look, uneven, kinks)]
-    options.sort(key=lambda option: option.views)
-    options = [option for option in options if option.views <= VIEWS_PER_MASK_MAX * count]
-    learned: dict[int, float] = {}
-    for option in options:
-        share = learned.get(id(option.edges_s), GUESS_SHARE)
-        if _guess(look, option, share) <= budget_dn:
-            error = _error(look, option)
-            if error <= budget_dn:
-                return _as_sampling(look, option, plain, error)
-            # With more nodes in the same panels, what is off from an even motion only counts for more.
-            grain = look.graininess(option.views)
-            even = _guess(look, option, 1.0) - grain
-            if even > 0:
-                learned[id(option.edges_s)] = max(share, LEARNED_SHARE * (error - grain) / even)
-    guesses = [_guess(look, option) for option in options]
-    tolerated = min(guesses) + ALIKE_SHARE * budget_dn
-    last = next(option for option, guess in zip(options, guesses, strict=True) if guess <= tolerated)
-    return _as_sampling(look, last, plain, _error(look, last))
+        families = [*_within_masks(look, kinks), *families]
+    most = VIEWS_PER_MASK_MAX * count
+    for edges, nodes, across in families:
+        panels = len(edges) - 1
+        limit = most if best is None else best.views - 1
+        open_nodes = [node for node in nodes if panels * node <= limit]
+        if not open_nodes or (best is not None and open_nodes[-1] < NODES_WORTH):
+            continue
+        # With more views in the same panels, less is wrong: the finest tells whether any other is worth asking about.
+        low, high = 0, len(open_nodes) - 1
+        finest = bounding.option(edges, open_nodes[high], across, budget_dn)
+        fallback.append(finest)
+        if not finest.fits:
+            continue
+        best = finest
+        while low < high:
+            middle = (low + high) // 2
+            option = bounding.option(edges, open_nodes[middle], across, budget_dn)
+            if option.fits:
+                best, high = option, middle
+            else:
+                low = middle + 1
+    if best is None:
+        tolerated = min(option.error_dn for option in fallback) + ALIKE_SHARE * budget_dn
+        best = min((option for option in fallback if option.error_dn <= tolerated), key=lambda option: option.views)
+    return _as_sampling(look, best)
 
 
 @dataclass(frozen=True)
 class _Option:
-    """Panels between `edges_s` with `nodes` views each, the image's net motion over which is `panel_px` at most."""
+    """Moments, what they get wrong, DN rms, and whether that fits.
 
-    edges_s: F64
-    nodes: int
-    panel_px: float
-    unevenness: float | None
-    views: int
+    `across`: panels span several masks; `plain`: one view per mask.
+    """
 
+    moments: Moments
+    error_dn: float
+    fits: bool
+    across: bool = False
+    plain: bool = False
 
-def _guess(look: Preview, option: _Option, share: float = GUESS_SHARE) -> float:
-    """Guess an option's error from its net motion, DN rms: cheap, and rather too small than too large."""
-    even = even_panel_rms_dn(look, option.panel_px, option.nodes, option.unevenness)
-    return share * even + look.graininess(option.views)
-
-
-def _error(look: Preview, option: _Option) -> float:
-    """Bound an option's error, DN rms."""
-    bound = panel_bound(look, option.edges_s, option.nodes, option.unevenness)
-    return bound.rms_dn + look.graininess(option.views)
+    @property
+    def views(self) -> int:
+        return (len(self.moments.edges_s) - 1) * self.moments.nodes
 
 
-def _as_sampling(look: Preview, option: _Option, plain: _Option, error: float) -> Sampling:
-    count = len(look.masks)
-    if option is plain:
-        return Sampling(None, count, error, "", "one view per mask will do")
-    blur = MotionBlur(option.nodes, tuple(float(edge) for edge in option.edges_s))
-    if option.unevenness is None:
-        return Sampling(blur, option.views, error, f"{option.views} in all", "the image moves little")
-    how = f"{option.views // count} per mask" if option.views % count == 0 else f"{option.views} in all"
-    return Sampling(blur, option.views, error, how, "the image moves")
+class _Bounding:
+    """Bounds of options, from the light that each mask collects."""
+
+    def __init__(self, look: Preview, slices: Slices) -> None:
+        self._look = look
+        self._waves = CollectedWaves(look.scene, look.path, slices, look.object_px_per_s)
+
+    def error_dn(self, moments: Moments) -> float:
+        """Bound what these moments get wrong, DN rms."""
+        views = (len(moments.edges_s) - 1) * moments.nodes
+        return sampling_bound(self._look, self._waves, moments).rms_dn + self._look.graininess(views)
+
+    def option(self, edges_s: F64, nodes: int, across: bool, budget_dn: float) -> _Option:
+        """Bound an option; one whose true views would be off by too much does not fit either."""
+        moments = Moments(edges_s, nodes)
+        error_dn = self.error_dn(moments)
+        fits = error_dn <= budget_dn and self._truth_rms(moments) <= TRUTH_SHARE
+        return _Option(moments, error_dn, fits, across)
+
+    def _truth_rms(self, moments: Moments) -> float:
+        """Bound what the views at the middles of the masks' intervals are off by, rms; white is 1."""
+        missed = self._waves.missed_at(moments, self._look.intervals_s.mean(axis=1)).max(axis=0)
+        return self._look.spectrum.missed(FREQUENCIES, missed)[0]
 
 
-def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterator[_Option]:
+def _as_sampling(look: Preview, option: _Option) -> Sampling:
+    count, views = len(look.masks), option.views
+    if option.plain:
+        return Sampling(None, count, option.error_dn, "", "one view per mask will do")
+    blur = MotionBlur(option.moments.nodes, tuple(float(edge) for edge in option.moments.edges_s))
+    if option.across:
+        return Sampling(blur, views, option.error_dn, f"{views} in all", "the image moves little")
+    how = f"{views // count} per mask" if views % count == 0 else f"{views} in all"
+    return Sampling(blur, views, option.error_dn, how, "the image moves")
+
+
+def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterator[_Family]:
     """List panels that hold equal shares of the motion, whatever masks switch in them."""
     times, travelled = travel
     # A trace of time beside the motion keeps panels apart while the image is at rest.
     progress = travelled / travelled[-1] + 1e-6 * np.linspace(0, 1, len(times))
     most = PANELS_PER_MASK * len(look.masks)
     for panels in np.unique(np.rint(np.geomspace(1, most, PANEL_CHOICES)).astype(int)):
-        edges = _cut_at(kinks, np.interp(np.linspace(0, progress[-1], panels + 1), progress, times))
-        net_px = net_motion_px(look.scene, look.path, edges)
-        for nodes in NODES:
-            yield _Option(edges, nodes, net_px, None, (len(edges) - 1) * nodes)
+        ends = np.interp(_cut_at(kinks, times[[0, -1]], NEAR_SHARE / panels), times, progress)
+        parts = np.maximum(np.rint(panels * np.diff(ends) / progress[-1]).astype(int), 1)
+        pieces = zip(ends[:-1], ends[1:], parts, strict=True)
+        even = [np.linspace(begin, end, part + 1) for begin, end, part in pieces]
+        yield np.interp(np.unique(np.concatenate(even)), progress, times), NODES, True
 
 
-def _within_masks(look: Preview, uneven: float, kinks: F64) -> Iterator[_Option]:
+def _within_masks(look: Preview, kinks: F64) -> Iterator[_Family]:
     """List panels that end where mask intervals do."""
+    count = len(look.masks)
     for parts in PARTS:
         within = look.intervals_s[:, :1] + np.diff(look.intervals_s, axis=1) * np.linspace(0, 1, parts + 1)
         edges = _cut_at(kinks, _distinct(within.ravel()))
-        net_px = net_motion_px(look.scene, look.path, edges)
-        for nodes in NODES_WITHIN:
-            if (len(edges) - 1) * nodes > len(look.masks):
-                yield _Option(edges, nodes, net_px, uneven, (len(edges) - 1) * nodes)
+        yield edges, tuple(node for node in NODES_WITHIN if (len(edges) - 1) * node > count), False
 
 
-def _cut_at(kinks: F64, edges: F64) -> F64:
+def _cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
     """Return the edges of panels with those of the kinks among them that lie well within a panel.
 
     Within a panel whose motion jumps, polynomials converge slowly; up to a jump and from it on, fast.
@@ -175,7 +208,7 @@ def _cut_at(kinks: F64, edges: F64) -> F64:
     inside = kinks[(kinks > edges[0]) & (kinks < edges[-1])]
     panel = np.searchsorted(edges, inside) - 1
     share = (inside - edges[panel]) / np.diff(edges)[panel]
-    kept = np.sort(inside[np.minimum(share, 1 - share) > NEAR_SHARE])
+    kept = np.sort(inside[np.minimum(share, 1 - share) > near])
     return np.asarray(np.unique(np.concatenate([edges, kept])))
 
 

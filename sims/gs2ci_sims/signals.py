@@ -92,7 +92,10 @@ class Slices:
 
     def without_empty(self) -> "Slices":
         """Return the slices that have a length."""
-        keep = self.stop_s > self.start_s
+        return self.only(self.stop_s > self.start_s)
+
+    def only(self, keep: NDArray[np.bool_]) -> "Slices":
+        """Return some of the slices, [S]."""
         return Slices(
             self.start_s[keep], self.stop_s[keep], self.mix[keep], self.shown[keep], self.since_s[keep], self.shutter
         )

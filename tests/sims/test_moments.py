@@ -59,3 +59,12 @@ def test_gauss_weights_add_up_and_lagranges_polynomials_are_one_at_their_nodes()
 def test_panels_without_length_or_views_are_refused(edges, nodes):
     with pytest.raises(InputError, match="panels of time"):
         Moments(np.array(edges), nodes)
+
+
+def test_basis_polynomials_are_one_at_their_node_and_reproduce_polynomials():
+    for count in (1, 2, 7, 32):
+        nodes = gauss_nodes(count)
+        np.testing.assert_array_equal(lagrange(nodes, nodes), np.eye(count))
+        places = np.linspace(-0.02, 1.02, 57)
+        power = min(count - 1, 6)
+        np.testing.assert_allclose(lagrange(nodes, places) @ nodes**power, places**power, atol=1e-10)

@@ -22,6 +22,7 @@ from gs2ci_sims.rig import Rig
 if TYPE_CHECKING:  # scenes take torch, which a bench's computer need not have
     from gs2ci_sims.path import CameraPath
     from gs2ci_sims.scene import Scene
+    from gs2ci_sims.spectrum import MovingSpectrum
 
 
 @enum.unique
@@ -173,11 +174,15 @@ class Previewed(Protocol):
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
         """Return rms and peak, radiance, of what a linear filter changes in a view."""
 
+    @property
+    def spectrum(self) -> "MovingSpectrum":
+        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
+
     def shifted(self, shift_px: float) -> tuple[float, float]:
         """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
 
-    def of_views(self, rms: float, peak: float) -> Bound:
-        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
+    def of_views(self, rms: float | F64, peak: float) -> Bound:
+        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
 
     def of_masks(self, effect: "Effect", change: NDArray[Any]) -> Bound:
         """Bound what a change of the masks, [N, H, W], makes of the readings."""
