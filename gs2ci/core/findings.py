@@ -122,6 +122,7 @@ class Code(StrEnum):
     LIGHT_AS_SEEN = auto()
 
     MASKS_HAVE_MOMENTS = auto()
+    VIEWS_SMEARED = auto()
 
     # The masks.
     SINGLE_VIEW = auto()
@@ -163,6 +164,7 @@ class Code(StrEnum):
 
     # Things that move.
     SCENE_MOVES = auto()
+    MOTION_SMALL = auto()
     MOTION_NOT_TAKEN = auto()
     VIEWS_POLISHED = auto()
 

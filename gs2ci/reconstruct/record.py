@@ -15,8 +15,9 @@ from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments
+from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
@@ -148,6 +149,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
         *_depth_in_noise(geometry, left.look.jury, left.recovered),
+        *_smeared(left),
         *_about_centre(geometry, ensemble.best.world_to_camera, left.light),
     )
 
@@ -169,6 +171,15 @@ def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tup
     if rms is None or not grey or rms <= _NOISY * grey:
         return ()
     return (finding(Code.DEPTH_IN_NOISE, share=rms / grey),)
+
+
+def _smeared(left: Left) -> tuple[Finding, ...]:
+    """Say that views look as if the camera had gone on while masks were on show, where one pose was taken for each."""
+    path = left.ensemble.best.world_to_camera
+    if left.mask_moments is not None or len(path) < LEAST_POSES:
+        return ()
+    open_share = np.clip(left.look.weights_given, 0, 1)
+    return smeared_views(left.recovered.views, motion_px(left.geometry, path, open_share))
 
 
 def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:

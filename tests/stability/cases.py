@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
@@ -58,6 +59,7 @@ class Case:
         fault: What goes wrong inside meanwhile.
         says: Phrases that notes, or the error, must contain.
         silent: Why nothing in the measurement can show what is wrong; else a loss must come with a word.
+        through_lens: What of the true views can be seen at all: the result is compared with that.
         refused: A typed error is the right outcome.
         quick: Whether the tests run it, or the table only.
         size: A size of its own, in pixels.
@@ -73,6 +75,7 @@ class Case:
     fault: Fault = faults.none
     says: tuple[str, ...] = ()
     silent: str = ""
+    through_lens: Callable[[F32], F32] = changes.in_focus
     refused: bool = False
     quick: bool = False
     size: tuple[int, int] | None = None
@@ -248,7 +251,9 @@ def _motion() -> Iterator[Case]:
         yield Case("motion", f"to and fro, {turns} turns", Bench(path=to_and_fro(turns)), quick=turns == 4)
     shaking = StageVibration(0.02, 40.0)
     yield Case("motion", "shaking", Bench(effects=(shaking,)))
-    yield Case("motion", "out of focus, σ 1.5 px", Bench(effects=(OpticsPsf(1.5),)))
+    yield Case(
+        "motion", "out of focus, σ 1.5 px", Bench(effects=(OpticsPsf(1.5),)), through_lens=changes.out_of_focus(1.5)
+    )
 
 
 def _camera() -> Iterator[Case]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot, Truth
 
 Change = Callable[[Shot], Shot]
@@ -20,6 +21,16 @@ SEED = 7
 def same(shot: Shot) -> Shot:
     """Leave the shot as it is."""
     return shot
+
+
+def in_focus(views: F32) -> F32:
+    """See true views, [N, H, W, C], as they are."""
+    return views
+
+
+def out_of_focus(sigma_px: float) -> Callable[[F32], F32]:
+    """See true views through a lens that is out of focus: nothing tells it from a scene without fine detail."""
+    return lambda views: np.asarray(gaussian_filter(views, (0, sigma_px, sigma_px, 0), mode="nearest"))
 
 
 def noisy(share: float) -> Change:

@@ -222,7 +222,7 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     easy = easy_at(EASY.bench.scene if case.family in SCENE_IS_HARD else case.bench.scene, scale)
     beyond = beyond_easy(notes, easy)
     said = tuple(note.advice for note in beyond)
-    scores, depth = _scores(shot, result), depth_score(case, shot, result)
+    scores, depth = _scores(case, shot, result), depth_score(case, shot, result)
     order_open = unknowable(shot, build(case.bench.scene, shot.size))
     # At a scale whose easy case is inside out itself, it is not the case that turns a scene over.
     order = "" if easy.order or order_open else order_of(shot, result, depth)
@@ -392,17 +392,18 @@ def easy_at(scene: str, scale: Scale) -> Easy:
     """Return what the easy case of a scene reaches at this scale."""
     case = replace(EASY, bench=replace(EASY.bench, scene=scene))
     shot, result = run(case, scale)
-    scores = _scores(shot, result)
+    scores = _scores(case, shot, result)
     assert scores is not None
     depth = depth_score(case, shot, result)
     return Easy(scores[0], notes_of(shot, result), order_of(shot, result, depth), depth)
 
 
-def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
+def _scores(case: Case, shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
     """Return the PSNR of the recovered views, of the decode, and of an even grey of the true views' mean colour."""
     truth = shot.truth.views
     if truth is None or np.abs(truth).max() > 1e3 * max(1.0, np.abs(shot.measurement).max()):
         return None
+    truth = case.through_lens(truth)
     grey = np.broadcast_to(np.clip(truth, 0, 1).mean(axis=(0, 1, 2)), truth.shape).astype(np.float32)
     recovered, alone, even = (float(np.mean(psnr_per_view(v, truth))) for v in (result.views, result.decode, grey))
     return recovered, alone, even

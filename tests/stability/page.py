@@ -35,7 +35,8 @@ case is one draw of masks and noise.
 A case passes if what comes of it is finite, bounded, honest (a loss of more than {bends:g} dB comes with a word, unless
 nothing in the measurement could show what is wrong; near and far exchanged, or the path reversed, only where it is said
 that depth is not known) and no worse than the decode alone; or if it is refused with one
-typed error, where that is the right outcome.
+typed error, where that is the right outcome. A lens that is out of focus is judged by what it shows, since nothing
+tells it from a sharp one before a scene without fine detail.
 
 | outcome | meaning |
 |---|---|

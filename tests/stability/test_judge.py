@@ -50,6 +50,14 @@ def test_a_case_is_graded_against_the_easy_case_of_its_own_scene(moving):
     assert outcome.depth == easy_at("moving", SMALL).depth
 
 
+def test_views_are_compared_with_what_the_lens_lets_through(moving):
+    case, shot, result = moving
+    sharp = appraise(case, shot, result, SMALL)
+    seen = appraise(replace(case, through_lens=lambda _: result.views), shot, result, SMALL)
+    assert seen.psnr_db > sharp.psnr_db + 20
+    assert seen.loss_db == pytest.approx(easy_at("moving", SMALL).psnr_db - seen.psnr_db, abs=1e-6)
+
+
 def test_a_depth_is_scored_after_the_median_scale_and_by_its_order(moving):
     case, shot, result = moving
     true = build("moving", shot.size).depth

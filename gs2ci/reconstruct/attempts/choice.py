@@ -22,6 +22,7 @@ from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
+    BEHIND_DECODE,
     LEAST_GAIN,
     LEAST_POLISH_GAIN,
     MOVING,
@@ -132,7 +133,13 @@ class Attempts:
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
         worth_more = gain >= LEAST_POLISH_GAIN
-        return MotionQuestion(left, gain, self._gain(refined, PatchSettings.from_scene()) if worth_more else None)
+        long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
+        return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
+
+    def _is_behind_decode(self, still: Attempt) -> bool:
+        """Tell whether the best still scene explains the held-out pixels hardly better than the first decode."""
+        fitted, decoded = (self.fits.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
+        return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
         """Return by which share a patch decode from these views on leaves less of the held-out pixels."""

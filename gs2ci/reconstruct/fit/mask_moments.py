@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
@@ -28,6 +29,8 @@ from gs2ci.render import se3
 
 # Pixels of the middle view that are asked how far they move: one in so many along rows and columns.
 _STRIDE_PX: Final = 3
+# One pose alone is no path.
+LEAST_POSES: Final = 2
 # The mean of |offset| over an interval of length d about its middle is d / 4.
 _MEAN_OFFSET: Final = 0.25
 
@@ -177,13 +180,26 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
         settings: What is tolerated.
     """
     path = geometry.world_to_camera
-    if len(path) < 2 or settings.within_mask == "still":
+    if len(path) < LEAST_POSES or settings.within_mask == "still":
         return None
     motion, found = bounds(geometry, path, views[geometry.reference], open_share)
     moments = tuple(int(min(max(math.ceil(one / settings.tolerance), 1), settings.most)) for one in found)
     if max(moments) == 1:
         return None
     return MaskMoments(moments, tuple(open_share.tolist()), tuple(motion.tolist()), tuple(found.tolist()))
+
+
+def motion_px(geometry: Geometry, world_to_camera: F64, open_share: F64) -> F64:
+    """Return how far the image moves while each mask is on show, the median over its pixels, [N, 2] as (x, y) px.
+
+    Args:
+        geometry: Depth of the middle view.
+        world_to_camera: The path, [N, 4, 4], N at least 2.
+        open_share: As for `needed`, [N].
+    """
+    _, _, within = _within_masks(geometry, world_to_camera, open_share)
+    shown = [moved[np.isfinite(moved).all(axis=1)] for moved in within]
+    return np.stack([np.median(moved, axis=0) if len(moved) else np.zeros(2) for moved in shown])
 
 
 def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64) -> tuple[F64, F64]:
@@ -202,10 +218,23 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
     Returns:
         How far the image moves within each mask, root mean square in px, [N]; and the bounds in full scales, [N].
     """
-    height, width = geometry.inverse_depth.shape
-    rows, columns = np.mgrid[1 : height - 1 : _STRIDE_PX, 1 : width - 1 : _STRIDE_PX].reshape(2, -1)
+    rows, columns, within = _within_masks(geometry, world_to_camera, open_share)
     across, down = (np.asarray(np.gradient(view.astype(np.float64), axis=axis))[rows, columns] for axis in (1, 0))
     slopes = np.stack([across, down], axis=-1)  # [P, C, (x, y)]
+    motion, found = [], []
+    for moved in within:
+        shown = np.isfinite(moved).all(axis=1)
+        motion.append(_rms(moved[shown]) * math.sqrt(2))
+        found.append(_MEAN_OFFSET * _rms((slopes[shown] * moved[shown, None]).sum(axis=-1)))
+    return np.array(motion), np.array(found)
+
+
+def _within_masks(
+    geometry: Geometry, world_to_camera: F64, open_share: F64
+) -> tuple[NDArray[np.intp], NDArray[np.intp], list[F64]]:
+    """Return rows and columns of some pixels, [P], and how far each mask moves them, [P, 2] px; NaN behind a camera."""
+    height, width = geometry.inverse_depth.shape
+    rows, columns = np.mgrid[1 : height - 1 : _STRIDE_PX, 1 : width - 1 : _STRIDE_PX].reshape(2, -1)
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
     rays = pixels @ np.linalg.inv(geometry.intrinsics).T
     in_middle = rays / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
@@ -215,14 +244,9 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
     masks = torch.arange(len(world_to_camera))
     path = torch.from_numpy(world_to_camera)
     half = torch.from_numpy(np.asarray(open_share, np.float64)) / 2
-    motion, found = [], []
-    ends = [(se3.exp(path_twists(path, at, masks)) @ path).numpy() for at in (-half, half)]
-    for first, last in zip(*ends, strict=True):
-        moved = _seen(points, last, geometry.intrinsics) - _seen(points, first, geometry.intrinsics)
-        shown = np.isfinite(moved).all(axis=1)
-        motion.append(_rms(moved[shown]) * math.sqrt(2))
-        found.append(_MEAN_OFFSET * _rms((slopes[shown] * moved[shown, None]).sum(axis=-1)))
-    return np.array(motion), np.array(found)
+    first, last = ((se3.exp(path_twists(path, at, masks)) @ path).numpy() for at in (-half, half))
+    seen = ([_seen(points, pose, geometry.intrinsics) for pose in poses] for poses in (first, last))
+    return rows, columns, [after - before for before, after in zip(*seen, strict=True)]
 
 
 def _seen(points: F64, pose: F64, intrinsics: F64) -> F64:
