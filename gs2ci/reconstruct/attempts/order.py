@@ -46,10 +46,12 @@ _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 # So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
-# hand turns as it likes: without so many errors of pixels and tracks on its side it stays below what is sure.
+# hand turns as it likes: it decides an order, and is sure of none that pixels and tracks are not sure of.
 _TRAVEL_COUNTS: Final = 2.5
-_LEAST_SEEN: Final = 1.0
 _BELOW_SURE: Final = 1.9
+# What pixels and tracks say against a travel that speaks by so many errors counts half: one of them errs.
+_CONTRADICTS: Final = 0.5
+_CONTRADICTED_COUNTS: Final = 1 / 2
 
 # A source of paths that no tracks bear out.
 _UNTRACKED: Final = "uniform"
@@ -126,7 +128,9 @@ def _with_travel(seen: float, travel: float) -> float:
     """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel."""
     both = seen + travel
     sign = math.copysign(1.0, both)
-    return both if sign * seen >= _LEAST_SEEN or travel == 0 else sign * min(abs(both), _BELOW_SURE)
+    if travel != 0 and sign * seen < _SURE:
+        return sign * min(abs(both), _BELOW_SURE)
+    return both * _CONTRADICTED_COUNTS if sign * travel <= -_CONTRADICTS else both
 
 
 def _of_pairs(
