@@ -137,7 +137,12 @@ class Attempts:
         return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
-        """Tell whether the best still scene explains the held-out pixels hardly better than the first decode."""
+        """Tell whether the best still scene explains the held-out pixels hardly better than a decode by GAP-TV.
+
+        Decodes by patches follow what moves, and may lead any scene.
+        """
+        if still.look.decoder != "gap-tv":
+            return False
         fitted, decoded = (self.fits.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
         return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
 
