@@ -23,6 +23,7 @@ from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
+    LEAST_GAIN_BEHIND,
     LEAST_GAIN,
     LEAST_POLISH_GAIN,
     MOVING,
@@ -134,7 +135,8 @@ class Attempts:
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
         worth_more = gain >= LEAST_POLISH_GAIN
         long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
-        return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
+        behind = gain >= LEAST_GAIN_BEHIND and self._is_behind_decode(still)
+        return MotionQuestion(left, gain, long_gain, behind)
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels hardly better than a decode by GAP-TV.

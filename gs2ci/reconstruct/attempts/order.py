@@ -48,7 +48,8 @@ _TRACKS_COUNT: Final = 1 / 3
 # So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
 # hand turns as it likes: it decides an order, and is sure of none that pixels and tracks are not sure of.
 _TRAVEL_COUNTS: Final = 2.5
-_BELOW_SURE: Final = 1.9
+# What an order is preferred by at least where its travel alone speaks for it.
+_BY_TRAVEL_ALONE: Final = 0.05
 # What pixels and tracks say against a travel that speaks by so many errors counts half: one of them errs.
 _CONTRADICTS: Final = 0.5
 _CONTRADICTED_COUNTS: Final = 1 / 2
@@ -125,11 +126,14 @@ def _travel_errors(geometry: Geometry) -> float:
 
 
 def _with_travel(seen: float, travel: float) -> float:
-    """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel."""
+    """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel.
+
+    Where what was seen is not sure, the sign is that of both, and the errors are those of what was seen.
+    """
     both = seen + travel
     sign = math.copysign(1.0, both)
     if travel != 0 and sign * seen < _SURE:
-        return sign * min(abs(both), _BELOW_SURE)
+        return sign * max(sign * seen, _BY_TRAVEL_ALONE)
     return both * _CONTRADICTED_COUNTS if sign * travel <= -_CONTRADICTS else both
 
 
