@@ -23,8 +23,8 @@ from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
-    LEAST_GAIN_BEHIND,
     LEAST_GAIN,
+    LEAST_GAIN_BEHIND,
     LEAST_POLISH_GAIN,
     MOVING,
     RELEASED,
