@@ -97,7 +97,8 @@ class MotionQuestion:
     @property
     def speaks_for_motion(self) -> bool:
         """Get whether scenes that move are worth their fits."""
-        return self.beyond_doubt or self.behind_decode or (self.gain or 0.0) >= LEAST_PATCH_GAIN
+        gain = self.gain or 0.0
+        return self.beyond_doubt or gain >= (LEAST_GAIN_BEHIND if self.behind_decode else LEAST_PATCH_GAIN)
 
 
 @dataclass(frozen=True)

@@ -271,6 +271,10 @@ def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
     assert not MotionQuestion(None, 0.05, None, behind_decode=True).beyond_doubt
 
 
+def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_does_not():
+    assert not MotionQuestion(None, 0.015, None, behind_decode=True).speaks_for_motion
+
+
 @pytest.mark.parametrize(("most_px", "code"), [(1.0, Code.MOTION_SMALL), (6.0, Code.SCENE_MOVES)])
 def test_a_motion_of_a_pixel_is_not_said_to_be_things_that_move(most_px, code):
     speeds = moving.Speeds(np.zeros((4, 4, 2), np.float32), 0.1, 0.9, min(most_px, 0.7), most_px)

@@ -24,7 +24,6 @@ from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
-    LEAST_GAIN_BEHIND,
     LEAST_POLISH_GAIN,
     MOVING,
     RELEASED,
@@ -73,6 +72,9 @@ class Attempts:
             again = self._again(first, still)
             asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
+            # Patches follow what no scene does: they are worth their time where a scene leads GAP-TV by so little.
+            worth_decoding = asked.behind_decode and not self.fits.halt.asked
+            first = self._decoded_better(first) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         still = self.fits.completed(still)
@@ -135,8 +137,7 @@ class Attempts:
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
         worth_more = gain >= LEAST_POLISH_GAIN
         long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
-        behind = gain >= LEAST_GAIN_BEHIND and self._is_behind_decode(still)
-        return MotionQuestion(left, gain, long_gain, behind)
+        return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels hardly better than a decode by GAP-TV.
