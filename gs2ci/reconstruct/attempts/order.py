@@ -46,12 +46,13 @@ _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 # So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
-# hand turns as it likes: it decides an order, and is sure of none that pixels and tracks are not sure of.
-_TRAVEL_COUNTS: Final = 2.5
+# hand, or a rail whose sensors are shifted, turns as it likes: it decides between orders that pixels and tracks hardly
+# tell apart, and is sure of none that they are not sure of.
+_TRAVEL_COUNTS: Final = 1.0
 # What an order is preferred by at least where its travel alone speaks for it.
 _BY_TRAVEL_ALONE: Final = 0.05
 # What pixels and tracks say against a travel that speaks by so many errors counts half: one of them errs.
-_CONTRADICTS: Final = 0.5
+_CONTRADICTS: Final = 0.25
 _CONTRADICTED_COUNTS: Final = 1 / 2
 
 # A source of paths that no tracks bear out.
