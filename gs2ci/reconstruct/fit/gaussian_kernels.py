@@ -4,7 +4,7 @@ Each is one pass over memory, where torch makes several and a tensor for each. T
 they run on one. Here: the kernels. Not here: rates and moments (`adam.py`), weights (`losses.py`).
 """
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.jit import JIT
-
-_LANES: Final = 16
+from gs2ci.reconstruct.fit.lane_sum import sum_in_lanes
 
 
 @njit(**JIT)
@@ -57,7 +56,7 @@ def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
         opacity = one / (one + np.exp(-logits[i]))
         opacities[i] = opacity
         gradient[i] += share * opacity * (one - opacity)
-    total: float = _sum(opacities)
+    total: float = sum_in_lanes(opacities)
     return total / count
 
 
@@ -71,21 +70,5 @@ def add_size_gradient(log_scales: F32, weight: float, gradient: F32) -> float:
     for i in range(count):
         sizes[i] = np.exp(log_scales[i])
         gradient[i] += share * sizes[i]
-    total: float = _sum(sizes)
+    total: float = sum_in_lanes(sizes)
     return total / count
-
-
-@njit(**JIT)
-def _sum(values: F32) -> float:
-    """Add up in float64, sixteen sums side by side and then those in order."""
-    lanes = np.zeros(_LANES)
-    whole = len(values) // _LANES * _LANES
-    for x in range(0, whole, _LANES):
-        for lane in range(_LANES):
-            lanes[lane] += values[x + lane]
-    total = 0.0
-    for lane in range(_LANES):
-        total += lanes[lane]
-    for x in range(whole, len(values)):
-        total += values[x]
-    return total

@@ -21,6 +21,7 @@ from numba import njit, prange
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.reconstruct.fit.lane_sum import sum_in_lanes
 
 WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
 SIGMA_PX: Final = 1.5  # of that window; others are scaled with it
@@ -37,7 +38,6 @@ _TWO: Final = np.float32(2)
 
 # More taps than that in one loop, and the compiler gives up telling their memory apart, and vectors with it.
 _TAPS_AT_ONCE: Final = 3
-_LANES: Final = 16
 
 
 def _gaussian_taps(window_px: int) -> F64:
@@ -129,22 +129,6 @@ def _filter_rows(source: F64, taps: F64, channels: int, out: F64) -> None:
 
 
 @njit(**JIT)
-def _sum_row(values: F32, lanes: F64) -> float:
-    """Add up a row in float64, sixteen sums side by side and then those in order."""
-    lanes[:] = 0.0
-    whole = len(values) // _LANES * _LANES
-    for x in range(0, whole, _LANES):
-        for lane in range(_LANES):
-            lanes[lane] += values[x + lane]
-    total = 0.0
-    for lane in range(_LANES):
-        total += lanes[lane]
-    for x in range(whole, len(values)):
-        total += values[x]
-    return total
-
-
-@njit(**JIT)
 def _compare_row(
     e: F32, ee: F32, eb: F32, mean: F32, centred: F32, variance: F32, by_e: F32, by_ee: F32, apart: F32
 ) -> None:
@@ -197,7 +181,7 @@ def _compare(
         _filter_row(squares, y, taps, channels, scratch, zeros, ee)
         _filter_row(products, y, taps, channels, scratch, zeros, partial[2, y])
         _compare_row(e, ee, partial[2, y], mean[y], centred[y], variance[y], partial[0, y], partial[1, y], apart[y])
-        sums[y] = _sum_row(apart[y], np.empty(_LANES, np.float64))
+        sums[y] = sum_in_lanes(apart[y])
 
 
 @njit(**JIT)
