@@ -6,7 +6,7 @@ Here: the two records. Not here: the fitting (`fits.py`), which attempts are mad
 from dataclasses import dataclass
 
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
+from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble, Member
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -21,8 +21,7 @@ class Attempt:
         geometry: As it was fitted from.
         fits: The leader's, and those of its companions.
         ensemble: Of these.
-        later: The companions that have not been fitted: an attempt that may be replaced begins with its leader alone.
-        led: The leader's run where it was left before its end; `fits` has what it had come to.
+        later: The companions that have not been fitted: an attempt that may be replaced makes one fit at first.
     """
 
     look: FirstLook
@@ -30,7 +29,6 @@ class Attempt:
     fits: tuple[CoarseFit, ...]
     ensemble: Ensemble
     later: tuple[Member, ...] = ()
-    led: CoarseRun | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class How:
 
     Args:
         moving: Whether the scene may move.
-        alone: Whether the leader is fitted alone at first, and left before its end.
+        alone: Whether the leader is fitted alone at first.
         rival: A fit that those of the attempt have to keep up with.
     """
 

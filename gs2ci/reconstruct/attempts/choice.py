@@ -1,10 +1,10 @@
 """Attempts at one measurement: which fits are made, from which beginnings, and which of them is taken.
 
-A doubtful path is fitted once, not to the end, and sought again in the views of that fit (`second_look`). A uniform
-motion that no tracks bear out competes with a camera at rest: where nothing shows but a period or a gradient, any
-motion explains the measurement, and a fit from rest ends several dB better; where it is far behind after a quarter of
-the schedule, it is given up. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The
-held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+A doubtful path is fitted once, and sought again in the views of that fit (`second_look`). A uniform motion that no
+tracks bear out competes with a camera at rest: where nothing shows but a period or a gradient, any motion explains the
+measurement, and a fit from rest ends several dB better; where it is far behind after a quarter of the schedule, it is
+given up. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The held-out pixels
+choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
@@ -66,10 +66,11 @@ class Attempts:
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
-        if not self._wanted:
-            # First, since a path that is not right leaves what looks like motion, and so does a fit that has not ended.
-            still = self._again(first, still)
         asked = self._question(still)
+        if not (self._wanted or asked.beyond_doubt):
+            # A path that is not right leaves what looks like motion, too.
+            again = self._again(first, still)
+            asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no scene does: they are worth their time where a scene leads GAP-TV by so little.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
@@ -93,8 +94,7 @@ class Attempts:
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
         """Fit a still scene once more from a second look, or from rest, where the first path is doubtful.
 
-        Of a first path that is doubtful there is one fit so far, not to its end: it is held against as much of the
-        leaders of the other attempts, and only what is taken is fitted to the end.
+        Of a first path that is doubtful there is one fit so far: it is held against the leaders of the other attempts.
         """
         if self.fits.halt.asked or not self._may_look_again(first):
             return tried
@@ -102,10 +102,9 @@ class Attempts:
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
         if again is not None and not self.fits.halt.asked:
-            attempts["second look"] = self.fits.attempt(again, views, How(alone=True))
+            attempts["second look"] = self.fits.attempt(again, views, How())
         if needs_rest(first) and not self.fits.halt.asked:
-            rival = self._rival(tried)
-            attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, How(alone=True, rival=rival))
+            attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, How(rival=self._rival(tried)))
         if len(attempts) == 1:
             return self.fits.completed(tried)
         leaders = {name: one.fits[0].views for name, one in attempts.items()}

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, un
 from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
+from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
@@ -42,9 +42,6 @@ from gs2ci.render.gaussians import Gaussians
 
 # By so many iterations, and a look, the fits that fit into a budget are chosen.
 _TIMED_ITERATIONS: Final = 6
-# Of its schedule, after which the leader of a doubtful path is judged: surfaces have been found in its views twice
-# (`SurfaceSettings.searches`), and from there on it changes little.
-_JUDGED_AFTER: Final = 0.75
 
 
 @dataclass(frozen=True)
@@ -129,38 +126,21 @@ class Fits:
         self.clock.lap("geometry")
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        if how.alone:
-            return self._begun(look, geometry, team, how.rival)
-        fits = fit_together(self.fit_one(geometry, how.rival), team, self.progress, self.pace, self.halt)
-        return Attempt(look, geometry, fits, self._mean(fits, "fit"))
-
-    def _begun(self, look: FirstLook, geometry: Geometry, team: tuple[Member, ...], rival: Rival | None) -> Attempt:
-        """Fit the leader of a team alone, and leave it before its end."""
-        led = self._run(geometry, team[0], self.progress, self.pace, rival)
-        ended = led.go_on(_JUDGED_AFTER)
-        fits = (led.result() if ended else led.now(),)
-        return Attempt(look, geometry, fits, self._mean(fits, "fit"), team[1:], None if ended else led)
+        now, later = (team[:1], team[1:]) if how.alone else (team, ())
+        fits = fit_together(self.fit_one(geometry, how.rival), now, self.progress, self.pace, self.halt)
+        return Attempt(look, geometry, fits, self._mean(fits, "fit"), later)
 
     def completed(self, tried: Attempt) -> Attempt:
-        """Go on with a leader that was left before its end, and make the fits that the attempt lacks."""
-        led, one = tried.led, self.fit_one(tried.geometry)
-        if self.halt.asked or (led is None and not tried.later):
+        """Make the fits of an attempt that it has been without so far."""
+        if not tried.later or self.halt.asked:
             return tried
-        if led is None:
-            try:
-                more = fit_together(one, tried.later, self.progress, None, self.halt)
-            except NumericsError as error:
-                self.progress.say(f"A companion of the fit was left out: {error.problem}.")
-                more = ()
-            fits = (*tried.fits, *more)
-        else:
-            leader = Member(tried.fits[0].scene, self.settings.fit.density, self.settings.seed)
-
-            def go_on(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-                return led.to_the_end() if member is leader else one(member, progress, pace)
-
-            fits = fit_together(go_on, (leader, *tried.later), self.progress, None, self.halt)
-        return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=(), led=None)
+        try:
+            more = fit_together(self.fit_one(tried.geometry), tried.later, self.progress, None, self.halt)
+        except NumericsError as error:
+            self.progress.say(f"A companion of the fit was left out: {error.problem}.")
+            more = ()
+        fits = (*tried.fits, *more)
+        return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
 
     def release(self, still: Attempt) -> Attempt:
         """Go on with the fits of a still scene, and let it move."""
@@ -212,26 +192,22 @@ class Fits:
         """Say how one fit of the ensemble goes; far behind its rival it ends."""
 
         def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            return self._run(geometry, member, progress, pace, rival).to_the_end()
+            # Its buffers serve one at a time.
+            backend = load_backend(self.settings.backend, self.settings.raster)
+            renderer = ShotRenderer(self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments)
+            return fit_coarse(
+                jury=self.fitted,
+                renderer=renderer,
+                start=member.start,
+                geometry=geometry,
+                settings=replace(self.settings.fit, density=member.density),
+                seed=member.seed,
+                monitoring=self._monitoring(progress),
+                pace=pace,
+                rival=rival,
+            )
 
         return fit
-
-    def _run(
-        self, geometry: Geometry, member: Member, progress: Progress, pace: Pace | None, rival: Rival | None
-    ) -> CoarseRun:
-        # Its buffers serve one at a time.
-        backend = load_backend(self.settings.backend, self.settings.raster)
-        return CoarseRun(
-            jury=self.fitted,
-            renderer=ShotRenderer(self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments),
-            start=member.start,
-            geometry=geometry,
-            settings=replace(self.settings.fit, density=member.density),
-            seed=member.seed,
-            monitoring=self._monitoring(progress),
-            pace=pace,
-            rival=rival,
-        )
 
     def _monitoring(self, progress: Progress) -> Monitoring:
         return Monitoring(self.refine.in_full, progress, self.score, self.clock.began_s, self.halt)

@@ -84,76 +84,21 @@ def fit_coarse(
         NumericsError: The very first iteration is not finite.
         ResourceError: The population outgrew the memory guard.
     """
-    return CoarseRun(jury, renderer, start, geometry, settings, seed, monitoring, pace, rival).to_the_end()
-
-
-class CoarseRun:
-    """A coarse fit that can be left before its end and gone on with.
-
-    Args:
-        jury: As for `fit_coarse`, and so are all others.
-    """
-
-    def __init__(
-        self,
-        jury: Jury,
-        renderer: ShotRenderer,
-        start: Gaussians,
-        geometry: Geometry,
-        settings: CoarseSettings,
-        seed: int,
-        monitoring: Monitoring,
-        pace: Pace | None = None,
-        rival: Rival | None = None,
-    ) -> None:
-        settings.check()
-        pace = pace or Fixed(settings.iterations)
-        self._loop = _Loop(
-            FitState(jury, renderer, start, geometry, settings, seed),
-            Looks(jury, monitoring),
-            monitoring,
-            pace,
-            rival,
-            judged=bool(jury.heldout.any()),
-        )
-
-    def go_on(self, until: float) -> bool:
-        """Go on until a share of the schedule is done, unless something ends the fit before; tell whether it ended.
-
-        Raises:
-            NumericsError: The very first iteration is not finite.
-            ResourceError: The population outgrew the memory guard.
-        """
-        return self._loop.run(until)
-
-    def to_the_end(self) -> CoarseFit:
-        """Go on to the end of the schedule and return what was found; errors as for `fit_coarse`."""
-        self.go_on(1.0)
-        return self.result()
-
-    def now(self) -> CoarseFit:
-        """Return the present state of a fit that may be gone on with; if it never is, it was interrupted."""
-        done = self._loop.iteration
-        left = finding(Code.FIT_INTERRUPTED, iterations=done, best=done)
-        return self._shown(self._loop.fit.snapshot(done).scene, left)
-
-    def result(self) -> CoarseFit:
-        """Return the state with the best held-out residual of a fit that has ended."""
-        loop = self._loop
-        assert loop.ended is not None
-        loop.fit.restore(loop.best)
-        return self._shown(loop.best.scene, loop.ended)
-
-    def _shown(self, scene: Gaussians, stopped: Finding) -> CoarseFit:
-        loop = self._loop
-        return CoarseFit(
-            scene=scene,
-            world_to_camera=loop.fit.poses.world_to_camera().detach().double().numpy(),
-            views=loop.fit.views(),
-            curve=tuple(loop.looks.curve),
-            stopped=stopped,
-            notes=tuple(loop.notes),
-        )
+    settings.check()
+    fit = FitState(jury, renderer, start, geometry, settings, seed)
+    looks = Looks(jury, monitoring)
+    pace = pace or Fixed(settings.iterations)
+    loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(jury.heldout.any()))
+    stopped = loop.run()
+    fit.restore(loop.best)
+    return CoarseFit(
+        scene=loop.best.scene,
+        world_to_camera=fit.poses.world_to_camera().detach().double().numpy(),
+        views=fit.views(),
+        curve=tuple(looks.curve),
+        stopped=stopped,
+        notes=tuple(loop.notes),
+    )
 
 
 class _Loop:
@@ -166,9 +111,7 @@ class _Loop:
         self.settings = fit.settings
         self.best = fit.snapshot(0)
         self.notes: list[Finding] = []
-        self.looks = looks
-        self.iteration = 0
-        self.ended: Finding | None = None
+        self._looks = looks
         self._progress, self._halt = monitoring.progress, monitoring.halt
         self._pace = pace
         self._rival = rival
@@ -179,58 +122,47 @@ class _Loop:
         self._first_loss: float | None = None
         self._least_loss = float("inf")
 
-    def run(self, until: float) -> bool:
-        """Iterate until a share of the schedule is done, or something says stop; tell whether the fit has ended."""
-        total = self._pace.total(self.iteration)
+    def run(self) -> Finding:
+        """Iterate until something says stop; return what."""
+        total = self._pace.total(0)
         self._progress.stage("fit", total)
-        while self.ended is None and self.iteration < until * total:
-            total = self._iterate(total)
-        if self.ended is None and self.iteration >= total:
-            self.ended = self._all_done()
-        return self.ended is not None
-
-    def _iterate(self, total: int) -> int:
-        """Take one iteration of so many; return how many there are to be now."""
-        iteration = self.iteration
-        if self.fit.find_surfaces(iteration / total, self.looks.refine):
-            # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
-            # as well, but not where things are.
-            self._watch.begin_again(iteration)
-        loss = self.fit.backward(iteration / total, iteration)
-        ran_away = self._how_it_ran_away(iteration, loss)
-        if ran_away is not None:
-            if not self._roll_back(iteration, ran_away):
-                self.ended = finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
-            return total
-        self._step(iteration, total)
-        self.iteration = iteration = iteration + 1
-        before, total = total, self._pace.total(iteration)
-        if total != before:
-            self._progress.expect(total)
-        halted = self._halt.asked
-        looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
-        if looks:
-            self._look(iteration, loss)
-        self._progress.step(iteration, loss=loss, **self._figures())
-        if halted:
-            self.ended = finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
-        elif looks and self._is_behind(iteration):
-            self.ended = finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
-        elif looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
-            self.ended = finding(Code.FIT_STALLED, best=self._watch.best_iteration)
-        return total
-
-    def _all_done(self) -> Finding:
-        """Say that the schedule came to its end."""
-        late = self._pace.is_late(self.iteration)
+        iteration = 0
+        while iteration < total:
+            if self.fit.find_surfaces(iteration / total, self._looks.refine):
+                # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
+                # as well, but not where things are.
+                self._watch.begin_again(iteration)
+            loss = self.fit.backward(iteration / total, iteration)
+            ran_away = self._how_it_ran_away(iteration, loss)
+            if ran_away is not None:
+                if not self._roll_back(iteration, ran_away):
+                    return finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
+                continue
+            self._step(iteration, total)
+            iteration += 1
+            before, total = total, self._pace.total(iteration)
+            if total != before:
+                self._progress.expect(total)
+            halted = self._halt.asked
+            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
+            if looks:
+                self._look(iteration, loss)
+            self._progress.step(iteration, loss=loss, **self._figures())
+            if halted:
+                return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+            if looks and self._is_behind(iteration):
+                return finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
+            if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
+                return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
+        late = self._pace.is_late(iteration)
         if not self._judged:
-            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=self.iteration)
+            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=iteration)
         code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
-        return finding(code, iterations=self.iteration, best=self._watch.best_iteration)
+        return finding(code, iterations=iteration, best=self._watch.best_iteration)
 
     def _is_behind(self, iteration: int) -> bool:
         """Tell whether another fit is so far ahead at the look just taken that this one is given up."""
-        return self._rival is not None and self._rival.is_out_of_reach(self.looks.curve[-1].heldout, iteration)
+        return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _step(self, iteration: int, total: int) -> None:
         share = iteration / total
@@ -247,14 +179,14 @@ class _Loop:
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""
         began_s = time.monotonic()
-        heldout = self.looks.take(self.fit.views(), iteration, loss, len(self.fit.optimiser.scene))
+        heldout = self._looks.take(self.fit.views(), iteration, loss, len(self.fit.optimiser.scene))
         if self._watch.note(heldout, iteration):
             self.best = self.fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)
 
     def _figures(self) -> dict[str, float | int]:
         """Return what the last look found, for the display."""
-        curve = self.looks.curve
+        curve = self._looks.curve
         found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
         known = {name: figure for name, figure in found.items() if figure is not None}
         return {**known, "gaussians": len(self.fit.optimiser.scene)}

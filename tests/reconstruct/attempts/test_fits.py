@@ -107,21 +107,19 @@ def test_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, mo
     assert abs(found.order_errors) < 2
 
 
-def test_an_attempt_of_a_fit_that_was_left_is_completed_to_what_all_fits_at_once_would_have_been(first):
+def test_an_attempt_of_one_fit_is_completed_to_what_all_fits_at_once_would_have_been(first):
     settings = Settings(fit=CoarseSettings(iterations=6, surfaces=None, relief=None, hold_out=HoldOut(look_every=3)))
     refine = Refinement(first.jury, settings.residual)
     made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
     alone = made.attempt(first, first.decoded, How(alone=True))
     assert (len(alone.fits), len(alone.later)) == (1, 1)
-    assert [point.iteration for point in alone.fits[0].curve] == [3]
     completed, whole = made.completed(alone), made.attempt(first, first.decoded, How())
-    assert (len(completed.fits), completed.later, completed.led) == (2, (), None)
+    assert (len(completed.fits), completed.later) == (2, ())
     np.testing.assert_array_equal(completed.ensemble.views, whole.ensemble.views)
     assert made.completed(whole) is whole
 
 
-@pytest.mark.parametrize("ended", [False, True])
-def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(first, monkeypatch, ended):
+def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(first, monkeypatch):
     def run_away(*_):
         raise NumericsError("numbers ran away", remedy="none")
 
@@ -130,7 +128,7 @@ def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(fir
         first.jury, first.jury, None, settings, Refinement(first.jury, settings.residual), Silent(), Stopwatch()
     )
     alone = made.attempt(first, first.decoded, How(alone=True))
-    monkeypatch.setattr(fits.Fits, "fit_one", lambda *_: run_away)
-    completed = made.completed(replace(alone, led=None) if ended else alone)
-    assert (len(completed.fits), completed.later) == (1, ())
+    monkeypatch.setattr(fits, "fit_together", run_away)
+    completed = made.completed(alone)
+    assert (completed.fits, completed.later) == (alone.fits, ())
     assert any("left out: numbers ran away" in said for said in made.progress.sentences)

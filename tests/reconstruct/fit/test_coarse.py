@@ -10,7 +10,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit import coarse_state
-from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseRun, fit_coarse
+from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -517,37 +517,3 @@ def test_whoever_waits_hears_when_the_pace_changes_the_number_of_iterations(movi
     fit, _ = run(moving_plane, QUICK, listener=waiting, pace=Stretched(4))
     assert waiting.expected == (6,)
     assert fit.curve[-1].iteration == 6
-
-
-def begin(moving_plane, jury, settings, backend, rival=None):
-    shot, geometry = moving_plane
-    grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
-    start = first_gaussians(seed_points(geometry, grey, 2))
-    renderer = ShotRenderer(shot, geometry.intrinsics, backend)
-    return CoarseRun(jury, renderer, start, geometry, settings, 0, Monitoring(lambda views: views), None, rival)
-
-
-@pytest.mark.parametrize("left_after", [25, 30])
-def test_a_fit_that_is_left_and_gone_on_with_ends_as_one_that_never_was(moving_plane, left_after):
-    """In the middle of a list's life, and just after a turn of the density rule and a look."""
-    whole, jury = run(moving_plane, backend=CpuBackend(RasterSettings(relist_every=4)))
-    begun = begin(moving_plane, jury, QUICK, CpuBackend(RasterSettings(relist_every=4)))
-    assert not begun.go_on(left_after / QUICK.iterations)
-    half = begun.now()
-    assert [point.iteration for point in half.curve] == list(range(10, left_after + 1, 10))
-    assert half.stopped.code is Code.FIT_INTERRUPTED
-    kept = half.views.copy()
-    ended = begun.to_the_end()
-    np.testing.assert_array_equal(ended.views, whole.views)
-    np.testing.assert_array_equal(ended.world_to_camera, whole.world_to_camera)
-    np.testing.assert_array_equal(half.views, kept)
-    assert [point.heldout for point in ended.curve] == [point.heldout for point in whole.curve]
-    assert begun.go_on(1.0)
-
-
-def test_a_fit_that_ended_stays_ended(moving_plane):
-    jury = Jury.of(moving_plane[0], QUICK.hold_out.share, 0)
-    begun = begin(moving_plane, jury, replace(QUICK, iterations=10), CpuBackend(), Rival({10: 1e-9}, 10))
-    assert begun.go_on(1.0)
-    assert begun.result().stopped.code is Code.FIT_BEHIND
-    assert begun.to_the_end().stopped.code is Code.FIT_BEHIND
