@@ -137,7 +137,7 @@ IDEALISATIONS: Final = (
         "GRBL controller",
         "keeps running when its port is opened",
         "an Arduino Uno resets when DTR rises: at the first opening of its port after it was plugged in",
-        "100 nF between DTR and RESET in the Uno's schematic; Linux raises DTR on open, the driver keeps it up on closing",
+        "100 nF between DTR and RESET in the Uno's schematic; Linux raises DTR on open, the driver leaves it up",
         "grbl_board",
         "plain",
         kinds=frozenset({"grbl"}),
