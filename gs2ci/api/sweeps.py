@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 
 if TYPE_CHECKING:
-    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.simulation_plan import Plan
     from gs2ci_sims.sweeping import FigureSweep
 
 DEFAULT_POINTS: Final = 9

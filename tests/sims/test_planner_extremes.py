@@ -48,6 +48,7 @@ from gs2ci_sims.path import StageMove
 from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 SIZE, MASKS = (12, 16), 2
 MOVE = StageMove((0.5, 0.1, 0.0))
@@ -81,7 +82,7 @@ def test_an_effect_at_the_end_of_its_range_gives_readings_in_range_or_one_error(
     own = [other for other in sensor_effects(rig.sensor) if other.name != effect.name]
     effects = (MotionBlur(), *own, effect)
     try:
-        decided = plan(scene, MOVE, masks, rig, effects, tolerance_dn=50.0)
+        decided = plan(SimulationTask(scene, MOVE, masks, rig, effects), PlanChoice(50.0))
         shot = expose(scene, MOVE, masks, rig, effects=decided.effects, seed=0)
     except InputError:
         return
@@ -97,7 +98,7 @@ def test_a_sensor_full_of_dark_charge_keeps_the_limits_that_clip_it(scene):
     masks = random_masks(MASKS, SIZE, 0.4, np.random.default_rng(6))
     for current, clipped in ((10.0, False), (1e6, True)):
         effects = (MotionBlur(), *sensor_effects(rig.sensor), DarkCurrent(current))
-        decided = plan(scene, MOVE, masks, rig, effects, tolerance_dn=5.0)
+        decided = plan(SimulationTask(scene, MOVE, masks, rig, effects), PlanChoice(5.0))
         assert ({"full_well", "quantisation"} <= {effect.name for effect in decided.effects}) == clipped
 
 
