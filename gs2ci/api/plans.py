@@ -21,7 +21,7 @@ def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = Fal
 
     Args:
         rig: The rig file (TOML) of a simulated bench or of a simulation alone (docs/simulation.md).
-        tolerance_dn: In total, DN rms; that of the rig file if None.
+        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
         rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
 
     Returns:
