@@ -24,7 +24,7 @@ from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
-    LEAST_POLISH_GAIN,
+    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -70,7 +70,9 @@ class Attempts:
         if not (self._wanted or asked.beyond_doubt):
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
-            asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
+            # A companion beside the fit leaves less than the fit alone; where that said no, it says no.
+            same = again.look is still.look and not asked.speaks_for_motion
+            asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no scene does: they are worth their time where a scene leads GAP-TV by so little.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
@@ -135,7 +137,7 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
-        worth_more = gain >= LEAST_POLISH_GAIN
+        worth_more = gain >= LEAST_PATCH_GAIN
         long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
         return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
 
