@@ -74,9 +74,9 @@ class Attempts:
             same = again.look is still.look and not asked.speaks_for_motion
             asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
-            # Patches follow what no scene does: they are worth their time where a scene leads GAP-TV by so little.
+            # Patches follow what no scene does: they are worth some time where a scene leads GAP-TV by so little.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
-            first = self._decoded_better(first) if worth_decoding else first
+            first = self._decoded_better(first, sparsely=True) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         still = self.fits.completed(still)
@@ -120,11 +120,12 @@ class Attempts:
     def _may_look_again(self, first: FirstLook) -> bool:
         return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
 
-    def _decoded_better(self, first: FirstLook) -> FirstLook:
+    def _decoded_better(self, first: FirstLook, *, sparsely: bool = False) -> FirstLook:
         """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
-        if first.decoder == "patches" or self.fits.settings.long_decode is None:
+        schedule = self.fits.settings.long_decode
+        if first.decoder == "patches" or schedule is None:
             return first
-        longer = first.decoded_longer(self.fits.settings.long_decode, self.fits.progress)
+        longer = first.decoded_longer(schedule.sparse if sparsely else schedule, self.fits.progress)
         self.fits.clock.lap("decode")
         before, after = self.fits.jury.residual_rms(first.decoded), self.fits.jury.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before

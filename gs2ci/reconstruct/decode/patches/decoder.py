@@ -78,9 +78,14 @@ class PatchSettings:
         Reference patches lie side by side. Groups are half as large as those of a decode: good views tell the few
         patches that are alike from those that only look so.
         """
-        sparse = Lattice()
-        sparse = replace(sparse, step_px=sparse.patch_px, per_group=sparse.per_group // 2)
-        return cls(iterations=12, first_sigma=25 / 255, lattice=sparse)
+        lattice = Lattice()
+        few = replace(lattice.side_by_side, per_group=lattice.per_group // 2)
+        return cls(iterations=12, first_sigma=25 / 255, lattice=few)
+
+    @property
+    def sparse(self) -> "PatchSettings":
+        """Get half the steps with patches side by side: about a third of the time for 1 dB less."""
+        return replace(self, iterations=max(1, self.iterations // 2), lattice=self.lattice.side_by_side)
 
     @property
     def last_steps(self) -> "PatchSettings":
