@@ -54,7 +54,7 @@ def decode(
             start, and some of the time is kept for writing.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" takes masks and readings as stated.
-        seed: Of the draw of the held-out pixels.
+        seed: Seed of the draw of the held-out pixels.
         progress: Receives stages and steps, as in `reconstruct`.
 
     Returns:

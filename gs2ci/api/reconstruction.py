@@ -111,7 +111,7 @@ def reconstruct(
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
             motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
             scene alone; "off" fits none that moves. The preset's own when not given.
-        seed: Of every random draw; the same seed gives the same result.
+        seed: Seed of every random draw; the same seed gives the same result.
         progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
 

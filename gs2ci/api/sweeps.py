@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 
 if TYPE_CHECKING:
-    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.simulation_plan import Plan
     from gs2ci_sims.sweeping import FigureSweep
 
 DEFAULT_POINTS: Final = 9
@@ -62,7 +62,7 @@ def sweep(
         quantities: Each "NAME=LOW..HIGH" or "NAME": travel, mask_s, aperture, or a dotted key of the file such as
             effects.stage_vibration.amplitude. All others keep the file's values meanwhile.
         points: Values per figure, 2 to 200.
-        tolerance_dn: In total, DN rms; that of the rig file if None.
+        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
         progress: Receives each plan.
 
     Returns:

@@ -30,12 +30,12 @@ from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.light_path import LIGHT_PATH, generator, light_path, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
-from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN
 from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.simulation_plan import PlanChoice
 
 Record = TypeVar("Record")
 
@@ -115,21 +115,6 @@ class PathChoice:
         if not self.turns:
             return move
         return ReversingMove(move.velocity, 2 * exposure_s / self.turns, scene.world_to_camera)
-
-
-@dataclass(frozen=True)
-class PlanChoice:
-    """How exactly to simulate.
-
-    Args:
-        tolerance_dn: Of the plan, DN rms in total.
-        on: Effects to simulate in any case.
-        off: Effects to leave out in any case.
-    """
-
-    tolerance_dn: float = DEFAULT_TOLERANCE_DN
-    on: tuple[str, ...] = ()
-    off: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

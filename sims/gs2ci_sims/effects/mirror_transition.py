@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -44,7 +44,7 @@ class MirrorTransition:
             BoundStep("c", share, "", "share of a mask's light that goes through the mask before", "t / (2 * T)"),
         )
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """What goes to the mask before."""
         return 0.5 * self._share(scene.rig)
 
