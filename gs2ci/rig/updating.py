@@ -45,11 +45,12 @@ UNITS: Final = {
     "radial5_px": "px",
     "blur_px2": "px²",
     "leak": "1",
+    "widening_px": "px",
 }
 # A parameter goes into a bundle from so many of its standard errors on, and where it moves some element by so much, or
 # changes the light as much: those of the registration of a shot.
 _SIGNIFICANT: Final = 5.0
-_LEAST: Final = {"blur_px2": 0.02, "leak": 0.005}
+_LEAST: Final = {"blur_px2": 0.02, "leak": 0.005, "widening_px": 0.02}
 _LEAST_PX: Final = 0.02
 # Shots that differ by more than three of their errors on average, and by more than this, saw different masks.
 _MOST_CHI2: Final = 9.0
@@ -273,6 +274,7 @@ _GROUPS: Final = (
     ("radial5_px",),
     ("blur_px2",),
     ("leak",),
+    ("widening_px",),
 )
 
 

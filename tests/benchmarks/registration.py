@@ -29,7 +29,7 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
-from tests.reconstruct.registration.warps import bent
+from tests.reconstruct.registration.warps import bent, regrown
 from tests.stability.benches import Bench
 
 VIEWS = 8
@@ -190,6 +190,7 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
     "bent 1.5 px in the corners": were(lambda m: bowed(m, 1.5)),
     "bent 3 px in the corners": were(lambda m: bowed(m, 3.0)),
     **{f"blur σ {s:g} px": were(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
+    **{f"edges {e:+g} px": were(lambda m, e=e: regrown(m, e, 10)) for e in (0.1, -0.1)},  # type: ignore[misc]
     **{f"believed blurred σ {s:g} px": believed(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
     **{f"believed {f:g} as open": believed(lambda m, f=f: f * m) for f in (0.8, 0.5)},  # type: ignore[misc]
     **{f"black level {b:+g}": read(lambda y, b=b: y + np.float32(b)) for b in (0.3, -0.3)},  # type: ignore[misc]

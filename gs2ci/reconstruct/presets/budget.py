@@ -83,8 +83,10 @@ class Budget:
         until_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
-            # The fine stage keeps to no deadline, and its gain is small: the coarse stage gets its time.
-            chosen = replace(settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None)
+            # The fine stage and the last decode keep to no deadline: the coarse stage gets their time.
+            chosen = replace(
+                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=None
+            )
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
                 iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))

@@ -125,6 +125,7 @@ class Registered:
             "blur_sigma_px": self.misfit.blur_sigma_px,
             "blur_px2": self.misfit.blur_px2,
             "leak": self.misfit.leak,
+            "widening_px": self.misfit.widening_px,
             "black": self.misfit.black,
             "unit": self.unit,
             "open_level": self.open_level,
@@ -239,7 +240,8 @@ class _Registration:
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
             sharp = replace(self.shot, masks=source.masks)
-            again, _ = propose(sharp, peak)
+            # Soft masks state their edges: those of the sharp ones lie where these have them.
+            again, _ = propose(sharp, peak, edges=False)
             ways = [way for estimate in again for way in ways_of(sharp, estimate)]
             proposals += [from_source(way, source) for way in ways or [Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)

@@ -31,7 +31,7 @@ _STEPS: Final = 100
 _STEPS_OF_A_TRY: Final = 30
 # Believed masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
 # variance is nothing but rounding where it holds, and some hundredths where calibration added noise.
-_SOFT: Final = 3e-3
+CRISP: Final = 3e-3
 _EXPLAINED: Final = 0.05
 _SAMPLE_PX: Final = 128
 # A blur is found from tries that lie so far apart, relative to it.
@@ -74,7 +74,7 @@ def binary_source(masks: F32) -> Source | None:
         blur nor an interpolation of open and closed elements gives them.
     """
     sample = masks[:1].astype(np.float64)
-    if softness(sample) < _SOFT or min(masks.shape[1:]) < _LEAST_SIDE_PX:
+    if softness(sample) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
         return None
     part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
     whole = masks.astype(np.float64)

@@ -134,6 +134,10 @@ def _in_words(estimate: MisfitEstimate) -> str:
         )
     if "leak" in errors:
         parts.append(f"closed elements pass {misfit.leak:+.3f} ± {errors['leak']:.3f} more of the light")
+    if "widening_px" in errors:
+        parts.append(
+            f"open elements reach {misfit.widening_px:+.3f} ± {errors['widening_px']:.3f} px beyond their stated edges"
+        )
     if "black" in errors:
         parts.append(f"the reading without light is {misfit.black:+.4g} ± {errors['black']:.2g}")
     return "; ".join(parts)
