@@ -78,6 +78,13 @@ def test_a_wall_is_found_where_no_view_shows_its_texture(plane):
     assert found[0].where.mean() > 0.8
 
 
+def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
+    monkeypatch.setattr(plane_evidence, "_MOST_READINGS", 2500)
+    found = ask(readings(wall()), flat(WRONG))
+    assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
+    assert found[0].where.mean() > 0.8
+
+
 def test_a_map_that_is_right_stays():
     assert ask(readings(wall()), flat(WALL)) == []
 
