@@ -214,6 +214,7 @@ class Code(StrEnum):
 
     # The result.
     VIEWS_COMBINED = auto()
+    VIEWS_OF_PATCHES = auto()
     UNJUDGED = auto()
     LITTLE_EXPLAINED = auto()
     VIEWS_ERR = auto()

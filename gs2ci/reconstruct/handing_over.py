@@ -1,9 +1,13 @@
 """What is handed over: the views of the fits, of the best scene and of the decode, combined so as to err least.
 
-    mean of the fits ─┬─ with its residual put back ─┐
-                      └─ as it is ───────────────────┤
-    best scene ──────────────────────────────────────┼─► shares by held-out pixels ─► the combination, from all pixels
-    decode, uncoupled and coupled (unless far off) ──┘
+    mean of the fits ─┬─ with its residual put back ──────┬───────────────────┐
+                      │                                   └─ and polished ────┤
+                      └─ as it is ────────────────────────────────────────────┤
+    best scene ───────────────────────────────────────────────────────────────┼─► shares by held-out pixels
+    decode, uncoupled and coupled (unless far off) ───────────────────────────┘   ─► the combination, from all pixels
+
+Polishing is a decode by groups of similar patches that begins with the refined views: it has detail that a scene lacks,
+and follows what moves.
 
 Here: the candidates, and what the result is called. Not here: the shares (`fit/combination.py`), the fits and the order
 of the stages (`pipeline`).
@@ -36,12 +40,16 @@ from gs2ci.reconstruct.settings import Settings
 _FAR_OFF: Final = 1.7
 # Of full scale, rms, from which on an expected error is a doubt: 26 dB, which is seen without looking closely.
 _ERRS: Final = 0.05
+# What polishing changes in a scene's views adds up along them as independent errors would, or more, in scenes at rest
+# (1.2 to 2.6 times as much in six), and to less in two pieces of clips of which a path had explained much (0.8).
+_CANCELS: Final = 0.9
 # From this share on the result is called by what it is made of.
 _ALL_BUT: Final = 0.95
 
-Part = Literal["refined", "mean", "scene", "decode", "coupled decode"]
+Part = Literal["refined", "polished", "mean", "scene", "decode", "coupled decode"]
 _CALLED: Final[dict[Part, Verdict]] = {
     "refined": "refined",
+    "polished": "refined",
     "mean": "refined",
     "scene": "scene",
     "decode": "decode",
@@ -76,10 +84,16 @@ def hand_over(
         "scene": Candidate(own, own, cancels=bool(notes)),
     }
     noise = noise_power(jury, ensemble.views)
-    if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):
-        as_it_is = {**candidates, "decode": Candidate(first.decoded, first.decoded)}
-        if first.sigma is None or shares(jury, as_it_is, noise)["decode"] > 0:
-            candidates.update(_decodes(first, settings))
+    near = (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0)
+    decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
+    # Polished, a scene that shows something else would be little but another decode.
+    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
+        polished = _polished(jury, refine(ensemble.views), settings.polish)
+        if not notes and power_of_sum(polished.blind - ensemble.views) < _CANCELS:
+            candidates = {name: replace(one, cancels=True) for name, one in candidates.items()}
+        candidates["polished"] = polished
+    if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
+        candidates.update(_decodes(first, settings))
     wanted = shares(jury, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(jury, {"refined": blind, "scene": own, "decode": first.decoded})
@@ -93,6 +107,8 @@ def hand_over(
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
+    if wanted.get("polished", 0) > 0:
+        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
@@ -137,6 +153,23 @@ def _refined(
             full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
             return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
     return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
+
+
+def _stands_alone(name: Part, candidates: dict[Part, Candidate], jury: Jury, noise: float) -> bool:
+    """Tell whether one candidate would be all but everything that is handed over."""
+    return name in candidates and shares(jury, candidates, noise)[name] >= _ALL_BUT
+
+
+def _polished(jury: Jury, refined: F32, how: PatchSettings) -> Candidate:
+    """Decode by patches from refined views, [N, H, W, C], on; a few last steps see all pixels."""
+    blind = patch_decode_from(jury.seen, refined, how)
+    return Candidate(blind, patch_decode_from(jury.shot, blind, how.last_steps))
+
+
+def power_of_sum(change: F32) -> float:
+    """Return the power of the views' sum, [N, H, W, C], beside what it would be if they were independent: 1."""
+    power = float(np.sum(np.square(change), dtype=np.float64))
+    return float(np.sum(np.square(change.sum(axis=0)), dtype=np.float64)) / power if power > 0 else 1.0
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:

@@ -47,10 +47,6 @@ LEAST_GAIN: Final = 0.02
 # What a few steps of a decode by similar patches have to take off it before moving scenes are tried. From ten still
 # measurements they took up to 4.7 %, as detail is alike in many places; from three crops of video 8.3 % and more.
 LEAST_PATCH_GAIN: Final = 0.065
-# What they have to take off it before many steps are asked, and before a decode by patches goes on from the refined
-# views of a still scene. From 3 % on that gains such scenes 0.1 to 0.3 dB, and costs colour pictures more time than all
-# the fits do: the demonstration, at 5 %, took three times as long.
-LEAST_POLISH_GAIN: Final = LEAST_PATCH_GAIN
 # A still scene that leaves so many times what the decode leaves, which knows of no scene, gains nothing by being one:
 # where a box crosses half the picture it left 1.02 times as much, on paths that tracks bear out 0.6 to 0.8
 # (`python -m tests.stability --only "moving object"`).
@@ -126,11 +122,10 @@ class MotionReport:
 
     @property
     def polishing(self) -> tuple[PatchSettings, ...]:
-        """Get by which schedules the patch decode may go on from the refined views."""
+        """Get by which dense schedules the patch decode may go on from the refined views."""
         if self.tried:
             return PatchSettings.polish(), PatchSettings.from_scene()
-        gain = self.question.gain
-        return (PatchSettings.polish(),) if gain is not None and gain >= LEAST_POLISH_GAIN else ()
+        return ()
 
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""

@@ -43,6 +43,8 @@ class Settings:
         decode: Of GAP-TV, which every decoder begins with.
         long_decode: Of the decode by similar patches that the views may be handed over from, and motion begin from
             (`decode.patches.watched`); None: the first look's decode is all there is.
+        polish: Of the decode by similar patches that goes on from the refined views, for those that are handed over
+            (`handing_over`); None leaves it out.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
@@ -62,7 +64,7 @@ class Settings:
         motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
             budget; "on": at once; "off": never (`moving`).
         registration: Whether the measurement is asked where its masks lie, before anything else.
-        seed: Of every random draw.
+        seed: Seed of every random draw.
     """
 
     poses: PoseSource = "auto"
@@ -71,6 +73,7 @@ class Settings:
     first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     long_decode: PatchSettings | None = field(default_factory=PatchSettings)
+    polish: PatchSettings | None = field(default_factory=PatchSettings.polish_sparsely)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     fits: int = 2
@@ -139,6 +142,8 @@ class Settings:
         self.decode.check()
         if self.long_decode is not None:
             self.long_decode.check()
+        if self.polish is not None:
+            self.polish.check()
         self.geometry.check()
         self.brightness.check()
         self.mask_moments.check()

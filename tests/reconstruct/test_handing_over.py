@@ -13,12 +13,13 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.handing_over import hand_over, power_of_sum
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 
 SIZE, VIEWS = (48, 64), 5
 SETTINGS = Settings()
+UNPOLISHED = replace(SETTINGS, polish=None)
 
 
 def picture(seed, sigma_px):
@@ -109,7 +110,7 @@ def test_a_right_scene_is_handed_over_as_it_is_and_no_decode_is_made_again(monke
 
 def test_fits_that_err_apart_from_the_best_are_combined_with_it_and_a_note_says_so():
     truth = moving()
-    given = handed(look_at(truth, share=0.2), astray(truth, 0.08), astray(truth, 0.08, seed=4))
+    given = handed(look_at(truth, share=0.2), astray(truth, 0.08), astray(truth, 0.08, seed=4), UNPOLISHED)
     assert given.verdict == "refined"
     (note,) = [note for note in given.notes if note.code is Code.VIEWS_COMBINED]
     assert 0.2 < note.figures["scene"] < 0.8
@@ -129,9 +130,33 @@ def test_patches_go_on_from_refined_views_where_held_out_pixels_bear_it_out():
     truth = moving(sigma_px=1.0)
     first = look_at(truth, share=0.1)
     mean = astray(truth, 0.1, sigma_px=1.0)
-    plain, polished = handed(first, mean), handed(first, mean, polish=True)
+    plain, polished = (handed(first, mean, settings=UNPOLISHED, polish=polish) for polish in (False, True))
     assert Code.VIEWS_POLISHED in [note.code for note in polished.notes]
     assert psnr(polished.views, truth) > psnr(plain.views, truth)
+
+
+def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
+    truth = moving(sigma_px=1.0)
+    first = look_at(truth, share=0.1)
+    mean = astray(truth, 0.1, sigma_px=1.0)
+    plain, polished = (handed(first, mean, settings=settings) for settings in (UNPOLISHED, SETTINGS))
+    (note,) = [note for note in polished.notes if note.code is Code.VIEWS_OF_PATCHES]
+    assert 0.5 < note.figures["share"] <= 1
+    assert psnr(polished.views, truth) > psnr(plain.views, truth) + 0.5
+    assert Code.VIEWS_OF_PATCHES not in [note.code for note in plain.notes]
+
+
+def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over._polished", None)
+    assert handed(look_at(moving()), moving(seed=9)).verdict == "decode"
+
+
+def test_what_cancels_along_the_views_is_told_from_what_does_not():
+    drawn = np.random.default_rng(0).normal(0, 1, (VIEWS, 40, 50, 1)).astype(np.float32)
+    assert power_of_sum(drawn) == pytest.approx(1, abs=0.1)
+    assert power_of_sum(drawn - drawn.mean(axis=0)) == pytest.approx(0, abs=1e-6)
+    assert power_of_sum(np.broadcast_to(drawn[:1], drawn.shape)) == pytest.approx(VIEWS)
+    assert power_of_sum(np.zeros_like(drawn)) == 1
 
 
 @pytest.mark.parametrize("how", ["nothing held out", "no residual"])

@@ -288,11 +288,11 @@ def test_a_motion_of_a_pixel_is_not_said_to_be_things_that_move(most_px, code):
         (None, False, ()),
         (0.01, False, ()),
         (0.05, False, ()),
-        (0.08, False, (PatchSettings.polish(),)),
+        (0.08, False, ()),
         (0.1, True, (PatchSettings.polish(), PatchSettings.from_scene())),
     ],
 )
-def test_views_are_polished_as_far_as_a_few_steps_of_patches_gained(gain, tried, schedules):
+def test_views_are_polished_densely_where_moving_fits_were_made(gain, tried, schedules):
     report = MotionReport("auto", MotionQuestion(None, gain), (("still", 0.1),) if tried else (), "still")
     assert report.polishing == schedules
 

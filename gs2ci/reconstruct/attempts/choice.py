@@ -24,7 +24,7 @@ from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
-    LEAST_POLISH_GAIN,
+    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -70,11 +70,13 @@ class Attempts:
         if not (self._wanted or asked.beyond_doubt):
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
-            asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
+            # A companion beside the fit leaves less than the fit alone; where that said no, it says no.
+            same = again.look is still.look and not asked.speaks_for_motion
+            asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
-            # Patches follow what no scene does: they are worth their time where a scene leads GAP-TV by so little.
+            # Patches follow what no scene does: they are worth some time where a scene leads GAP-TV by so little.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
-            first = self._decoded_better(first) if worth_decoding else first
+            first = self._decoded_better(first, sparsely=True) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         still = self.fits.completed(still)
@@ -118,11 +120,12 @@ class Attempts:
     def _may_look_again(self, first: FirstLook) -> bool:
         return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
 
-    def _decoded_better(self, first: FirstLook) -> FirstLook:
+    def _decoded_better(self, first: FirstLook, *, sparsely: bool = False) -> FirstLook:
         """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
-        if first.decoder == "patches" or self.fits.settings.long_decode is None:
+        schedule = self.fits.settings.long_decode
+        if first.decoder == "patches" or schedule is None:
             return first
-        longer = first.decoded_longer(self.fits.settings.long_decode, self.fits.progress)
+        longer = first.decoded_longer(schedule.sparse if sparsely else schedule, self.fits.progress)
         self.fits.clock.lap("decode")
         before, after = self.fits.jury.residual_rms(first.decoded), self.fits.jury.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before
@@ -135,7 +138,7 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
-        worth_more = gain >= LEAST_POLISH_GAIN
+        worth_more = gain >= LEAST_PATCH_GAIN
         long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
         return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
 

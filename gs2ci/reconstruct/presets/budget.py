@@ -83,15 +83,17 @@ class Budget:
         until_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
-            # The fine stage keeps to no deadline, and its gain is small: the coarse stage gets its time.
-            chosen = replace(settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None)
+            # The fine stage and the last decode keep to no deadline: the coarse stage gets their time.
+            chosen = replace(
+                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=None
+            )
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
                 iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))
             if iterations >= rung.least:
                 break
         else:
-            raise self._too_little(now_s, afterwards_s, timed)
+            raise self._too_little_time(now_s, afterwards_s, timed)
         sentence = (
             f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
@@ -111,7 +113,7 @@ class Budget:
             clock=self.clock,
         )
 
-    def _too_little(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
+    def _too_little_time(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
         """Say what the cheapest way would need."""
         spent_s = now_s - self.began_s
         shortest_s = 2 * LADDER[-1].least * timed.iteration_s + 2 * (LOOKS_AFTERWARDS + 1) * timed.look_s

@@ -36,12 +36,13 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps, no long decode, fewer planes, fewer iterations, fewer Gaussians, one fit."""
+    """A first look: fewer decode steps and planes, no patches at the end, one fit of fewer iterations and Gaussians."""
     base = Settings()
     return replace(
         base,
         decode=replace(base.decode, iterations=20),
         long_decode=None,
+        polish=None,
         geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
         fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS),
         fits=1,

@@ -104,3 +104,24 @@ def test_fits_from_rest_have_to_keep_up_with_those_along_the_path(monkeypatch, m
     (rival,) = [how.rival for name, how in tries.made if name == "rest"]
     assert rival.heldout == {100: 0.03}
     assert rival.iterations == Settings().fit.iterations
+
+
+def test_beside_a_still_scene_a_decode_at_length_is_sparse_and_has_to_be_better():
+    tries = Tries({})
+    tries.clock = SimpleNamespace(lap=lambda _: None)
+    asked = []
+
+    def look(left):
+        better = SimpleNamespace(decoded=0.02)
+        return SimpleNamespace(
+            decoder="gap-tv", decoded=left, decoded_longer=lambda schedule, _: asked.append(schedule) or better
+        )
+
+    decoded = choice.Attempts(tries)._decoded_better(look(0.03), sparsely=True)
+    assert decoded.decoded == 0.02
+    kept = choice.Attempts(tries)._decoded_better(look(0.01))
+    assert kept.decoded == 0.01
+    sparse, dense = asked
+    assert dense == tries.settings.long_decode
+    assert sparse.iterations == dense.iterations // 2
+    assert sparse.lattice.step_px == sparse.lattice.patch_px > dense.lattice.step_px

@@ -4,7 +4,7 @@ Here: the lattice of reference patches, and the search for those like them aroun
 here: the motion (`flow`), what is done with a group (`low_rank`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numba
@@ -43,6 +43,11 @@ class Lattice:
     per_group: int = 64
     views: int = 8
     phases: int = 4
+
+    @property
+    def side_by_side(self) -> "Lattice":
+        """Get the lattice whose patches cover each other nowhere: fewer than half as many as by default."""
+        return replace(self, step_px=self.patch_px)
 
     def check(self) -> "Lattice":
         """Return self if the numbers make sense.

@@ -10,7 +10,7 @@ Here: the clock, the levels, the end. Not here: where the time comes from (`gs2c
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -33,9 +33,7 @@ _MOST_STEPS: Final = 144
 
 
 def _sparse() -> PatchSettings:
-    lattice = Lattice()
-    sparse = replace(lattice, step_px=lattice.patch_px)
-    return PatchSettings(iterations=_MOST_STEPS, first_sigma=50 / 255, lattice=sparse)
+    return PatchSettings(iterations=_MOST_STEPS, first_sigma=50 / 255, lattice=Lattice().side_by_side)
 
 
 @dataclass(frozen=True)
