@@ -242,6 +242,8 @@ def found_planes(
         asked = _Asked.of(readings, area)
         part = _Asked.of(readings, _around_middle(area))
         start = _best_depth(evidence, part, span, parallax_px)
+        if start is None:
+            continue
         evidence.tune(part, start)
         plane = _best_plane(evidence, part, evidence.of_map(part, inverse_depth), start, parallax_px)
         gain = evidence.of_map(asked, inverse_depth) - evidence.of_plane(asked, plane)
@@ -376,11 +378,15 @@ def _around_middle(area: Bool) -> Bool:
     return part
 
 
-def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64:
-    """Return the plane of one depth that leaves least of an area, [3]."""
+def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64 | None:
+    """Return the plane of one depth that leaves least of an area, [3].
+
+    None at an end of the range, beyond all that there is: then depth is not what the readings tell of.
+    """
     count = int(np.clip((span[1] - span[0]) * parallax_px / _FIRST_STEP_PX, 3, _MOST_PLANES))
     planes = [np.array([0.0, 0.0, depth]) for depth in np.linspace(*span, count)]
-    return planes[int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))]
+    best = int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))
+    return planes[best] if 0 < best < count - 1 else None
 
 
 def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> F64:
