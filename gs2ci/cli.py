@@ -5,6 +5,7 @@ argument names are parameter names, the help is the docstring). Not here: any wo
 """
 
 import difflib
+import functools
 import importlib
 import inspect
 import os
@@ -19,7 +20,7 @@ from contextlib import contextmanager, nullcontext
 from contextvars import copy_context
 from dataclasses import replace
 from types import NoneType
-from typing import TYPE_CHECKING, Any, Final, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_origin
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
@@ -119,7 +120,8 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
             run.__doc__ = re.sub(r"\n {8,}", " ", inspect.cleandoc(run.__doc__ or ""))
-            tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
+            about = _about(run.__doc__)
+            tyro.cli(_with_plain_help(run), prog=f"gs2ci {command}", description=about, args=arguments)
     except Gs2ciError as error:
         _print_error(error)
         return EXIT_USER_ERROR
@@ -159,6 +161,48 @@ def _about(docstring: str) -> str:
     text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(docstring))[0]
     lines = textwrap.TextWrapper(shutil.get_terminal_size().columns, subsequent_indent="  ")
     return "\n\n".join(lines.fill(" ".join(part.split())) for part in text.split("\n\n"))
+
+
+def _with_plain_help(run: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the command with help that calls places by their names, and tells of a default only where there is one.
+
+    Where the default is none or nothing, the argument's text says what happens without it.
+    """
+    import tyro  # noqa: PLC0415
+
+    def told(default: str) -> str:
+        return "" if default in ("None", "", "''") else f"(default: {default})"
+
+    def annotated(parameter: inspect.Parameter) -> inspect.Parameter:
+        kind, metavar = parameter.annotation, None
+        if _is_place(kind) and not _has_choices(kind):
+            metavar = parameter.name.upper().replace("_", "-")
+            if parameter.default is not parameter.empty:
+                metavar = f"[{metavar} ...]" if parameter.default == () else f"[{metavar}]"
+        return parameter.replace(annotation=Annotated[kind, tyro.conf.arg(metavar=metavar, help_behavior_hint=told)])
+
+    signature = inspect.signature(run)
+    parameters = [annotated(parameter) for parameter in signature.parameters.values()]
+
+    @functools.wraps(run)
+    def command(*arguments: Any, **options: Any) -> Any:
+        return run(*arguments, **options)
+
+    del command.__wrapped__  # the parser would look through to the arguments as they were
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    return command
+
+
+def _is_place(kind: Any) -> bool:
+    """Return whether an argument is told by its place on the command line rather than by a name."""
+    import tyro  # noqa: PLC0415
+
+    return tyro.conf.Positional in getattr(kind, "__metadata__", ())
+
+
+def _has_choices(kind: Any) -> bool:
+    return get_origin(get_args(kind)[0]) is Literal
 
 
 @contextmanager

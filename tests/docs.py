@@ -42,9 +42,9 @@ _IDEALISATIONS_HEAD = """\
 # What the twins leave out
 
 A simulated bench runs the same drivers as a real one, against twins of the devices. This is what the twins do better
-than devices do, and what switches it. `devices = "typical"` in `[world]` sets all figures of the last column that the
-rig file does not set itself; without it, devices are ideal. The twins' protocols, errors and faults are not ideal
-([faults](faults.md)). Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
+than devices do, and what switches it. `devices = "typical"` in `[world]`, the default, sets all figures of the last
+column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols, errors and faults are
+not ideal in any case ([faults](faults.md)). Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
 """
 
 

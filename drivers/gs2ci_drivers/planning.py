@@ -18,6 +18,9 @@ from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
 EXPOSURE_TOLERANCE = 0.1
 """By how much less than asked for a sensor may expose: the weights of the masks tell the solver the rest."""
+CLOCK_TOLERANCE = 2e-4
+"""By how much a sensor's exposure may outlast what it is told by the modulator's clock: two crystals that are each off
+by up to 100 ppm, as their data sheets allow."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
@@ -89,9 +92,14 @@ def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
     return setup.exposure_s + setup.exposure_offset_s
 
 
+def _busy_s(exposure_s: float, settings: CaptureSettings, setup: SensorSettings, delay_s: float) -> float:
+    """Return how long after an edge a sensor may miss the next one."""
+    return exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s + settings.jitter_s + delay_s
+
+
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
     """Put dark time where the sensor needs it to read out."""
-    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s + setup.trigger_delay_s
+    busy_s = _busy_s(_exposure(settings, setup), settings, setup, setup.trigger_delay_s)
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
@@ -191,7 +199,7 @@ def _sensor_figures(
     modulator: ModulatorInfo,
 ) -> list[Figure]:
     delay_s = max(modulator.trigger_delay_s, 0.0) + setup.trigger_delay_s
-    busy_s = exposure_s + setup.readout_s + settings.jitter_s + delay_s
+    busy_s = _busy_s(exposure_s, settings, setup, delay_s)
     per_mask = settings.mode is Mode.PER_MASK
     period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
     alone = not per_mask and settings.burst == 1

@@ -103,7 +103,7 @@ def tradeoff(
             fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
             precision; all of them when not given.
         most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
-        seed: Of every random draw.
+        seed: Seed of every random draw.
         report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
             when `gs2ci report` builds it again.
         fresh: Try everything again.

@@ -50,7 +50,7 @@ class Choice:
         denoiser: Of plug-and-play.
         iterations: How many steps; None: the method's own number.
         coupling: Of GAP-TV.
-        seed: Of the draw of the held-out pixels.
+        seed: Seed of the draw of the held-out pixels.
         until_s: The moment, by `time.monotonic`, before which the patch decode has to end; None: whenever it does.
     """
 

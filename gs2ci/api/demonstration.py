@@ -88,10 +88,10 @@ def demo_rig(
     Args:
         path: The rig file to write; parents are made.
         views: Masks during the exposure.
-        height: Of the measurement, in pixels, a multiple of 2.
-        width: Of the measurement, in pixels, a multiple of 4.
+        height: Height of the measurement, in pixels, a multiple of 2.
+        width: Width of the measurement, in pixels, a multiple of 4.
         parallax_px: How far near and far shift against each other during the exposure.
-        seed: Of masks and noise.
+        seed: Seed of masks and noise.
 
     Returns:
         The path.

@@ -76,7 +76,7 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
     Args:
         run: A run that was saved, or its folder.
         path: The file to write.
-        voxels: Along the longest side of what is seen: more are finer, and take the cube of the memory.
+        voxels: How many along the longest side of what is seen: more are finer; memory grows with their cube.
         overwrite: Replace what lies there.
 
     Returns:

@@ -16,7 +16,7 @@ class LivePage:
     Args:
         rig: The bench.
         host: Who may look, and press if nobody else does.
-        port: Of the local server, or the first of the next ones that is free; 0 for any.
+        port: Port of the local server, or the first of the next ones that is free; 0 for any.
     """
 
     def __init__(self, rig: "Rig", host: str, port: int) -> None:

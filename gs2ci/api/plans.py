@@ -4,6 +4,7 @@ Not here: the reckoning (`gs2ci_sims.planner`, `explaining`), a capture's plan (
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci_sims.explaining import Explanation
-    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.simulation_plan import Plan
 
 
 def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = False) -> "Plan":
@@ -20,7 +21,7 @@ def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = Fal
 
     Args:
         rig: The rig file (TOML) of a simulated bench or of a simulation alone (docs/simulation.md).
-        tolerance_dn: In total, DN rms; that of the rig file if None.
+        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
         rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
 
     Returns:
@@ -93,22 +94,15 @@ def _simulation(rig: Path, tables: Mapping[str, Any], tolerance_dn: float | None
     from gs2ci_sims import planner
     from gs2ci_sims.exact import ExactRenderer
     from gs2ci_sims.rig_file import setup_from_tables
+    from gs2ci_sims.simulation_plan import SimulationTask
 
     setup = setup_from_tables(tables)
 
     def planned() -> "Plan":
         scene = setup.scene.build()
-        return planner.plan(
-            scene,
-            setup.path.build(scene, setup.rig.exposure_s),
-            setup.masks(),
-            setup.rig,
-            setup.effects,
-            tolerance_dn=setup.plan.tolerance_dn if tolerance_dn is None else tolerance_dn,
-            on=setup.plan.on,
-            off=setup.plan.off,
-            seed=setup.seed,
-            exact=ExactRenderer() if rays else None,
-        )
+        path = setup.path.build(scene, setup.rig.exposure_s)
+        task = SimulationTask(scene, path, setup.masks(), setup.rig, setup.effects, setup.seed)
+        choice = setup.plan if tolerance_dn is None else replace(setup.plan, tolerance_dn=tolerance_dn)
+        return planner.plan(task, choice, exact=ExactRenderer() if rays else None)
 
     return planned

@@ -329,7 +329,7 @@ class OpenRig:
         when its page goes, or serving ends, everything is disarmed.
 
         Args:
-            port: Of the local server; if it is taken, the next free one; 0 for any.
+            port: Port of the local server; if it is taken, the next free one; 0 for any.
             host: Who may look, and press if nobody else does: 127.0.0.1 is this machine alone.
 
         Returns:

@@ -228,7 +228,7 @@ class Run:
         """Serve scene and cameras to a browser; needs the extra `view`.
 
         Args:
-            port: Of the local server; if it is taken, the next free one; 0 for any.
+            port: Port of the local server; if it is taken, the next free one; 0 for any.
             host: Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 everybody who reaches it.
 
         Returns:

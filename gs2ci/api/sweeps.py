@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 
 if TYPE_CHECKING:
-    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.simulation_plan import Plan
     from gs2ci_sims.sweeping import FigureSweep
 
 DEFAULT_POINTS: Final = 9
@@ -62,7 +62,7 @@ def sweep(
         quantities: Each "NAME=LOW..HIGH" or "NAME": travel, mask_s, aperture, or a dotted key of the file such as
             effects.stage_vibration.amplitude. All others keep the file's values meanwhile.
         points: Values per figure, 2 to 200.
-        tolerance_dn: In total, DN rms; that of the rig file if None.
+        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
         progress: Receives each plan.
 
     Returns:
@@ -91,7 +91,7 @@ def sweep(
     for text in quantities:
         name, _, span = text.partition("=")
         figure = names.get(name, _Figure(name, ""))
-        own = _own(tables, figure.key)
+        own = _value_in_file(tables, figure.key)
         low, high = _span(text, span, own)
         read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn), tables, figure.key)
         values = along(low, high, points)
@@ -113,7 +113,7 @@ def _read(
     reader: "Callable[[Mapping[str, Any]], Callable[[], Plan]]", tables: Mapping[str, Any], key: str, value: float
 ) -> "Callable[[], Plan]":
     """Read the tables with one value changed; counts are whole numbers."""
-    return reader(_with(tables, key, int(value) if value.is_integer() else value))
+    return reader(_with_value(tables, key, int(value) if value.is_integer() else value))
 
 
 def _planned(read: "Callable[[float], Callable[[], Plan]]", value: float) -> "Plan":
@@ -150,7 +150,7 @@ def _span(text: str, span: str, own: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _own(tables: Mapping[str, Any], key: str) -> float | None:
+def _value_in_file(tables: Mapping[str, Any], key: str) -> float | None:
     """Return the file's value of a key, None where it has none."""
     if key == TRAVEL_KEY:
         capture = tables.get("capture", {})
@@ -165,7 +165,7 @@ def _own(tables: Mapping[str, Any], key: str) -> float | None:
     return float(value)
 
 
-def _with(tables: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
+def _with_value(tables: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
     """Return the tables with one value changed."""
     changed = copy.deepcopy(dict(tables))
     if key == TRAVEL_KEY:

@@ -48,7 +48,7 @@ def run(shell: Annotated[Shell, tyro.conf.Positional], /) -> str:
     Where each shell looks for it: docs/commands/completion.md.
 
     Args:
-        shell: For which.
+        shell: For which shell.
 
     Returns:
         The script.

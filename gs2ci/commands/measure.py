@@ -25,7 +25,7 @@ def run(
     Args:
         folder: The run folder, as `gs2ci reconstruct` wrote it.
         one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
-        other: The other one.
+        other: The other pixel, likewise.
         view: Which view, counted from 1; the middle one if not given.
 
     Returns:

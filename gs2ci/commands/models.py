@@ -29,8 +29,9 @@ _CALLS: Final[dict[str, tuple[str, int]]] = {
 
 def run(
     action: tyro.conf.Positional[Action],
+    what: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     /,
-    *what: tyro.conf.Positional[Path],
+    *,
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
     views: int = 8,
     overwrite: bool = False,

@@ -22,7 +22,7 @@ from gs2ci.core.whole_file import check_place, write_whole
 
 if TYPE_CHECKING:
     from gs2ci_sims.explaining import Explanation
-    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.simulation_plan import Plan
     from gs2ci_sims.sweeping import FigureSweep
 
 LAW_WIDTH: Final = 32

@@ -37,7 +37,7 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one.
+        table: Which table.
         output: Folder for the pages and the finished cells.
 
     Returns:

@@ -174,7 +174,8 @@ class RegistrationSection(ReportSection):
     """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
 
     `bent_px` is by how much a smooth field moves masks against the best affine, at most. `first_mask` is the number,
-    from 0, that the mask that was shown first has in the list as given. `not_let_in` holds what was estimated and not
+    from 0, that the mask that was shown first has in the list as given. `widening_px` is how far open elements reach
+    beyond their stated edges. `not_let_in` holds what was estimated and not
     corrected: value and standard error.
     """
 
@@ -187,6 +188,7 @@ class RegistrationSection(ReportSection):
     blur_sigma_px: Number
     blur_px2: Number
     leak: Number
+    widening_px: Number = 0.0
     black: Number
     unit: Number
     open_level: Number

@@ -64,7 +64,7 @@ class Settings:
         motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
             budget; "on": at once; "off": never (`moving`).
         registration: Whether the measurement is asked where its masks lie, before anything else.
-        seed: Of every random draw.
+        seed: Seed of every random draw.
     """
 
     poses: PoseSource = "auto"

@@ -159,7 +159,7 @@ class WorldTable(ConfigTable):
     grbl_board: Literal["plain", "uno", "native"] = "plain"
     """What opening its port does to the simulated GRBL controller: nothing, a reset, or answers only while DTR is
     high."""
-    devices: Literal["ideal", "typical"] = "ideal"
+    devices: Literal["ideal", "typical"] = "typical"
     """Whether what no key of [world] says is as ideal devices are, or as most real ones (docs/idealisations.md)."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""

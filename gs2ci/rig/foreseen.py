@@ -12,7 +12,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci.rig.simulated import SimulatedBench, build_bench, modulator_size
 from gs2ci_drivers.pattern_sequence import PatternSequence
-from gs2ci_sims.planner import Plan
+from gs2ci_sims.simulation_plan import Plan
 from gs2ci_sims.world import Exposure, MaskInterval
 
 DEFAULT_BITS: Final = 10

@@ -84,7 +84,14 @@ def _table(bench: str, frames: int, seed: int) -> RigTable:
             "registration": {"superpixel": 2},
             "optics": {"full_scale_e_per_s": 1e6},
             "calibration": {"mask_frames": frames, "mask_accuracy": LOOSE},
-            "world": {"scene": "planes", "height": height, "width": width, "seed": seed} | dict(BENCHES[bench]),
+            "world": {
+                "scene": "planes",
+                "height": height,
+                "width": width,
+                "seed": seed,
+                "devices": "ideal",  # but for what the bench is named after
+            }
+            | dict(BENCHES[bench]),
         }
     )
 

@@ -32,6 +32,7 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.files import load_scene
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0
@@ -163,7 +164,8 @@ class Case:
         path = loaded.path(rig.exposure_s)
         moving = loaded.object_motion(rig.exposure_s)
         wanted = [MotionBlur(), *sensor_effects(rig.sensor), *([] if moving is None else [moving])]
-        chosen = plan(loaded.scene, path, masks, rig, wanted, tolerance_dn=TOLERANCE_DN, seed=seed)
+        task = SimulationTask(loaded.scene, path, masks, rig, wanted, seed)
+        chosen = plan(task, PlanChoice(TOLERANCE_DN))
         shot = expose(loaded.scene, path, masks, rig, effects=chosen.effects, seed=seed, plan=chosen.record())
         return shot if self.noise == 0 else noisy(shot, self.noise, generator(seed, "added noise"))
 

@@ -18,10 +18,11 @@ from gs2ci_sims.brute_force import BruteForce, deviation_dn, simulate_everything
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.planner import Plan, plan
+from gs2ci_sims.planner import plan
 from gs2ci_sims.rig_file import Setup, read_rig_file
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
+from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
 
 TOLERANCES_DN: Final = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 EVERYTHING: Final = "everything"
@@ -92,7 +93,8 @@ class _Bench:
     def simulate(self, tolerance_dn: float) -> tuple[Plan, F64]:
         """Plan and expose once; return the plan, and the mean photons in each pixel, [H, W, 3]."""
         rig, seed = self.setup.rig, self.setup.seed
-        decided = plan(self.scene, self.path, self.masks, rig, self.setup.effects, tolerance_dn=tolerance_dn, seed=seed)
+        task = SimulationTask(self.scene, self.path, self.masks, rig, self.setup.effects, seed)
+        decided = plan(task, PlanChoice(tolerance_dn))
         chain = EffectChain(decided.effects, seed, rig)
         light = integrate(self.scene, self.path, self.masks, chain)
         read_out(light.photons, chain)

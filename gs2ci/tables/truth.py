@@ -26,6 +26,7 @@ from gs2ci_sims.effects.dsnu import Dsnu
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.vignetting import Vignetting
@@ -116,9 +117,11 @@ class BenchTruth:
 
     @property
     def psf_sigma_px(self) -> float:
-        """Get the standard deviation of the relay's blur, diffraction included; 0 without the effect."""
-        effect = self._effect(ModulatorPsf)
-        return 0.0 if effect is None else effect.total_sigma_px(self.rig)
+        """Get the standard deviation of the masks' blur: by the relay, diffraction included, and at their edges."""
+        relay, edges = self._effect(ModulatorPsf), self._effect(MaskEdges)
+        return float(
+            np.hypot(0.0 if relay is None else relay.total_sigma_px(self.rig), 0.0 if edges is None else edges.sigma_px)
+        )
 
     @property
     def intrinsics(self) -> F64:

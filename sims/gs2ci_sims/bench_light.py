@@ -24,13 +24,14 @@ from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
-from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
+from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.signals import Slices
+from gs2ci_sims.simulation_plan import DEFAULT_TOLERANCE_DN, Plan, PlanChoice, SimulationTask
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
 from gs2ci_sims.world import BOOT_S, Exposure
 
@@ -286,14 +287,8 @@ class BenchLight:
         if steady and key in self._plans_at_rest:
             return self._plans_at_rest[key]
         decided = plan(
-            self.scene,
-            path,
-            masks,
-            rig,
-            effects,
-            tolerance_dn=self._tolerance_dn,
-            seed=seed,
-            slices=slices,
+            SimulationTask(self.scene, path, masks, rig, effects, seed, slices),
+            PlanChoice(self._tolerance_dn),
             renderer=self._renderer,
         )
         if steady:

@@ -13,7 +13,7 @@ from typing import Any
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import BoundStep
 from gs2ci_sims.light_path import light_path
-from gs2ci_sims.planner import Decision, Plan
+from gs2ci_sims.simulation_plan import Decision, Plan
 
 ALL = "all"
 """Stands for every effect of the rig."""

@@ -136,12 +136,11 @@ IDEALISATIONS: Final = (
     Idealisation(
         "GRBL controller",
         "keeps running when its port is opened",
-        "an Arduino Uno resets when DTR rises, which every opening of the port does",
-        "100 nF between DTR and RESET in the Uno's schematic; Linux raises DTR on open",
+        "an Arduino Uno resets when DTR rises: at the first opening of its port after it was plugged in",
+        "100 nF between DTR and RESET in the Uno's schematic; Linux raises DTR on open, the driver leaves it up",
         "grbl_board",
         "plain",
-        "uno",
-        frozenset({"grbl"}),
+        kinds=frozenset({"grbl"}),
     ),
     Idealisation(
         "stage",

@@ -14,7 +14,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.progress import Progress, Silent
-from gs2ci_sims.planner import Plan
+from gs2ci_sims.simulation_plan import Plan
 
 # Decades of bound over limit that the picture's colours tell apart, either way.
 DECADES: Final = 3.0

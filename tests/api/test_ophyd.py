@@ -145,7 +145,7 @@ def test_a_move_that_is_stopped_ends_at_once_and_short_of_its_target(open_bench,
 
 @pytest.mark.parametrize("mode", ["per-exposure", "gate"])
 def test_coded_frames_are_those_that_a_capture_takes(open_bench, run, tmp_path, mode):
-    rig, bench = open_bench(f'mode = "{mode}"')
+    rig, bench = open_bench(f'mode = "{mode}"', world='devices = "ideal"')  # every exposure begins equally late
     documents = run(coded_frames(bench, 3, {"sample": "fern"}))
     (start,), (stop,) = named(documents, "start"), named(documents, "stop")
     assert (start["sample"], start["masks"], start["mask_s"], stop["exit_status"]) == ("fern", 4, 0.01, "success")

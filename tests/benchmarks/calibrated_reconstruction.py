@@ -99,6 +99,7 @@ def table(effects: Mapping[str, Mapping[str, float]], seed: int, size: tuple[int
             "optics": {"full_scale_e_per_s": 1e5},
             "world": {
                 "scene": "planes",
+                "devices": "ideal",
                 "seed": seed,
                 "height": height,
                 "width": width,

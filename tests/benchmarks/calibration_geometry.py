@@ -93,6 +93,7 @@ def random_bench(
             "registration": {"superpixel": 2},
             "optics": {"full_scale_e_per_s": float(10 ** rng.uniform(4.5, 6))},
             "world": {
+                "devices": "ideal",
                 "height": height,
                 "width": width,
                 "seed": seed,

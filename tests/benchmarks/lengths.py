@@ -5,10 +5,11 @@
 A slanted panel, a ball and a staircase before a wall, as triangles that the simulator's ray caster shows, so that they
 are no scene of the solver's own kind; 128 × 96 px, 8 masks, shot noise and readout noise, true masks, and a stage that
 tells the path exactly, in millimetres (`GS2CI_STAGE_OFF` makes each place err by a share of the path). Default
-settings; `GS2CI_SEED` draws others. For each: random pairs of pixels on the solid, at least a quarter of its breadth
-apart, away from its rims and of a confidence of 0.9 or more, as `gs2ci measure` measures them. Printed: the median
-error of a length, the share within 1 %, the scale that all lengths have in common, the median stated error, and the
-share of lengths that lie within 1.96 of their stated standard errors, which ought to be 95 %.
+settings; `GS2CI_SEED` draws others, `GS2CI_SIZE` ("192x256") asks for another size, with the same motion. For each:
+random pairs of pixels on the solid, at least a quarter of its breadth apart, away from its rims and of a confidence of
+0.9 or more, as `gs2ci measure` measures them. Printed: the median error of a length, the share within 1 %, the scale
+that all lengths have in common, the median stated error, and the share of lengths that lie within 1.96 of their stated
+standard errors, which ought to be 95 %.
 """
 
 import os
@@ -37,12 +38,12 @@ from gs2ci_sims.scenes.solids import SOLIDS, solid
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.processes import side_by_side
 
-SIZE = (96, 128)
+HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "96x128").split("x"))
 VIEWS = 8
 SEED = int(os.environ.get("GS2CI_SEED", "0"))
 STAGE_OFF = float(os.environ.get("GS2CI_STAGE_OFF", "0"))
 DRAWS = 2
-PARALLAX_PX = 12.0
+PARALLAX_PX = 12.0 * WIDTH / 128
 BACKDROP_MM = 600.0
 PAIRS = 400
 RIM_PX = 3
@@ -94,10 +95,10 @@ def judge(wanted: tuple[str, int]) -> str:
 def take(which: str, seed: int) -> tuple[Shot, Scene]:
     """Expose a solid on the simulated bench, and let its stage tell the path."""
     rng = np.random.default_rng([seed, SOLIDS.index(which)])
-    scene = solid(which, rng, SuggestedCamera(SIZE, 45.0), backdrop=BACKDROP_MM)
+    scene = solid(which, rng, SuggestedCamera((HEIGHT, WIDTH), 45.0), backdrop=BACKDROP_MM)
     rig = Rig(light=Light(4180.0), modulator=Modulator(VIEWS, 0.25))
     path = stage_move_for_parallax(scene, PARALLAX_PX, rig.exposure_s)
-    masks = random_masks(VIEWS, SIZE, 0.25, rng)
+    masks = random_masks(VIEWS, (HEIGHT, WIDTH), 0.25, rng)
     shot = expose(scene, path, masks, rig, effects=(MotionBlur(), *sensor_effects(rig.sensor)), seed=seed)
     return staged(shot, STAGE_OFF, rng), scene
 

@@ -22,12 +22,13 @@ from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.planner import Plan, plan
+from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.rig_file import read_rig_file
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
+from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
 
 TOLERANCE_DN = 0.25
@@ -121,8 +122,8 @@ class SimulationBench:
 
     def planned(self) -> tuple[Plan, F64]:
         """Plan within the tolerance and simulate so; the renderer remembers nothing from before."""
-        args: tuple[Any, ...] = (self.scene, self.path, self.masks, self.rig, self.effects)
-        decided = plan(*args, tolerance_dn=self.tolerance_dn, seed=self.seed, renderer=Renderer())
+        task = SimulationTask(self.scene, self.path, self.masks, self.rig, self.effects, self.seed)
+        decided = plan(task, PlanChoice(self.tolerance_dn), renderer=Renderer())
         return decided, self.simulate(decided.effects, decided.renderer)
 
     def everything(self, settle_dn: float) -> BruteForce:

@@ -26,6 +26,7 @@ from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.files import load_scene
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "1080x1920").split("x"))
 MASKS = int(os.environ.get("GS2CI_MASKS", "16"))
@@ -48,7 +49,7 @@ def _measured(parallax_px: float) -> str:
         MaskEdges(),
     )
     made_s = time.process_time()
-    decided = plan(scene, path, masks, rig, effects, tolerance_dn=1.0)
+    decided = plan(SimulationTask(scene, path, masks, rig, effects), PlanChoice(1.0))
     planned_s = time.process_time()
     shot = expose(scene, path, masks, rig, effects=decided.effects, seed=0)
     exposed_s = time.process_time()

@@ -150,7 +150,7 @@ def test_masks_deeper_than_a_byte_are_measured_before_the_even_light():
             "sensor": {"kind": "v4l2", "format": "Y12", "black_level_dn": 64.0},
             "capture": {"masks": 2, "bit_depth": 10, "mode": "per-mask", "mask_s": 0.2},
             "calibration": {"frames": 4, "mask_frames": 2},
-            "world": {"scene": "planes", "height": 32, "width": 48, "flat_radiance": 0.1},
+            "world": {"scene": "planes", "height": 32, "width": 48, "flat_radiance": 0.1, "devices": "ideal"},
         }
     )
     with opened(table) as (bench, _):

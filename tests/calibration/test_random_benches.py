@@ -16,7 +16,7 @@ from tests.calibration.random_benches import SPOILED, compare, random_table, spo
 pytestmark = pytest.mark.slow
 
 STEPS = ("dark-flat", "sensor", "timing")
-BENCHES = 20
+BENCHES = 14
 TIMED = 6
 FRAMES = 12
 

@@ -44,7 +44,7 @@ def masks_bench(**world):
 @contextmanager
 def board_bench(**world):
     """Open a bench of the steps that look at a board."""
-    bench, _, _ = random_bench(3, BOARD_SIZE, ("x",), **world)
+    bench, _, _ = random_bench(3, BOARD_SIZE, ("x",), devices="typical", **world)
     try:
         yield replace(bench, options=bench.options.model_copy(update={"board_views": 8}))
     finally:

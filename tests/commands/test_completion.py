@@ -88,4 +88,4 @@ def test_texts_and_kinds_are_read_from_the_command():
     assert options["--output"].names == ("-o", "--output")
     assert options["--overwrite"].bare
     assert options["--all"].bare
-    assert options["--seed"].help.startswith("Of every random draw")
+    assert options["--seed"].help.startswith("Seed of every random draw")

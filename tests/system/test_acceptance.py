@@ -63,8 +63,6 @@ down_px = -0.4
 turn_mrad = 2.0
 [world.effects.finite_contrast]
 contrast = 30.0
-[world.effects.modulator_psf]
-sigma_px = 0.4
 """
 CAPTURE = """
 [capture]

@@ -184,7 +184,7 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
     assert typed(monkeypatch, "import", "--help") == 0
     told = capsys.readouterr().out
-    assert "PATH [PATH]" in told
+    assert "FILE [MASKS-FILE]" in told
     assert "--focal-px FLOAT" in told
     assert "{None}|" not in told
     assert "--cfa {RGGB,BGGR,GRBG,GBRG}" in told
@@ -298,6 +298,9 @@ def test_every_command_explains_itself(command, monkeypatch, capsys):
     told = capsys.readouterr().out
     assert f"gs2ci {command}" in told
     assert len(told.splitlines()) > 5
+    # Where nothing is the default, the text says what is done without the option.
+    assert "default: None" not in told
+    assert "default: )" not in told
 
 
 def test_help_on_a_command_may_be_asked_for_in_either_order(monkeypatch, capsys):

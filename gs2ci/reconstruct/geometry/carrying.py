@@ -33,31 +33,29 @@ def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, 
     """
     height, width = inverse_depth.shape
     found = np.empty(places.shape, np.float32)
-    ray, at_ray, seen = np.empty(3), np.empty(3), np.empty(3)
+    # With R, t of the pose and K: a place whose point lies `along` the view's axis is seen at along K Rᵀ K⁻¹ (x, y, 1)
+    # − K Rᵀ t, and `along` is t_z + depth (R K⁻¹)_z (x, y, 1) of the place that shows it.
+    to_middle = np.ascontiguousarray(pose[:3, :3].T)
+    through = intrinsics @ to_middle @ rays_of_pixels
+    shift = intrinsics @ to_middle @ np.ascontiguousarray(pose[:3, 3])
+    axis = np.ascontiguousarray(pose[2, :3]) @ rays_of_pixels
     for p in range(len(places)):
         x, y = places[p, 0], places[p, 1]
-        for i in range(3):
-            ray[i] = rays_of_pixels[i, 0] * x + rays_of_pixels[i, 1] * y + rays_of_pixels[i, 2]
+        a = through[0, 0] * x + through[0, 1] * y + through[0, 2]
+        b = through[1, 0] * x + through[1, 1] * y + through[1, 2]
+        c = through[2, 0] * x + through[2, 1] * y + through[2, 2]
         for _ in range(_STEPS):
             # Written so that a place that is no number takes the first column and row.
             column = min(int(x), width - 1) if x > 0 else 0
             row = min(int(y), height - 1) if y > 0 else 0
             depth = 1 / np.float64(inverse_depth[row, column])
-            along = pose[2, 3]
-            for i in range(3):
-                at_ray[i] = rays_of_pixels[i, 0] * x + rays_of_pixels[i, 1] * y + rays_of_pixels[i, 2]
-                along += pose[2, i] * at_ray[i] * depth
+            along = pose[2, 3] + (axis[0] * x + axis[1] * y + axis[2]) * depth
             along = max(along, _LEAST_AHEAD * depth)
-            for j in range(3):
-                seen[j] = 0.0
-                for i in range(3):
-                    seen[j] += (ray[i] * along - pose[i, 3]) * pose[i, j]
-            ahead = intrinsics[2, 0] * seen[0] + intrinsics[2, 1] * seen[1] + intrinsics[2, 2] * seen[2]
+            ahead = c * along - shift[2]
             if ahead > 0:
-                x = (intrinsics[0, 0] * seen[0] + intrinsics[0, 1] * seen[1] + intrinsics[0, 2] * seen[2]) / ahead
-                y = (intrinsics[1, 0] * seen[0] + intrinsics[1, 1] * seen[1] + intrinsics[1, 2] * seen[2]) / ahead
-                x = min(max(x, -_OUTSIDE_PX), _OUTSIDE_PX)
-                y = min(max(y, -_OUTSIDE_PX), _OUTSIDE_PX)
+                per_ahead = 1 / ahead
+                x = min(max((a * along - shift[0]) * per_ahead, -_OUTSIDE_PX), _OUTSIDE_PX)
+                y = min(max((b * along - shift[1]) * per_ahead, -_OUTSIDE_PX), _OUTSIDE_PX)
         found[p, 0] = x - 0.5
         found[p, 1] = y - 0.5
     return found

@@ -42,9 +42,14 @@ class Evidence:
             rows, columns = rows[asked], columns[asked]
         self._views = views
         self._measured = shot.measurement[rows, columns]
-        self._transmissions = shot.masks[:, rows, columns] * shot.weights[:, None]
-        self._places = pixel_centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
-        self._channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns]
+        places = pixel_centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
+        channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns, None]
+        # Of every view: which of the pixels its mask lets through, where they are, how much, and in which channel.
+        self._lit = []
+        for transmissions in shot.masks[:, rows, columns] * shot.weights[:, None]:
+            lit = np.flatnonzero(transmissions)
+            seen = None if channels is None else channels[lit]
+            self._lit.append((lit, places[lit], transmissions[lit, None], seen))
 
     def left(self, geometry: Geometry) -> float:
         """Return the root mean square of the measurement that the carried middle view leaves, in its unit.
@@ -54,12 +59,11 @@ class Evidence:
         """
         reference = self._views[geometry.reference]
         left = -self._measured.astype(np.float32)
-        for view, transmissions in enumerate(self._transmissions):
-            lit = np.flatnonzero(transmissions)
-            carried = _carried(reference, geometry, view, self._places[lit])
-            if self._channels is not None:
-                carried = np.take_along_axis(carried, self._channels[lit, None], axis=1)
-            left[lit] += transmissions[lit, None] * carried
+        for view, (lit, places, transmissions, channels) in enumerate(self._lit):
+            carried = _carried(reference, geometry, view, places)
+            if channels is not None:
+                carried = np.take_along_axis(carried, channels, axis=1)
+            left[lit] += transmissions * carried
         return float(np.sqrt(np.mean(left**2, dtype=np.float64))) if left.size else 0.0
 
 

@@ -16,6 +16,7 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import BENT, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import FIELD_AT_PX
+from gs2ci.reconstruct.registration.widening import MOST_PX, MaskSum
 
 _ROUNDS: Final = 12
 _BLOCK_PX: Final = 16
@@ -23,7 +24,7 @@ _BLOCK_PX: Final = 16
 LEAST_BLOCKS: Final = 12
 # Differences are taken over such a displacement at the picture's corner, and over these steps of the others.
 _STEP_PX: Final = 0.1
-_STEPS: Final = {"blur_px2": 0.05, "leak": 0.01, "black": 0.01}
+_STEPS: Final = {"blur_px2": 0.05, "leak": 0.01, "black": 0.01, "widening_px": 0.02}
 _LIMITS: Final = {
     "rotation_deg": (-5.0, 5.0),
     "scale": (-0.06, 0.06),
@@ -31,12 +32,13 @@ _LIMITS: Final = {
     "shear": (-0.06, 0.06),
     "blur_px2": (-4.0, 16.0),
     "leak": (-0.2, 0.9),
+    "widening_px": (-MOST_PX, MOST_PX),
 }
 _SETTLED: Final = 1e-2
 # A scene is not even: where its texture is finer than the windows, light leans to one side (blur below what there is)
 # by as much as its readings scatter. Standard errors are larger by these factors than scatter alone says, which makes
 # |z| of right shots what it should be (`tests.benchmarks.right_shots`, first hundred draws; places need no factor).
-_LEANING: Final = {"blur_px2": 1.6, "leak": 1.3, "black": 1.3}
+_LEANING: Final = {"blur_px2": 1.6, "leak": 1.3, "black": 1.3, "widening_px": 1.3}
 
 
 @dataclass(frozen=True)
@@ -60,28 +62,26 @@ class MisfitEstimate:
 
 @dataclass(frozen=True)
 class Problem:
-    """A measurement, the believed sum of its masks, and what counts.
+    """A measurement, the sum of its masks as stated, and what counts.
 
     Args:
         seen: The readings.
-        total: Believed sum Σ wᵢ Mᵢ, [H, W].
-        weights: Σ wᵢ.
+        masks: Σ wᵢ Mᵢ of the same piece.
         unit: What the measurement reads of light on average: black level and leak are stepped in such units.
     """
 
     seen: Seen
-    total: F64
-    weights: float
+    masks: MaskSum
     unit: float
 
     @property
     def size(self) -> tuple[int, int]:
         """Get height and width in pixels."""
-        return self.total.shape[0], self.total.shape[1]
+        return self.masks.stated.shape[0], self.masks.stated.shape[1]
 
     def errors(self, misfit: Misfit) -> F64:
         """Return the held-out error of each pixel, [H, W]."""
-        return self.seen.errors(misfit.of_total(self.total, self.weights), misfit.black)
+        return self.seen.errors(misfit.of_sum(self.masks), misfit.black)
 
     def steps(self) -> F64:
         """Return a small step of each parameter."""
@@ -89,7 +89,8 @@ class Problem:
         along = _STEP_PX / arm
         affine = [_STEP_PX, _STEP_PX, np.rad2deg(along), along, along, along]
         field = [_STEP_PX * (FIELD_AT_PX / arm) ** power for power in (3, *[2] * len(BENT), 5)]
-        return np.array([*affine, *field, _STEPS["blur_px2"], _STEPS["leak"], _STEPS["black"] * self.unit])
+        light = [_STEPS["blur_px2"], _STEPS["leak"], _STEPS["black"] * self.unit]
+        return np.array([*affine, *field, *light, _STEPS["widening_px"]])
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:

@@ -68,3 +68,55 @@ def undo(masks: F64, fraction: float) -> F64:
                 # Transmissions: what leaves [0, 1] is rounding, and would be carried on.
                 out[n, here, c] = min(max((masks[n, here, c] - f * last) / (1 - f), 0.0), 1.0)
     return out
+
+
+@numba.njit(cache=True)
+def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, float]:
+    """Return what a pixel's neighbours open of it: strips along its sides, and corners beyond what strips hold of them.
+
+    Open and closed are exchanged where sign is −1: then it is what closed neighbours close.
+    """
+    height, width = masks.shape[1], masks.shape[2]
+    strips, corners = 0.0, 0.0
+    for dr in (-1, 1):
+        row = min(max(r + dr, 0), height - 1)
+        upright = masks[n, row, c] if sign > 0 else 1 - masks[n, row, c]
+        level = masks[n, r, min(max(c + dr, 0), width - 1)]
+        strips += upright + (level if sign > 0 else 1 - level)
+        for dc in (-1, 1):
+            column = min(max(c + dc, 0), width - 1)
+            beside, across = masks[n, r, column], masks[n, row, column]
+            if sign < 0:
+                beside, across = 1 - beside, 1 - across
+            corners += 1 - (1 - upright) * (1 - beside) * (1 - across)
+    return strips, corners - 2 * strips
+
+
+@numba.njit(cache=True, parallel=True)
+def widen(masks: F64, px: float) -> F64:
+    """Return the share of each pixel, [N, H, W], that is open where open elements reach so far beyond their edges."""
+    count, height, width = masks.shape
+    out = np.empty_like(masks)
+    sign = 1.0 if px > 0 else -1.0
+    for r in numba.prange(height):
+        for n in range(count):
+            for c in range(width):
+                strips, corners = _opened(masks, n, r, c, sign)
+                other = 1 - masks[n, r, c] if px > 0 else masks[n, r, c]
+                out[n, r, c] = masks[n, r, c] + sign * other * (abs(px) * strips + px * px * corners)
+    return out
+
+
+@numba.njit(cache=True, parallel=True)
+def edge_bands(masks: F64, weights: F64) -> F64:
+    """Return what |px| and px² are multiplied by in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
+    count, height, width = masks.shape
+    out = np.zeros((2, 2, height, width))
+    for r in numba.prange(height):
+        for c in range(width):
+            for n in range(count):
+                opened, closed = _opened(masks, n, r, c, 1.0), _opened(masks, n, r, c, -1.0)
+                for k in range(2):
+                    out[0, k, r, c] += weights[n] * (1 - masks[n, r, c]) * opened[k]
+                    out[1, k, r, c] -= weights[n] * masks[n, r, c] * closed[k]
+    return out

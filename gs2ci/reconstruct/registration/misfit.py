@@ -1,6 +1,6 @@
-"""How masks met the light, against what is believed of them: every parameter that is sought, at its «absent» value.
+"""How masks met the light, against what is stated of them: every parameter that is sought, at its «absent» value.
 
-    y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(placement) ](p) + leak) · Xᵢ(p)
+    y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(widening, placement) ](p) + leak) · Xᵢ(p)
 
 Here: the parameters, and what they make of masks and of their sum. Not here: how they are found (`fine`, `light`),
 orientation and order of the masks (`coarse`, `sequence`).
@@ -15,6 +15,7 @@ from scipy import fft
 
 from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.registration.placement import Placement
+from gs2ci.reconstruct.registration.widening import MaskSum, widened
 
 # Sharpening raises what calibration left of noise as well: no frequency is raised by more than this.
 MOST_SHARPENING: Final = 30.0
@@ -24,47 +25,52 @@ _TRUNCATE: Final = 4.0
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is wrong with the masks as they are believed.
+    """What is wrong with the masks as stated.
 
     Args:
         placement: Where they lie.
-        blur_px2: Variance of the Gaussian blur that they met and that is not in them yet; negative: they are believed
+        blur_px2: Variance of the Gaussian blur that they met and that is not in them yet; negative: they are stated
             softer than they were.
         leak: Share of the light that passes closed elements as well.
         black: Reading without light, in the measurement's unit.
+        widening_px: How far open elements reach beyond their stated edges, in pixels of the stated masks; negative:
+            they end short of them.
     """
 
     placement: Placement = field(default_factory=Placement)
     blur_px2: float = 0.0
     leak: float = 0.0
     black: float = 0.0
+    widening_px: float = 0.0
 
     @property
     def blur_sigma_px(self) -> float:
-        """Get the standard deviation of the blur, px; negative where masks are believed softer than they were."""
+        """Get the standard deviation of the blur, px; negative where masks are stated softer than they were."""
         return 0.0 if self.blur_px2 == 0 else math.copysign(sigma_of(abs(self.blur_px2)), self.blur_px2)
 
     def of_masks(self, masks: F64, most_sharpening: float = MOST_SHARPENING, *, wrapped: bool = False) -> F64:
-        """Return transmissions, [N, H, W], from the believed ones.
+        """Return transmissions, [N, H, W], from the stated ones.
 
         Args:
-            masks: As they are believed, [N, H, W].
+            masks: As stated, [N, H, W].
             most_sharpening: No frequency is raised by more.
             wrapped: Beyond its rim the pattern begins anew; otherwise its rim goes on.
         """
-        placed = masks if self.placement.is_identity else self.placement.sample(masks, wrapped=wrapped)
+        wider = widened(masks, self.widening_px)
+        placed = wider if self.placement.is_identity else self.placement.sample(wider, wrapped=wrapped)
         blurred = gaussian(placed, self.blur_px2, most_sharpening)
         return np.clip((1 - self.leak) * blurred + self.leak, 0.0, 1.0)
 
-    def of_total(self, total: F64, weights: float, *, wrapped: bool = False) -> F64:
-        """Return what a white scene would read, [H, W], from the believed sum of masks and that of their weights."""
-        placed = total if self.placement.is_identity else self.placement.sample(total[None], wrapped=wrapped)[0]
-        seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * weights
+    def of_sum(self, masks: MaskSum) -> F64:
+        """Return what a white scene would read, [H, W], from the sum of the stated masks."""
+        wider = masks.widened(self.widening_px)
+        placed = wider if self.placement.is_identity else self.placement.sample(wider[None])[0]
+        seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * masks.weight
         return seen
 
     def vector(self) -> F64:
         """Return the parameters in the order of `NAMES`."""
-        return np.array([*asdict(self.placement).values(), self.blur_px2, self.leak, self.black])
+        return np.array([*asdict(self.placement).values(), self.blur_px2, self.leak, self.black, self.widening_px])
 
     @classmethod
     def from_vector(cls, vector: F64) -> "Misfit":
@@ -86,8 +92,9 @@ LOW: Final = ("radial_px", *BENT)
 HIGHER: Final = ("radial5_px",)
 FIELD: Final = (*LOW, *HIGHER)
 LIGHT: Final = ("blur_px2", "leak", "black")
+EDGES: Final = ("widening_px",)
 GEOMETRY: Final = (*AFFINE, *FIELD)
-NAMES: Final = (*GEOMETRY, *LIGHT)
+NAMES: Final = (*GEOMETRY, *LIGHT, *EDGES)
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:

@@ -26,8 +26,10 @@ from gs2ci.reconstruct.registration.coarse import (
 from gs2ci.reconstruct.registration.field import FieldEstimate, find_closer, find_field
 from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, refine
 from gs2ci.reconstruct.registration.local_scene import Seen
-from gs2ci.reconstruct.registration.misfit import AFFINE, GEOMETRY, LIGHT, LOW, NAMES, Misfit
+from gs2ci.reconstruct.registration.misfit import AFFINE, EDGES, GEOMETRY, LIGHT, LOW, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import Placement
+from gs2ci.reconstruct.registration.sharpen import CRISP, softness
+from gs2ci.reconstruct.registration.widening import MaskSum
 
 # A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
 # model is not exact, and what moves masks by less costs less than 0.05 dB.
@@ -38,7 +40,8 @@ _MATTERS_PX: Final = 0.02
 _MATTERS_BLUR_PX2: Final = 0.02
 _MATTERS_LEAK: Final = 0.005
 _MATTERS_BLACK: Final = 0.01
-# Displacements of tiles are believed where the tiles lie this far from where one shift would put them.
+_MATTERS_WIDENING_PX: Final = 0.02
+# Displacements of tiles are taken where the tiles lie this far from where one shift would put them.
 _UNEVEN_PX: Final = 0.7
 # Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
 _MOST_CLIPPED: Final = 0.01
@@ -55,11 +58,19 @@ _GROUPS: Final = (
     ("blur_px2",),
     ("leak",),
     ("black",),
+    ("widening_px",),
 )
 
 
-def propose(shot: Shot, peak: Peak) -> tuple[list[MisfitEstimate], dict[str, tuple[float, float]]]:
+def propose(
+    shot: Shot, peak: Peak, *, edges: bool = True
+) -> tuple[list[MisfitEstimate], dict[str, tuple[float, float]]]:
     """Estimate all parameters.
+
+    Args:
+        shot: The measurement.
+        peak: Of the coarse correlation.
+        edges: Whether open elements may be wider or narrower than stated.
 
     Returns:
         Those that are surely there and matter, without a field and with one, where there is one; and what was found
@@ -72,22 +83,25 @@ def propose(shot: Shot, peak: Peak) -> tuple[list[MisfitEstimate], dict[str, tup
     start = _start(shot, peak, total, element)
     if start is None:
         return [], {}
-    problem = _problem(shot, total, element)
+    problem = _problem(shot, element)
     sought = (*AFFINE, *LIGHT) if _clipped_share(shot) < _MOST_CLIPPED else AFFINE
     estimate = refine(problem, start, sought)
     names = _let_in(estimate, problem)
     tried = beside(estimate, names)
     found = _settled(problem, estimate, names)
-    straight = Misfit() if found is None else found.misfit
-    whole = _problem(shot, total, element, whole=True)
-    known = fine_pattern(straight.of_total(total, whole.weights), element)
+    wider, of_edges = _with_edges(shot, problem, found) if edges and "leak" in sought else (None, {})
+    tried |= of_edges
+    straightened = [one for one in (found, wider) if one is not None]
+    closest = straightened[-1] if straightened else None
+    straight = Misfit() if closest is None else closest.misfit
+    whole = _problem(shot, element, whole=True)
+    known = fine_pattern(straight.of_sum(whole.masks), element)
     tiles = find_tiles(readable(shot, element), known, lambda _: np.zeros(2), _TILE_REACH, element, _TILE_ELEMENTS)
     field, of_field = find_field(whole, straight, tiles)
     tried |= of_field
-    straightened = [] if found is None else [found]
     if field is None:
         return straightened, tried
-    light = () if found is None else tuple(name for name in found.errors if name in LIGHT)
+    light = () if closest is None else tuple(name for name in closest.errors if name in (*LIGHT, *EDGES))
     bent = _with_its_light(problem, whole, field, light)
     return [*straightened, bent], {name: pair for name, pair in tried.items() if name not in bent.errors}
 
@@ -142,7 +156,7 @@ def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...])
 def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, light: tuple[str, ...]) -> MisfitEstimate:
     """Find light along a field, and the field along it, by turns.
 
-    What bends masks was taken for blur before. A fraction of a pixel blurs as well, so that masks that are believed too
+    What bends masks was taken for blur before. A fraction of a pixel blurs as well, so that masks that are stated too
     sharp or too soft pull a field towards the pixels' middles or away from them: by 0.03 px with a blur of -0.05 px².
     """
     for _ in range(_TURNS):
@@ -155,7 +169,31 @@ def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, ligh
     return MisfitEstimate(field.misfit, {**field.errors, **({} if along is None else along.errors)})
 
 
-def _problem(shot: Shot, total: F64, element: float, *, whole: bool = False) -> Problem:
+def _with_edges(
+    shot: Shot, problem: Problem, found: MisfitEstimate | None
+) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
+    """Ask whether open elements are wider or narrower than stated, and find the rest along with that.
+
+    Asked last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak
+    are found anew beside the width, the black level only where there was one before: leak and black level look so much
+    alike that, asked together, neither is sure.
+
+    Returns:
+        An estimate with the width, None where it is not surely there; and what was found of the width then.
+    """
+    if softness(shot.masks[:1].astype(np.float64)) > CRISP:
+        return None, {}
+    before = () if found is None else tuple(found.errors)
+    names = tuple(name for name in NAMES if name in {*before, "blur_px2", "leak", *EDGES})
+    asked = refine(problem, Misfit() if found is None else found.misfit, names)
+    there = _let_in(asked, problem)
+    wider = _settled(problem, asked, there) if set(EDGES) <= set(there) else None
+    if wider is None or not set(EDGES) <= set(wider.errors):
+        return None, {name: pair for name, pair in beside(asked, ()).items() if name in EDGES}
+    return wider, {}
+
+
+def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:
     """Take the middle of a measurement, as much of it as tells enough, or the whole."""
     # Sides keep their parity, so that the middle stays where it is.
     sides = [n if whole else min(n, _LOOKED_AT_PX + (n - _LOOKED_AT_PX) % 2) for n in shot.size]
@@ -167,7 +205,7 @@ def _problem(shot: Shot, total: F64, element: float, *, whole: bool = False) -> 
         seen.window_px,
     )
     unit = float(np.mean(np.abs(part.planes)))
-    return Problem(part, np.ascontiguousarray(total[rows, columns]), float(shot.weights.sum()), max(unit, 1e-300))
+    return Problem(part, MaskSum(shot.masks, shot.weights, (rows, columns)), max(unit, 1e-300))
 
 
 def _clipped_share(shot: Shot) -> float:
@@ -186,6 +224,7 @@ def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
         "blur_px2": _MATTERS_BLUR_PX2,
         "leak": _MATTERS_LEAK,
         "black": _MATTERS_BLACK * problem.unit,
+        "widening_px": _MATTERS_WIDENING_PX,
     }
     return {name: abs(float(vector[NAMES.index(name)])) / least for name, least in matters.items()}
 
@@ -193,7 +232,7 @@ def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
 def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
     """Return the parameters that are surely there and matter; those of one group come together."""
     matters = _matters(estimate, problem)
-    least = {name: _SIGNIFICANT_LIGHT if name in LIGHT else SIGNIFICANT for name in estimate.errors}
+    least = {name: _SIGNIFICANT_LIGHT if name in (*LIGHT, *EDGES) else SIGNIFICANT for name in estimate.errors}
     sure = {name for name in least if matters[name] >= 1 and estimate.significance(name) >= least[name]}
     return tuple(
         name for group in _GROUPS for name in group if name in estimate.errors and any(one in sure for one in group)

@@ -49,7 +49,7 @@ class RegistrationSettings:
     """Whether and how far the measurement is asked.
 
     Args:
-        mode: "auto" corrects what the measurement surely tells; "off" believes masks and readings.
+        mode: "auto" corrects what the measurement surely tells; "off" takes masks and readings as stated.
         most_shift_px: How far a shift is sought.
     """
 
@@ -75,7 +75,7 @@ class Registered:
     """A measurement with its masks where they are, and what was found out.
 
     Args:
-        shot: The measurement as it is to be believed: masks, readings and clipped pixels corrected.
+        shot: The measurement with masks, readings and clipped pixels corrected.
         misfit: What was wrong with the masks; all at «absent» where nothing was.
         errors: Standard errors of the parameters that were let in, by name.
         orientation: How the masks had to be turned.
@@ -125,6 +125,7 @@ class Registered:
             "blur_sigma_px": self.misfit.blur_sigma_px,
             "blur_px2": self.misfit.blur_px2,
             "leak": self.misfit.leak,
+            "widening_px": self.misfit.widening_px,
             "black": self.misfit.black,
             "unit": self.unit,
             "open_level": self.open_level,
@@ -141,7 +142,7 @@ def register(
     """Find where the masks are and how they met the light, and correct what the measurement surely tells.
 
     Args:
-        shot: A checked measurement as it is believed; its truth is not read.
+        shot: A checked measurement, masks and readings as stated; its truth is not read.
         settings: Whether and how far.
         progress: Told of the stage, and of every sentence.
         seed: Of the held-out pixels.
@@ -239,7 +240,8 @@ class _Registration:
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
             sharp = replace(self.shot, masks=source.masks)
-            again, _ = propose(sharp, peak)
+            # Soft masks state their edges: those of the sharp ones lie where these have them.
+            again, _ = propose(sharp, peak, edges=False)
             ways = [way for estimate in again for way in ways_of(sharp, estimate)]
             proposals += [from_source(way, source) for way in ways or [Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)
@@ -267,7 +269,7 @@ class _Registration:
         return found.first
 
     def _open_level(self) -> float:
-        """Find what a fully open element is believed to let through, and correct the masks by it."""
+        """Find what a fully open element lets through by the stated masks, and correct the masks by it."""
         opened = open_level(self.shot.masks)
         if opened != 1.0:
             masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))

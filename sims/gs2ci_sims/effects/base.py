@@ -101,8 +101,11 @@ NOTHING = Bound(0.0, 0.0)
 UNAVOIDABLE = Bound(math.inf, math.inf)
 
 
-class Previewed(Protocol):
-    """What a bound may know of a measurement (`gs2ci_sims.preview.Preview`, where each is explained)."""
+class ViewPreview(Protocol):
+    """What an effect may know of a preview that itself says how it changes light, views or motion.
+
+    No charge and no scale of readings: these follow from what the effects say.
+    """
 
     @property
     def scene(self) -> "Scene":
@@ -127,6 +130,20 @@ class Previewed(Protocol):
     @property
     def shown(self) -> NDArray[Any]:
         """Get the masks with all effects on masks, [N, H, W]."""
+
+    def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what a linear filter changes in a view."""
+
+    @property
+    def spectrum(self) -> "MovingSpectrum":
+        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
+
+    def shifted(self, shift_px: float) -> tuple[float, float]:
+        """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
+
+
+class Previewed(ViewPreview, Protocol):
+    """What a bound may know of a measurement (`gs2ci_sims.preview.Preview`, where each is explained)."""
 
     @property
     def most_open(self) -> NDArray[Any]:
@@ -170,16 +187,6 @@ class Previewed(Protocol):
 
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons."""
-
-    def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
-        """Return rms and peak, radiance, of what a linear filter changes in a view."""
-
-    @property
-    def spectrum(self) -> "MovingSpectrum":
-        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
-
-    def shifted(self, shift_px: float) -> tuple[float, float]:
-        """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
 
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
@@ -236,7 +243,7 @@ class KernelEffect(Effect, Protocol):
 class Brightening(Effect, Protocol):
     """An effect that may make a pixel collect more light than the nominal light path does."""
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """Return the largest factor; one below 1 counts as 1."""
 
 
@@ -252,7 +259,7 @@ class Charging(Effect, Protocol):
 class Modulating(Effect, Protocol):
     """An effect that changes the light of some masks more than that of others."""
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """Return the largest share of a mask's light that it takes away, adds, or collects at another time."""
 
 
@@ -260,7 +267,7 @@ class Modulating(Effect, Protocol):
 class Moving(Effect, Protocol):
     """An effect that moves parts of the scene."""
 
-    def image_px_per_s(self, scene: Previewed) -> float:
+    def image_px_per_s(self, scene: ViewPreview) -> float:
         """Return how fast they cross the image, at most."""
 
 
@@ -268,7 +275,7 @@ class Moving(Effect, Protocol):
 class ViewChange(Effect, Protocol):
     """An effect on views that puts light elsewhere; one that only dims them is none."""
 
-    def view_change(self, scene: Previewed) -> tuple[float, float]:
+    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
         """Return rms and peak, radiance, of what it changes in a view."""
 
 

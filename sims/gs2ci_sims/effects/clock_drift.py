@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.trigger_timing import within_window
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -47,11 +47,11 @@ class ClockDrift:
             BoundStep("w", float(swing.max()), "", "largest share that comes at another time"),
         )
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """What the last mask's light changes by, or moves."""
         return float(self._changes(scene, scene.rig)[1].max())
 
-    def _changes(self, scene: Previewed, rig: Rig) -> tuple[F64, F64, F64]:
+    def _changes(self, scene: ViewPreview, rig: Rig) -> tuple[F64, F64, F64]:
         """Return the change of each mask's light, its magnitude in time [N], and over what time it goes on [N, 2]."""
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
@@ -64,7 +64,7 @@ class ClockDrift:
         both = np.stack([np.minimum(kept, scene.intervals_s)[:, 0], np.maximum(kept, scene.intervals_s)[:, 1]], axis=1)
         return change, swing, both
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """The stretch."""
         return 1 + 1e-6 * self.ppm
 

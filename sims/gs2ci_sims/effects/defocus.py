@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc, disc_transfer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -73,7 +73,7 @@ class Defocus:
             ),
         )
 
-    def view_change(self, scene: Previewed) -> tuple[float, float]:
+    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""
         widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
         return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))

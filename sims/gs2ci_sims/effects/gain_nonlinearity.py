@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
@@ -59,7 +59,7 @@ class GainNonlinearity:
             BoundStep("top", most_dn, "DN", "the same at the charge that no pixel exceeds"),
         )
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """The steepest slope: a change of the light before the amplifier grows by so much."""
         return 1 + 4 * abs(self.departure)
 

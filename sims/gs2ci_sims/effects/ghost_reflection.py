@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
 
@@ -54,7 +54,7 @@ class GhostReflection:
             BoundStep("d", self.blur_px, "px", "disc that the ghost is spread over"),
         )
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """The image and its ghost."""
         return 1 + self.share
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -44,11 +44,11 @@ class IlluminationDrift:
             ),
         )
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """The drift at the end of the exposure."""
         return float(self._factor(scene.intervals_s).max())
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """The drift at either end of the exposure."""
         return float(np.abs(self._factor(scene.intervals_s) - 1).max())
 

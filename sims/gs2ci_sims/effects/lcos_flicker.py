@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -46,11 +46,11 @@ class LcosFlicker:
         masks = len(scene.masks)
         return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """The top of the swing."""
         return 1 + self.depth
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """The swing."""
         return self.depth
 

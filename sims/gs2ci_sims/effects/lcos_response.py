@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -61,7 +61,7 @@ class LcosResponse:
             BoundStep("c", weight, "", "mean weight of the older masks", "min(1, tau / T * (1 - exp(-T / tau)))"),
         )
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """What goes to older masks."""
         return self._weight(scene.rig) if self.tau_s > 0 else 0.0
 

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
@@ -93,7 +93,7 @@ class LensDistortion:
             ),
         )
 
-    def view_change(self, scene: Previewed) -> tuple[float, float]:
+    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
         """Return rms and peak of what the lens changes in a view: what a shift by the rms displacement does.
 
         The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
@@ -102,10 +102,10 @@ class LensDistortion:
         moved = self._moved(scene)
         return scene.shifted(self._moved_px(scene))[0], scene.shifted(float(np.abs(moved).sum(axis=0).max()))[1]
 
-    def _moved_px(self, scene: Previewed) -> float:
+    def _moved_px(self, scene: ViewPreview) -> float:
         return float(np.sqrt(np.square(self._moved(scene)).sum(axis=0).mean()))
 
-    def _moved(self, scene: Previewed) -> F64:
+    def _moved(self, scene: ViewPreview) -> F64:
         size = scene.scene.size
         return self.sources_px(size, scene.scene.intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
 

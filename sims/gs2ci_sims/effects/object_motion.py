@@ -8,7 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import MovingScene
 
@@ -62,7 +62,7 @@ class ObjectMotion:
             ),
         )
 
-    def image_px_per_s(self, scene: Previewed) -> float:
+    def image_px_per_s(self, scene: ViewPreview) -> float:
         """Get how fast the object crosses the image, at most: as if it were at the near end of the scene."""
         if not bool(self._members(scene.scene.gaussians).any()):
             return 0.0

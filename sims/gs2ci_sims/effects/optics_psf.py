@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -46,7 +46,7 @@ class OpticsPsf:
         )
         return scene.of_views(*self.view_change(scene)).after(sigma)
 
-    def view_change(self, scene: Previewed) -> tuple[float, float]:
+    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""
         return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
 

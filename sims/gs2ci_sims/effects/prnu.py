@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -49,7 +49,7 @@ class Prnu:
             gain_step(rig),
         )
 
-    def brightest(self, scene: Previewed) -> float:
+    def brightest(self, scene: ViewPreview) -> float:
         """Six standard deviations above the mean."""
         return 1 + 6 * self.spread
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
 
@@ -56,11 +56,11 @@ class RollingShutter:
             BoundStep("c", float(missed.max()), "", "largest share of a mask's light that a row misses"),
         )
 
-    def modulation(self, scene: Previewed) -> float:
+    def modulation(self, scene: ViewPreview) -> float:
         """What the last row misses."""
         return float(self._missed(scene).max())
 
-    def _missed(self, scene: Previewed) -> F64:
+    def _missed(self, scene: ViewPreview) -> F64:
         """Return which share of each mask's light each row misses, [N, H]."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)

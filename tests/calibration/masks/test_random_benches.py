@@ -6,8 +6,8 @@ import pytest
 from gs2ci_calibration.masks.masks_step import measure_masks
 from gs2ci_calibration.masks.registration_step import measure_registration
 
-BENCHES = 22
 WAYS = 8
+BENCHES = 2 * WAYS
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """Masks moved and blurred by scipy, with nothing of the solver's own: what a bench did to them."""
 
 import numpy as np
-from scipy.ndimage import affine_transform, gaussian_filter, map_coordinates
+from scipy.ndimage import affine_transform, gaussian_filter, map_coordinates, maximum_filter, minimum_filter
 
 
 def warped(masks, *, down_px=0.0, right_px=0.0, turn_deg=0.0, scale=1.0, mode="nearest"):
@@ -15,6 +15,21 @@ def warped(masks, *, down_px=0.0, right_px=0.0, turn_deg=0.0, scale=1.0, mode="n
 
 def blurred(masks, sigma_px):
     return gaussian_filter(masks.astype(float), (0, sigma_px, sigma_px))
+
+
+def regrown(masks, px, fine=20):
+    """Let open elements reach so far beyond their edges, or end short of them, on a grid of so many points a pixel."""
+    reach = round(abs(px) * fine)
+    grow = maximum_filter if px > 0 else minimum_filter
+    size = masks.shape[1:]
+    return np.stack(
+        [
+            grow(mask.repeat(fine, 0).repeat(fine, 1), 2 * reach + 1, mode="nearest")
+            .reshape(size[0], fine, size[1], fine)
+            .mean(axis=(1, 3), dtype=float)
+            for mask in np.asarray(masks, np.uint8)
+        ]
+    )
 
 
 def bent(masks, *, radial_px=0.0, keystone_px=0.0):

@@ -25,6 +25,7 @@ from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.stage import SuggestedCamera
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 SIZE = (24, 32)
 RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))
@@ -70,7 +71,7 @@ def test_a_mesh_is_exposed_within_the_tolerance_of_its_plan(scene):
     path = stage_move_for_parallax(scene, 1.0, RIG.exposure_s, wobble_deg=0.0)
     effects = (MotionBlur(), Defocus(0.02, 3.0))
     renderer = Renderer(4)
-    decided = plan(scene, path, masks, RIG, effects, tolerance_dn=20.0, renderer=renderer)
+    decided = plan(SimulationTask(scene, path, masks, RIG, effects), PlanChoice(20.0), renderer=renderer)
     everything = simulate_everything(scene, path, masks, RIG, effects, seed=0, settle_dn=1.0, renderer=renderer)
     light = integrate(scene, path, masks, EffectChain(decided.effects, 0, RIG), renderer=renderer)
     assert decided.error_dn <= 20.0

@@ -1,0 +1,71 @@
+"""Open elements that are wider or narrower than stated: etched too far, fringing fields, a threshold of the exposure.
+
+Each open element reaches beyond its stated edges by the same length, or ends short of them. Light from the band that
+this opens or closes tells it from a blur, which gives to closed elements what it takes from open ones, and from a leak,
+which is the same far from any edge.
+Here: masks with such edges, and their sum for any width. Not here: how the width is found (`fine`, `proposals`).
+"""
+
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.registration.kernels import edge_bands, widen
+
+MOST_PX: Final = 0.5
+"""Half a pixel: where two elements a pixel apart meet."""
+
+
+def widened(masks: F64, px: float) -> F64:
+    """Return transmissions, [N, H, W], of elements that reach `px` beyond their edges, or end short of them (below 0).
+
+    A pixel is a square, and its transmission the share of it that is open: along an open neighbour a strip of that
+    width opens, at a corner whatever its three neighbours open. At the rim the pattern goes on as its rim.
+
+    Args:
+        masks: Transmissions as stated, [N, H, W]; of elements in step with the pixels, open or closed.
+        px: From -`MOST_PX` to `MOST_PX`.
+    """
+    if px == 0:
+        return masks
+    wider: F64 = widen(np.ascontiguousarray(masks, np.float64), float(px))
+    return wider
+
+
+class MaskSum:
+    """The weighted sum Σ wᵢ Mᵢ of a piece of the masks, with their edges anywhere.
+
+    Args:
+        masks: Transmissions, [N, H, W].
+        weights: Of the masks, [N].
+        part: Rows and columns of the piece.
+    """
+
+    def __init__(self, masks: F32 | F64, weights: F32 | F64, part: tuple[slice, slice] = (slice(None), slice(None))):
+        self._masks = masks[:, part[0], part[1]]
+        self._weights = np.asarray(weights, np.float64)
+
+    @property
+    def weight(self) -> float:
+        """Get the sum of the weights: what fully open masks would add up to."""
+        return float(self._weights.sum())
+
+    @cached_property
+    def stated(self) -> F64:
+        """Get the sum of the masks as stated, [H, W]."""
+        total: F64 = np.ascontiguousarray(np.tensordot(self._weights, self._masks, axes=1), np.float64)
+        return total
+
+    def widened(self, px: float) -> F64:
+        """Return the sum that masks with wider elements have, [H, W], from two pictures for all widths of one sign."""
+        if px == 0:
+            return self.stated
+        strips, corners = self._bands[0 if px > 0 else 1]
+        wider: F64 = self.stated + abs(px) * strips + px * px * corners
+        return wider
+
+    @cached_property
+    def _bands(self) -> F64:
+        return np.asarray(edge_bands(np.ascontiguousarray(self._masks, np.float64), self._weights), np.float64)

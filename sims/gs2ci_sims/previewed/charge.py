@@ -1,0 +1,83 @@
+"""The charge that a preview expects in the pixels, and how wrong that may be.
+
+The third part of a preview (`gs2ci_sims.preview`). Not here: readings, and what effects change in them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci_sims.alignment import WeightSet
+from gs2ci_sims.effects.base import Charging
+from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
+from gs2ci_sims.previewed.motion import PreviewedMotion
+
+
+@dataclass(frozen=True)
+class PreviewedCharge(PreviewedMotion):
+    """The views of a quick look, their motion, and the charge that they make."""
+
+    @cached_property
+    def charge_e(self) -> F64:
+        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, 3].
+
+        The true one differs by an rms of `charge_error_e` at most, and never exceeds `most_e`.
+        """
+        total = np.zeros((len(self.views), *self.scene.size))
+        for mask, nearest in zip(self.shown, self._nearest, strict=True):
+            total[nearest] += mask
+        return np.asarray(self.rig.full_scale_e * self.gain * np.einsum("khw,khwc->hwc", total, self.views))
+
+    @cached_property
+    def charge_error_e(self) -> float:
+        """Get how far the charge may be from `charge_e`, rms over the pixels."""
+        departures = self._departures(self.intervals_s)
+        if not departures.any():
+            return 0.0
+        worst = WeightSet(self.shown).worst_rms(departures, self.scene.brightest)
+        return self.rig.full_scale_e * self.gain * worst
+
+    @cached_property
+    def most_e(self) -> F64:
+        """Get the charge that no pixel exceeds: as if all it saw were the brightest of the scene, [H, W, 1]."""
+        open_sum = self.shown.sum(axis=0, dtype=np.float64)
+        return np.asarray(self.rig.full_scale_e * self.gain * self.scene.brightest * open_sum[..., None])
+
+    @cached_property
+    def charge_rms_e(self) -> float:
+        """Get a bound of the rms over the pixels of the charge."""
+        predicted = float(np.sqrt(np.square(self.charge_e).mean())) + self.charge_error_e
+        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+
+    @cached_property
+    def charge_mean_e(self) -> float:
+        """Get a bound of the mean over the pixels of the charge."""
+        return min(float(self.charge_e.mean()) + self.charge_error_e, float(self.most_e.mean()))
+
+    @cached_property
+    def added_e(self) -> tuple[float, float]:
+        """Get the charge that comes in the dark, its mean over the pixels and its largest."""
+        added = [effect.added_e(self.rig, self.scene.size) for effect in self.effects if isinstance(effect, Charging)]
+        return sum(mean for mean, _ in added), sum(most for _, most in added)
+
+    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
+        """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.
+
+        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`). Beyond
+        the charge x that just fills the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is
+        what an error of q adds.
+        """
+        added_e = self.added_e[1]
+
+        def beyond(charge_e: F64) -> F64:
+            whole_e = charge_e + added_e
+            return np.asarray(np.maximum(most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+
+        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
+        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e
+        likely, most = beyond(self.charge_e), beyond(self.most_e)
+        mean = min(float(likely.mean()) + error_e, float(most.mean()))
+        rms = min(float(np.sqrt(np.square(likely).mean())) + error_e, float(np.sqrt(np.square(most).mean())))
+        return mean, rms, float(most.max())

@@ -1,0 +1,103 @@
+"""How far the image is from where a preview saw it, in pixels and in radiance.
+
+The second part of a preview (`gs2ci_sims.preview`). The image behind mask n differs from the previewed view nearest in
+time, V_k, by D_n: by the motion since, and by what the optics change. Here: the motion over time, and a bound of the
+rms of D_n. Not here: what that makes of the charge or of the readings.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F64
+from gs2ci_sims.effects.base import Moving, Stage, ViewChange
+from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
+from gs2ci_sims.path import CameraPath
+from gs2ci_sims.previewed.views import PreviewedViews
+
+TRAVEL_STEPS: Final = 65
+
+
+@dataclass(frozen=True)
+class PreviewedMotion(PreviewedViews):
+    """The views of a quick look, and how far the image moves from them."""
+
+    @cached_property
+    def moved_path(self) -> CameraPath:
+        """Get the path with all effects on it."""
+        return self._chain.through(Stage.MOTION, self.path)
+
+    @cached_property
+    def object_px_per_s(self) -> float:
+        """Get how fast objects move across the image by themselves, at most."""
+        return float(sum(effect.image_px_per_s(self) for effect in self.effects if isinstance(effect, Moving)))
+
+    @cached_property
+    def motion_px(self) -> F64:
+        """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
+        own = self.object_px_per_s * np.diff(self.intervals_s, axis=1)[:, 0]
+        return np.asarray(image_motion_px(self.scene, self.path, self.intervals_s) + own)
+
+    def travel_px(self, times_s: F64) -> F64:
+        """Get how far the image has moved, at most over the frame, since the first of the times, [T] pixels."""
+        own = self.object_px_per_s * (times_s - times_s[0])
+        return np.asarray(image_travel_px(self.scene, self.path, times_s) + own)
+
+    @cached_property
+    def _whole_travel_px(self) -> float:
+        ends_s = np.linspace(self.intervals_s[0, 0], self.intervals_s[-1, 1], TRAVEL_STEPS)
+        return float(self.travel_px(ends_s)[-1])
+
+    @cached_property
+    def at_rest(self) -> bool:
+        """Get whether nothing moves during the exposure."""
+        whole = self.intervals_s[[0, -1], [0, 1]]
+        return not bool(image_motion_px(self.scene, self.moved_path, whole[None]).any()) and self.object_px_per_s == 0
+
+    @cached_property
+    def _nearest(self) -> NDArray[np.intp]:
+        """Which previewed view is nearest to the middle of each mask's interval, [N]."""
+        away = np.abs(self.intervals_s.mean(axis=1)[:, None] - self.times_s)
+        return np.asarray(np.argmin(away, axis=1))
+
+    def _departures(self, intervals_s: F64) -> F64:
+        """Bound the rms of D_n at any time within intervals [N, 2], [N] radiance."""
+        seen_s = self.times_s[self._nearest]
+        away_px = np.max(
+            [
+                displacement_px(self.scene, path, self.path, seen_s, intervals_s)
+                for path in (self.path, self.moved_path)
+            ],
+            axis=0,
+        )
+        away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
+        moved = self._excess_change * np.array([self._shifted_rms(float(px)) for px in away_px])
+        # Two views of a moving image also differ by the rasteriser's grain in both.
+        moved += np.where(away_px > 0, 2 * self.grain, 0.0)
+        return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
+
+    @cached_property
+    def _optics_rms(self) -> float:
+        """Get by how much the effects between scene and modulator change a view, rms."""
+        changing = [effect for effect in self.effects if isinstance(effect, ViewChange)]
+        return sum(effect.view_change(self)[0] for effect in changing)
+
+    @cached_property
+    def _excess_change(self) -> float:
+        """Get by how much more the previewed views differ than a shifted spectrum would, at least 1."""
+        worst = 1.0
+        for first in range(len(self.views)):
+            for second in range(first):
+                moments = self.times_s[[first, second]]
+                moved = displacement_px(
+                    self.scene, self.path, self.path, moments[:1], moments[None, 1:].repeat(2, axis=1)
+                )
+                expected = self._shifted_rms(float(moved[0]))
+                differ = float(np.sqrt(np.square(self.views[first] - self.views[second]).mean()))
+                # Views that differ by no more than the rasteriser's grain tell nothing.
+                if differ > 10 * self.grain:
+                    worst = max(worst, differ / max(expected, self.grain or 1e-12))
+        return worst

@@ -1,0 +1,179 @@
+"""The previewed views and masks of a measurement: what they show, how bright, and how finely structured.
+
+The first part of a preview (`gs2ci_sims.preview`): of what is held here, the parts on motion, on charge and on bounds
+are derived. Here: the views on the sensor, the masks as effects leave them, the light that effects may add, and what a
+filter or a shift changes in a view. Not here: anything that happens while the image moves.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.fft import dctn
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci_sims.alignment import WeightSet
+from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step
+from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.path import CameraPath
+from gs2ci_sims.radiance import binned
+from gs2ci_sims.rig import Rig
+from gs2ci_sims.scene import Scene
+from gs2ci_sims.spectrum import MovingSpectrum
+
+SPECTRUM_BINS: Final = 193
+
+
+@dataclass(frozen=True)
+class PreviewedViews:
+    """The views and masks of one quick look at a measurement.
+
+    Args:
+        scene: What is seen.
+        path: Where the camera is at any time, before effects.
+        masks: As nominally shown, at the sensor's pixels, [N, H, W].
+        rig: The figures.
+        times_s: When the views are seen, [P], from the begin to the end of the exposure.
+        fine_views: Radiance at these moments, full scale 1, before it is averaged over the pixels' areas,
+            [P, H' s, W' s, 3], with a margin on small sensors.
+        samples: s, per pixel side.
+        margin: That margin, pixels.
+        render_s: What rendering one view took.
+        grain: The renderer's, of this scene.
+        finer: Looks once more, with more samples where they show more, for the spectrum of what moves.
+        effects: All that the rig has: each is bounded as it acts among the others.
+        seed: Of the exposure: effects that shake the camera draw from it.
+    """
+
+    scene: Scene
+    path: CameraPath
+    masks: F32
+    rig: Rig
+    times_s: F64
+    fine_views: F32
+    samples: int
+    margin: int
+    render_s: float
+    grain: float
+    finer: Callable[[], MovingSpectrum]
+    effects: tuple[Effect, ...] = ()
+    seed: int = 0
+
+    @cached_property
+    def intervals_s(self) -> F64:
+        """Get start and stop of the mask intervals, [N, 2]."""
+        return self.rig.timing.intervals_s(len(self.masks))
+
+    @cached_property
+    def views(self) -> F64:
+        """Get the previewed radiance on the sensor, [P, H, W, 3]."""
+        height, width = self.scene.size
+        return self.wide_views[:, self.margin : self.margin + height, self.margin : self.margin + width]
+
+    @cached_property
+    def wide_views(self) -> F64:
+        """Get the previewed radiance with its margin, [P, H', W', 3]."""
+        return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
+
+    @cached_property
+    def full_scale_dn(self) -> float:
+        """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
+        return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
+
+    @property
+    def _full_scale_steps(self) -> tuple[BoundStep, ...]:
+        rig = self.rig
+        return (
+            BoundStep("N_ph", rig.light.full_scale_photons, "", "photons of white through one open mask"),
+            BoundStep("q", rig.sensor.quantum_efficiency, "e/photon", "quantum efficiency"),
+            gain_step(rig),
+            BoundStep("g", self.gain, "", "what other effects may brighten it by"),
+            BoundStep("S", self.full_scale_dn, "DN", "reading of white through one open mask", "N_ph * q * K * g"),
+        )
+
+    @cached_property
+    def gain(self) -> float:
+        """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
+        factors = [effect.brightest(self) for effect in self.effects if isinstance(effect, Brightening)]
+        return float(np.prod([max(factor, 1.0) for factor in factors]))
+
+    def masks_before(self, effect: Effect) -> NDArray[Any]:
+        """Return the masks as those effects leave them that act before this one, [N, H, W]."""
+        names = [other.name for other in self._chain.at(Stage.MASKS)]
+        earlier = names.index(effect.name) if effect.name in names else 0
+        chain = EffectChain(self._chain.at(Stage.MASKS)[:earlier], self.seed, self.rig)
+        return np.asarray(chain.through(Stage.MASKS, self.masks))
+
+    @cached_property
+    def shown(self) -> NDArray[Any]:
+        """Get the masks with all effects on masks, [N, H, W]."""
+        return np.asarray(self._chain.through(Stage.MASKS, self.masks))
+
+    @cached_property
+    def most_open(self) -> NDArray[Any]:
+        """Get the larger of the nominal masks and those shown, [N, H, W]."""
+        return self.masks if self.shown is self.masks else np.maximum(self.masks, self.shown)
+
+    @cached_property
+    def _most_open_weights(self) -> WeightSet:
+        return WeightSet(self.most_open)
+
+    @cached_property
+    def _chain(self) -> EffectChain:
+        return EffectChain(self.effects, self.seed, self.rig)
+
+    def _modulation(self, effect: Effect) -> float:
+        """Return by which share of a mask's light the other effects may change it against the others'."""
+        shares = [
+            other.modulation(self)
+            for other in self.effects
+            if isinstance(other, Modulating) and other.name != effect.name
+        ]
+        return float(np.prod([1 + share for share in shares])) - 1
+
+    @cached_property
+    def _spectrum(self) -> tuple[F64, F64]:
+        """Mean power of the radiance by frequency, in cycles per pixel, [BINS] each; a bin counts as its upper end.
+
+        Of the finer image before it is averaged over the pixels' areas, times what this averaging leaves of each
+        cosine: what a pixel cannot resolve still moves, and faster in phase.
+        """
+        _, height, width, _ = self.fine_views.shape
+        power = np.square(dctn(self.fine_views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
+        down = np.arange(height) / (2 * height) * self.samples
+        right = np.arange(width) / (2 * width) * self.samples
+        power *= np.square(np.sinc(down))[:, None] * np.square(np.sinc(right))
+        frequency = np.hypot(down[:, None], right)
+        ends = np.linspace(0, self.samples * np.sqrt(0.5), SPECTRUM_BINS)
+        place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
+        return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
+
+    @cached_property
+    def spectrum(self) -> MovingSpectrum:
+        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
+        return self.finer()
+
+    def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what a linear filter changes in a view (Parseval).
+
+        Args:
+            change: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
+        """
+        frequency, power = self._spectrum
+        shares = change(frequency)
+        rms = float(np.sqrt((power * np.square(shares)).sum()))
+        return rms, self.scene.brightest * min(1.0, float(np.max(shares)))
+
+    def shifted(self, shift_px: float) -> tuple[float, float]:
+        """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes.
+
+        A cosine of frequency f shifted by d changes by at most 2 |sin(pi f d)| of its amplitude.
+        """
+        return self.filtered(lambda f: 2 * np.sin(np.minimum(np.pi * f * shift_px, np.pi / 2)))
+
+    def _shifted_rms(self, shift_px: float) -> float:
+        return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
