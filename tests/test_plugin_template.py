@@ -102,7 +102,7 @@ def test_settings_of_the_driver_are_checked_as_ours_are(template, tmp_path):
 def test_a_kind_that_nobody_brings_is_refused_as_before(tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG)
-    with pytest.raises(InputError, match=r"'kind' in \[modulator\] is missing or unknown"):
+    with pytest.raises(InputError, match=r"unknown kind 'lamp-array' in \[modulator\]; allowed"):
         load_rig(rig)
 
 

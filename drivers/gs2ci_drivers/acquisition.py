@@ -214,9 +214,9 @@ class _Capture:
                     raise
                 self._devices.sensor.incidents.append(f"{error}; tried again")
                 attempt, self._next_trigger = attempt + 1, trigger
-                self._calm()
+                self._rest_for_retry()
 
-    def _calm(self) -> None:
+    def _rest_for_retry(self) -> None:
         """Bring everything to rest for another attempt; the upload is kept where the device keeps it."""
         devices = self._devices
         devices.modulator.disarm()
@@ -243,7 +243,7 @@ class _Capture:
             frames = tuple(self._collect(fire, attempt, last=shot == burst - 1))
             if shot == burst - 1:
                 self._settle(fire, frames[-1])
-            self._hand_on(fire, shot, first_trigger, frames, attempt)
+            self._deliver_shot(fire, shot, first_trigger, frames, attempt)
 
     def _stream(self, fire: Fire) -> None:
         """Take the exposures of one long run; those that are lost or spoilt are named, and passed over."""
@@ -261,7 +261,7 @@ class _Capture:
                 shot += skipped
                 last = None
                 continue
-            self._hand_on(fire, shot, first_trigger, frames, 1)
+            self._deliver_shot(fire, shot, first_trigger, frames, 1)
             shot, last = shot + 1, frames[-1]
         self._settle(fire, last)
 
@@ -341,7 +341,7 @@ class _Capture:
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
 
-    def _hand_on(self, fire: Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
+    def _deliver_shot(self, fire: Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
         stage_mm, target_mm = self._stage_at_masks(fire, shot, frames)
         self._sink(
             Taken(

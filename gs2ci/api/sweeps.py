@@ -91,7 +91,7 @@ def sweep(
     for text in quantities:
         name, _, span = text.partition("=")
         figure = names.get(name, _Figure(name, ""))
-        own = _own(tables, figure.key)
+        own = _value_in_file(tables, figure.key)
         low, high = _span(text, span, own)
         read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn), tables, figure.key)
         values = along(low, high, points)
@@ -113,7 +113,7 @@ def _read(
     reader: "Callable[[Mapping[str, Any]], Callable[[], Plan]]", tables: Mapping[str, Any], key: str, value: float
 ) -> "Callable[[], Plan]":
     """Read the tables with one value changed; counts are whole numbers."""
-    return reader(_with(tables, key, int(value) if value.is_integer() else value))
+    return reader(_with_value(tables, key, int(value) if value.is_integer() else value))
 
 
 def _planned(read: "Callable[[float], Callable[[], Plan]]", value: float) -> "Plan":
@@ -150,7 +150,7 @@ def _span(text: str, span: str, own: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _own(tables: Mapping[str, Any], key: str) -> float | None:
+def _value_in_file(tables: Mapping[str, Any], key: str) -> float | None:
     """Return the file's value of a key, None where it has none."""
     if key == TRAVEL_KEY:
         capture = tables.get("capture", {})
@@ -165,7 +165,7 @@ def _own(tables: Mapping[str, Any], key: str) -> float | None:
     return float(value)
 
 
-def _with(tables: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
+def _with_value(tables: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
     """Return the tables with one value changed."""
     changed = copy.deepcopy(dict(tables))
     if key == TRAVEL_KEY:

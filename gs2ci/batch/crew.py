@@ -44,10 +44,10 @@ def complete(tasks: Sequence[Task], *, processes: int = 1, scheduler: str = "") 
         return
     crew: AbstractContextManager[Any] = connected(scheduler) if scheduler else local_workers(processes)
     with crew as client:
-        yield from _on(client, tasks)
+        yield from _rows_from_cluster(client, tasks)
 
 
-def _on(client: Any, tasks: Sequence[Task]) -> Iterator[Row]:
+def _rows_from_cluster(client: Any, tasks: Sequence[Task]) -> Iterator[Row]:
     from dask import distributed  # noqa: PLC0415
 
     sharing = workers_by_host(client)

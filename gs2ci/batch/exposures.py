@@ -53,7 +53,7 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
     if not paths:
         raise InputError("no shot file to reconstruct", remedy="name at least one, as `gs2ci import` writes it")
     found = []
-    for path, stem in zip(paths, _stems(paths), strict=True):
+    for path, stem in zip(paths, _distinct_names(paths), strict=True):
         count = count_shots(path)
         if not count:
             raise InputError(f"{path} holds no exposure", remedy="leave it out")
@@ -69,7 +69,7 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
     return found
 
 
-def _stems(paths: Sequence[Path]) -> list[str]:
+def _distinct_names(paths: Sequence[Path]) -> list[str]:
     """Name files by as many of their folders as it takes to tell them apart.
 
     Raises:

@@ -29,6 +29,16 @@ Delay = Annotated[float, Field(ge=0, le=DAY_S)]
 Offset = Annotated[float, Field(ge=-DAY_S, le=DAY_S)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
+_PLAIN_WORDS: Final = {
+    "Input should be": "it should be",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid string": "text in quotes",
+    "a valid boolean": "true or false",
+    "a valid dictionary": "a table",
+    "a valid list": "a list",
+    "a valid tuple": "a list",
+}
 MOST_TOLD: Final = 8
 """Problems of one file, a line each; whoever has more has another kind of file at hand."""
 
@@ -123,10 +133,22 @@ def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
     if problem["type"] == "missing":
         return f"key {key!r} is missing in {place}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        allowed = ", ".join(repr(_tag(one)) for one in _table(model, where)[1])
-        return f"'kind' in [{_dotted(where)}] is missing or unknown; allowed: {allowed}"
+        kinds = [str(_tag(one)) for one in _table(model, where)[1]]
+        given = problem.get("ctx", {}).get("tag")
+        asked = "key 'kind' is missing" if given is None else f"unknown kind {str(given)[:80]!r}"
+        near = get_close_matches(str(given), kinds, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return f"{asked} in [{_dotted(where)}]; allowed: {', '.join(map(repr, kinds))}{hint}"
     shown = repr(problem.get("input"))[:80]
-    return f"{key!r} in {place} is {shown}: {problem['msg']}"
+    return f"{key!r} in {place} is {shown}: {_in_plain_words(problem['msg'])}"
+
+
+def _in_plain_words(message: str) -> str:
+    """Say what pydantic asks for in words of a file of settings."""
+    said = message.split(", unable to", maxsplit=1)[0]
+    for theirs, ours in _PLAIN_WORDS.items():
+        said = said.replace(theirs, ours)
+    return said
 
 
 def _dotted(where: tuple[int | str, ...]) -> str:

@@ -81,8 +81,8 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
             f"depth {list(estimate.shape)} cannot be compared with true depth {list(truth.shape)}",
             allowed="two stacks [N, H, W] of one shape",
         )
-    wanted = _known(truth)
-    both = wanted & _known(estimate)
+    wanted = _known_pixels(truth)
+    both = wanted & _known_pixels(estimate)
     if not both.any():
         return None
     true, found = truth[both].astype(np.float64), estimate[both].astype(np.float64)
@@ -134,5 +134,5 @@ def parallax_of(world_to_camera: F64, intrinsics: F64) -> float | None:
     return parallax if parallax > 0 else None
 
 
-def _known(depth: F32) -> Bool:
+def _known_pixels(depth: F32) -> Bool:
     return np.isfinite(depth) & (depth > 0)

@@ -69,7 +69,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
     try:
         devices = rig.open()
     except Gs2ciError as error:
-        yield _bad("opening the ports", error)
+        yield _finding_of_error("opening the ports", error)
         return
     found: dict[str, Any] = {}
     answering = True
@@ -83,7 +83,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
                 yield from look(devices)
             except Gs2ciError as error:
                 answering = answering and what == "stage"
-                yield _bad(what, error)
+                yield _finding_of_error(what, error)
         if trigger_loop and answering:
             yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
@@ -101,7 +101,7 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]
     try:
         devices = rig.open()
     except Gs2ciError as error:
-        yield _bad("opening the ports again", error)
+        yield _finding_of_error("opening the ports again", error)
         return
     try:
         devices.modulator.connect()
@@ -109,7 +109,7 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]
         yield from _trigger_loop(rig, devices)
         yield from _stamps(rig, devices)
     except Gs2ciError as error:
-        yield _bad("trigger loop", error)
+        yield _finding_of_error("trigger loop", error)
     finally:
         devices.close()
 
@@ -122,7 +122,7 @@ def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Bench
     try:
         pulses = check_pulses(devices, _config(rig))
     except Gs2ciError as error:
-        yield _bad("trigger pulses", error)
+        yield _finding_of_error("trigger pulses", error)
         return
     verdict = pulses.verdict
     found.update(verdict.settings)
@@ -147,7 +147,7 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
     try:
         gate = check_gate(devices, _config(rig))
     except Gs2ciError as error:
-        yield _bad("trigger gate", error)
+        yield _finding_of_error("trigger gate", error)
         return
     seen = f"{gate.count} exposures in {PASSES} passes, " + (
         "while the masks are on show" if gate.right else "not while the masks are on show"
@@ -193,7 +193,7 @@ def _config(rig: Rig) -> SensorConfig:
     )
 
 
-def _bad(what: str, error: Gs2ciError) -> BenchFinding:
+def _finding_of_error(what: str, error: Gs2ciError) -> BenchFinding:
     remedy = "; ".join(part for part in (error.allowed and f"allowed: {error.allowed}", error.remedy) if part)
     return BenchFinding(what, "bad", error.problem, remedy)
 
@@ -351,7 +351,7 @@ def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
         plan = plan_capture(devices, settings, _config(rig)).require_sound()
         capture(devices, plan, taken.append)
     except Gs2ciError as error:
-        yield _bad("trigger loop", error)
+        yield _finding_of_error("trigger loop", error)
         return
     frames = taken[0].frames
     yield BenchFinding(

@@ -107,7 +107,7 @@ class Rig:
         if plugged is not None:
             return plugged  # type: ignore[no-any-return]
         if isinstance(table, Dlpc900Options):
-            return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, table)
+            return Dlpc900("modulator", traces.hid("modulator", self._hid_port(table)), clock, table)
         if isinstance(table, DisplaySlmOptions):
             return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock, table)
         if isinstance(table, VideoOutOptions):
@@ -126,7 +126,7 @@ class Rig:
         wrap: Any = {"bytes": traces.bytes, "hid": traces.hid, "sys": traces.sys}[plugin.port_kind]
         return plugin.driver(device, wrap(device, port), clock, table)
 
-    def _hid(self, table: Dlpc900Options) -> HidPort:
+    def _hid_port(self, table: Dlpc900Options) -> HidPort:
         if self.bench is not None:
             return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
         return UsbHid("modulator", VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
@@ -229,12 +229,12 @@ class _Traces:
 
     def _logs(self, device: str, port: str) -> Iterator[CallLog]:
         if self._stem is not None:
-            yield self._new(self._stem, device, port)
+            yield self._new_trace(self._stem, device, port)
         wire = None if self._session is None else self._session.wire(device, self._clock)
         if wire is not None:
             yield wire
 
-    def _new(self, stem: Path, device: str, port: str) -> Trace:
+    def _new_trace(self, stem: Path, device: str, port: str) -> Trace:
         trace = Trace(stem.with_name(f"{stem.name}.{device}.wire"), device, port, self._clock)
         self._traces.append(trace)
         return trace

@@ -59,7 +59,7 @@ class SessionLog:
         """
         if self.level == "off" or self._file is not None:
             return
-        head = _line("info", "begin", {"session": SCHEMA, **_who(), **figures})
+        head = _line("info", "begin", {"session": SCHEMA, **_user_and_programs(), **figures})
         try:
             self._file = self.path.open("w", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -159,7 +159,7 @@ def _infos(devices: Devices) -> list[tuple[str, dict[str, str]]]:
     return found
 
 
-def _who() -> dict[str, Any]:
+def _user_and_programs() -> dict[str, Any]:
     try:
         user = getpass.getuser()
     except (KeyError, OSError):  # a container without an entry for its user

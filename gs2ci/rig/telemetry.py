@@ -83,17 +83,19 @@ def carriage_of(
     swept = measured.get(travel.axis)
     # Counted positions in a sweep are the commanded speed times the time: the true speed's error scales them.
     swept_per_mm = per_mm[travel.axis] * (1.0 if swept is None else 1.0 + swept.speed_error)
-    told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _told(swept, travel.axis)
+    told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
         told["position_error"] = unit * mount.error_mm
     ahead_mm = 0.0
     if swept is not None and calibrated is not None:
-        ahead_mm, error_mm = _ahead(swept, calibrated, travel, speed_mm_s)
+        ahead_mm, error_mm = _ahead_of_count(swept, calibrated, travel, speed_mm_s)
         told |= {"ahead_mm": round(ahead_mm, 6), "ahead_error_mm": round(error_mm, 6)}
     return Carriage(travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, told, ahead_mm)
 
 
-def _ahead(swept: MeasuredAxis, calibrated: Calibrated, travel: Travel, speed_mm_s: float) -> tuple[float, float]:
+def _ahead_of_count(
+    swept: MeasuredAxis, calibrated: Calibrated, travel: Travel, speed_mm_s: float
+) -> tuple[float, float]:
     """Return how far ahead of where it is counted an axis is during a sweep, and its standard error, counted mm.
 
     The error is that of all poses of a shot together: of the times and the play that were measured, of how well a
@@ -112,7 +114,7 @@ def _ahead(swept: MeasuredAxis, calibrated: Calibrated, travel: Travel, speed_mm
     return way * (speed_mm_s * lag_s - play_mm / 2), float(np.linalg.norm(errors_mm))
 
 
-def _told(swept: MeasuredAxis, axis: str) -> dict[str, Any]:
+def _axis_record(swept: MeasuredAxis, axis: str) -> dict[str, Any]:
     return {
         "axes_from": "calibration",
         "measured_utc": swept.measured_utc,

@@ -127,9 +127,9 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
             allowed="a shot in which the pattern of the masks' sum can be found",
             remedy="take shots of a lit scene that are neither dark nor clipped, or run `gs2ci calibrate masks`",
         )
-    parameters = {name: _together(name, [values[name] for values in told if name in values]) for name in UNITS}
+    parameters = {name: _weighted_mean(name, [values[name] for values in told if name in values]) for name in UNITS}
     known = {name: estimate for name, estimate in parameters.items() if estimate is not None}
-    taken = _sure(known, section.array("masks").shape[1:])
+    taken = _significant(known, section.array("masks").shape[1:])
     if not taken:
         return Update(known, (), 0.0, len(told), tuple(silent), None)
     misfit = _misfit({name: float(known[name]) for name in taken})
@@ -180,7 +180,7 @@ def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
         return None
     corners = np.linalg.norm(found.misfit.placement.displacement_px(part.size), axis=1)
     error = float(np.hypot(values["down_px"][1], values["right_px"][1]))
-    return MasksMoved(float(corners.max()), error, _promised_px(bundle))
+    return MasksMoved(float(corners.max()), error, _stated_error_px(bundle))
 
 
 def values_of(found: "Registered") -> dict[str, tuple[float, float]]:
@@ -198,7 +198,7 @@ def _registered(shot: Shot) -> "Registered":
     return register(shot)
 
 
-def _promised_px(bundle: Bundle) -> float:
+def _stated_error_px(bundle: Bundle) -> float:
     """Return how far masks may lie off by what a bundle says of its own registration."""
     section = bundle.sections.get("registration")
     if section is None or "sensor_from_modulator" not in section.estimates:
@@ -239,7 +239,7 @@ def _check_order(file: Path, found: "Registered") -> None:
         )
 
 
-def _together(name: str, values: list[tuple[float, float]]) -> Estimate | None:
+def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | None:
     """Return the weighted mean of what shots say; its error is that of their scatter where that is larger.
 
     Raises:
@@ -278,7 +278,7 @@ _GROUPS: Final = (
 )
 
 
-def _sure(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
+def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
     """Return the parameters that are surely there and matter; those of one group come together."""
 
     def is_sure(name: str) -> bool:

@@ -89,7 +89,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
         "",
         table.about,
         "",
-        f"`{command}`, {_where()}. Mean ± standard deviation over seeds.",
+        f"`{command}`, {_machine_sentence()}. Mean ± standard deviation over seeds.",
         "",
     ]
     for case in dict.fromkeys(one.case for one in figures):
@@ -104,7 +104,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _where() -> str:
+def _machine_sentence() -> str:
     here = machine()
     return f"{here.get('processor', 'unknown processor')}, gs2ci {versions().get('gs2ci', '')}".strip(", ")
 

@@ -54,7 +54,7 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     processor_seconds = time.process_time() - began_s
     report = build_report(shot, done.result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
-    elsewhere, depth_there = _elsewhere(done, shot, made.novel_views(shot))
+    elsewhere, depth_there = _score_beside_path(done, shot, made.novel_views(shot))
     depth = report.depth or depth_there
     decode_psnr, scene_psnr = report.decode.psnr_db, report.scene.psnr_db
     return {
@@ -92,7 +92,7 @@ def _population(curve: Sequence[CurvePoint]) -> Row:
     }
 
 
-def _elsewhere(done: Reconstruction, shot: Shot, true: BesideViews | None) -> tuple[Row, DepthErrors | None]:
+def _score_beside_path(done: Reconstruction, shot: Shot, true: BesideViews | None) -> tuple[Row, DepthErrors | None]:
     """Score the scene alone from beside its path, dB, and count how many views a second it renders.
 
     Its depth is scored there as well where that is known: of files, which tell no depth of the recorded views.

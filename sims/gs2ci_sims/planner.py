@@ -85,7 +85,7 @@ def plan(
     costs = {effect.name: _seconds(effect, look, len(task.masks)) for effect in chain.effects}
     fixed = {MotionBlur.name, *choice.on, *choice.off}
     left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, fixed)
-    cheap = _for_nothing(chain, look, bounds, left_out, NEGLIGIBLE_SHARE * tolerance_dn, task.slices)
+    cheap = _nearly_free(chain, look, bounds, left_out, NEGLIGIBLE_SHARE * tolerance_dn, task.slices)
     left_out -= cheap
     reached = _limits_within_reach(chain, look, bounds, left_out | set(choice.off))
     left_out -= reached
@@ -131,7 +131,7 @@ def _left_out(bounds: dict[str, Bound], costs: dict[str, float], limit_dn: float
     return chosen
 
 
-def _for_nothing(
+def _nearly_free(
     chain: EffectChain,
     look: Preview,
     bounds: dict[str, Bound],

@@ -191,7 +191,7 @@ def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:
     """
     kinds = _effect_kinds(tables.get("effects"))
     records = {name: (_model(kind), None) for name, kind in (PARTS | CHOICES).items()}
-    seeds = {name: (_strict(int), 0) for name in ("seed", "device_seed")}
+    seeds = {name: (_strict_hint(int), 0) for name in ("seed", "device_seed")}
     file: Any = settings_from(
         tables, _tables("RigFile", **seeds, **records, effects=(_effects_model(kinds), None)), path
     )
@@ -248,7 +248,7 @@ def _model(kind: type) -> type[BaseModel]:
     fields = {}
     for entry in dataclasses.fields(kind):
         required = entry.default is missing and entry.default_factory is missing
-        fields[entry.name] = (_strict(hints[entry.name]), ... if required else None)
+        fields[entry.name] = (_strict_hint(hints[entry.name]), ... if required else None)
     return _tables(kind.__name__, **fields)
 
 
@@ -257,11 +257,11 @@ def _tables(name: str, /, **fields: Any) -> type[BaseModel]:
     return create_model(name, __config__=ConfigDict(extra="forbid", frozen=True), **fields)
 
 
-def _strict(hint: Any) -> Any:
+def _strict_hint(hint: Any) -> Any:
     """Return the hint of a field as a file may give it: a flag is no number, and a fraction no whole one."""
     if isinstance(hint, types.UnionType):
         # An image cannot stand in a file; of a field that takes one or a number, the number is meant.
         hint = next(option for option in get_args(hint) if option in (int, float, str, bool))
     if get_origin(hint) is tuple:
-        return tuple[tuple(part if part is Ellipsis else _strict(part) for part in get_args(hint))]  # type: ignore[misc]
+        return tuple[tuple(part if part is Ellipsis else _strict_hint(part) for part in get_args(hint))]  # type: ignore[misc]
     return Annotated[hint, Strict()] if hint in (int, float, str, bool) else hint

@@ -62,7 +62,7 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
     power /= views.size
     down = np.arange(height) / (2 * height) * samples
     right = np.arange(width) / (2 * width) * samples
-    left_down, left_right = (np.square(_left(side, drawn, filter_px2)) for side in (down, right))
+    left_down, left_right = (np.square(_amplitude_left(side, drawn, filter_px2)) for side in (down, right))
     ends = np.linspace(0, samples * np.sqrt(0.5), BINS)
     binned = np.zeros(BINS * SECTORS)
     for first in range(0, height, ROWS_AT_ONCE):
@@ -76,7 +76,7 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
     return MovingSpectrum(ends, binned.reshape(BINS, SECTORS))
 
 
-def _left(frequency: F64, drawn: int, filter_px2: float) -> F64:
+def _amplitude_left(frequency: F64, drawn: int, filter_px2: float) -> F64:
     """Return what of a cosine's amplitude is left by the filter and by the mean of the samples of a pixel."""
     mean = np.sinc(frequency) / np.sinc(frequency / drawn)
     return np.asarray(mean * np.exp(-2 * np.pi**2 * filter_px2 * np.square(frequency)))

@@ -47,10 +47,15 @@ def test_settings_and_their_text_are_returned(tmp_path):
             r"unknown key 'roms' in the top of the file; did you mean 'rooms'\?",
         ),
         ('[pet]\nkind = "cat"\nqqq = 1', r"unknown key 'qqq' in \[pet\]; known are kind, purrs"),
-        ('[pet]\nkind = "bird"', r"'kind' in \[pet\] is missing or unknown; allowed: 'cat', 'dog'"),
-        ("[pet]\npurrs = true", r"'kind' in \[pet\] is missing or unknown; allowed: 'cat', 'dog'"),
+        ('[pet]\nkind = "bird"', r"unknown kind 'bird' in \[pet\]; allowed: 'cat', 'dog'"),
+        ("[pet]\npurrs = true", r"key 'kind' is missing in \[pet\]; allowed: 'cat', 'dog'"),
         ("rooms = 3", r"key 'pet' is missing in the top of the file"),
         ('[pet]\nkind = "dog"\nbarks_per_s = -1.0', r"'barks_per_s' in \[pet\] is -1.0: .*greater than 0"),
+        (
+            'rooms = "two"\n[pet]\nkind = "cat"',
+            r"'rooms' in the top of the file is 'two': it should be a whole number$",
+        ),
+        ('[pet]\nkind = "cats"', r"unknown kind 'cats' in \[pet\]; allowed: 'cat', 'dog'; did you mean 'cat'\?"),
         ("rooms = [", "is not TOML"),
     ],
 )

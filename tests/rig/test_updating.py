@@ -61,7 +61,9 @@ def test_masks_are_moved_to_where_the_shots_show_them_and_the_old_bundle_is_kept
 def test_several_shots_tell_more_than_one(masks):
     were = warped(masks, right_px=0.5)
     told = [updating.values_of(updating._registered(shot_through(were, masks, seed)[1])) for seed in range(4)]
-    one, four = (updating._together("right_px", [values["right_px"] for values in told[:count]]) for count in (1, 4))
+    one, four = (
+        updating._weighted_mean("right_px", [values["right_px"] for values in told[:count]]) for count in (1, 4)
+    )
     assert four.error < 0.75 * one.error
 
 

@@ -78,7 +78,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
     bench.please(Arrangement.FIXED_BOARD)
     pictures = Pictures(bench, STEP, Board(bench.options.board))
     exposure_s = pictures.suit_exposure()
-    room = _room(pictures.take(exposure_s, FRAMES), camera)
+    room = _room_to_move(pictures.take(exposure_s, FRAMES), camera)
     axes = stage.info.axes
     bench.progress.stage("pictures along the stage", len(axes) * (2 * TARGETS * VISITS + SWEEP_PICTURES))
     rest: list[StagePicture] = []
@@ -95,7 +95,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
     return _section(found, exposure_s, len(rest) + len(sweeps))
 
 
-def _room(sighting: Sighting | None, camera: CameraEstimate) -> _Room:
+def _room_to_move(sighting: Sighting | None, camera: CameraEstimate) -> _Room:
     """Return how far the camera may move until the board leaves the frame.
 
     Raises:

@@ -77,7 +77,7 @@ def require_order(
         _among_the_masks(alike, first, step)
         or _turned(seen, relay, patterns[:TRIED], top, valid, step)
         or _moved(seen[first], expected[first], step)
-        or _unlike(alike, first, step)
+        or _unlike_mask(alike, first, step)
     )
 
 
@@ -166,7 +166,7 @@ def _moved(seen: NDArray[np.floating], foreseen: NDArray[np.floating], step: str
     )
 
 
-def _unlike(alike: F64, first: int, step: str) -> CalibrationError:
+def _unlike_mask(alike: F64, first: int, step: str) -> CalibrationError:
     return CalibrationError(
         step,
         Reason.MISPREDICTED,

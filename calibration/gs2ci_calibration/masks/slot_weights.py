@@ -55,7 +55,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
     planned = np.asarray(plan.weights, dtype=np.float64)
     whole = planned >= WHOLE
     capture = bench.capture
-    reason = _why_not(bench, whole)
+    reason = _why_not_measured(bench, whole)
     slot_dn = float(np.median((field.references.on - field.references.off)[field.references.valid]))
     slot_dn *= capture.mask_s / field.exposure_s
     off_dn = float(np.median(field.references.off[field.references.valid])) * capture.mask_s / field.exposure_s
@@ -88,7 +88,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
     )
 
 
-def _why_not(bench: Bench, whole: Bool) -> str:
+def _why_not_measured(bench: Bench, whole: Bool) -> str:
     if bench.capture.mode is Mode.PER_MASK:
         return f"in the mode {bench.capture.mode.value} no exposure spans several masks by the sensor's own clock"
     if bench.capture.dark_s > 0:

@@ -135,7 +135,7 @@ class GenicamSetup:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
         self._set_back()
-        self._quiet()
+        self._turn_automatics_off()
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
         exposure_s = self._set_exposure(config)
@@ -203,7 +203,7 @@ class GenicamSetup:
                     f"{self._device}: {name} was left at {left} and is {neutral} now; [sensor.features] can set it"
                 )
 
-    def _quiet(self) -> None:
+    def _turn_automatics_off(self) -> None:
         """Turn off what changes settings by itself or holds frames up."""
         features = self._features
         features.write_if_there("AcquisitionMode", "Continuous")

@@ -39,7 +39,7 @@ class SerialLine:
             try:
                 self._port.baudrate = baud
                 self._port.open()
-                _stay_up(self._port.fileno())
+                _keep_lines_on_close(self._port.fileno())
             except serial.SerialException as error:
                 if error.errno in (None, errno.EAGAIN) and "lock" in str(error):
                     raise AccessError(
@@ -82,7 +82,7 @@ class SerialLine:
             raise OSError(errno.EIO, "the port is closed")
 
 
-def _stay_up(descriptor: int) -> None:
+def _keep_lines_on_close(descriptor: int) -> None:
     """Keep DTR and RTS as they are when the line is closed."""
     attributes = termios.tcgetattr(descriptor)
     attributes[2] &= ~termios.HUPCL

@@ -107,13 +107,13 @@ def trace(image: F64, multiplicity: F64) -> PatternTrace:
     correlation, name, near = best
     at = np.unravel_index(int(near.argmax()), near.shape)
     down, right = (
-        float(at[axis]) - reach[axis] + _beside(np.take(near, at[1 - axis], axis=1 - axis), int(at[axis]))
+        float(at[axis]) - reach[axis] + _peak_offset(np.take(near, at[1 - axis], axis=1 - axis), int(at[axis]))
         for axis in (0, 1)
     )
     return PatternTrace(name, down, right, correlation, upright, _CHANCE / np.sqrt(image.size))
 
 
-def _beside(line: F64, peak: int) -> float:
+def _peak_offset(line: F64, peak: int) -> float:
     """Return by how much the top of a peak lies beside its highest place: what its neighbours pull it by."""
     if not 0 < peak < len(line) - 1:
         return 0.0

@@ -53,9 +53,15 @@ def read_shot(path: Path, index: int = 0) -> Shot:
         if not 0 <= index < len(rows):
             raise StorageError(
                 f"{path}: no shot {index}",
-                allowed=f"0 to {len(rows) - 1}" if len(rows) else "none: it holds no shot",
+                allowed=_indices(len(rows)),
             )
         return capture.shot(int(rows[index]))
+
+
+def _indices(shots: int) -> str:
+    if shots == 0:
+        return "none: it holds no shot"
+    return "0: it holds one shot" if shots == 1 else f"0 to {shots - 1}"
 
 
 def read_calibration(path: Path) -> dict[str, NDArray[Any]]:

@@ -46,7 +46,7 @@ def check_target(path: Path, *, replace: bool, remedy: str = "choose another nam
     if not path.parent.is_dir():
         raise StorageError(f"{path}: the folder {path.parent} does not exist", remedy="create it first")
     if path.suffix != ".h5":
-        raise StorageError(f"{path}: not a name for a capture file", allowed="a name that ends in .h5")
+        raise StorageError(f"{path}: not a name for a shot file", allowed="a name that ends in .h5")
     if path.is_dir() or (path.exists() and not replace):
         raise StorageError(f"{path}: already exists", remedy=remedy)
     partial = partial_of(path)

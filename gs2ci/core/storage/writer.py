@@ -67,7 +67,7 @@ class ShotWriter:
         try:
             self._file = h5py.File(self._disk, "w")
             # The library must not be left to close it after Python is gone, on which `GuardedFile` stands.
-            weakref.finalize(self, _let_go, self._file)
+            weakref.finalize(self, _close_quietly, self._file)
             layout.create(self._file, header)
             self._flush(self._file)
         except BaseException as error:
@@ -285,7 +285,7 @@ class ShotWriter:
         return parts
 
 
-def _let_go(file: h5py.File) -> None:
+def _close_quietly(file: h5py.File) -> None:
     if file:
         file.close()
 
@@ -364,8 +364,8 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
             "masks": np.array_equal(first.masks, shot.masks),
             "weights": np.array_equal(first.weights, shot.weights),
             "channels": first.measurement.shape == shot.measurement.shape and first.cfa == shot.cfa,
-            "intrinsics": _same(first.intrinsics, shot.intrinsics),
-            "distortion": _same(first.distortion, shot.distortion),
+            "intrinsics": _same_arrays(first.intrinsics, shot.intrinsics),
+            "distortion": _same_arrays(first.distortion, shot.distortion),
         }
         different = [what for what, equal in same.items() if not equal]
         if different:
@@ -376,7 +376,7 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
             )
 
 
-def _same(a: F64 | None, b: F64 | None) -> bool:
+def _same_arrays(a: F64 | None, b: F64 | None) -> bool:
     if a is None or b is None:
         return a is b
     return np.array_equal(a, b)

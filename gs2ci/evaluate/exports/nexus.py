@@ -65,7 +65,7 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
                 unit = (report.geometry.unit_of if report.geometry is not None else None) or "units of the path"
                 _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
             _instrument(entry, cameras, views.shape)
-            _people(entry, told)
+            _write_metadata(entry, told)
             entry["report"] = report.text()
     except OSError as error:
         raise StorageError(f"{path} cannot be written: {error}", remedy="check the free space") from error
@@ -114,7 +114,7 @@ def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...]) -> None:
             found[name].attrs["description"] = what
 
 
-def _people(entry: Any, told: Mapping[str, Any]) -> None:
+def _write_metadata(entry: Any, told: Mapping[str, Any]) -> None:
     """Write the operator's metadata: where the standard has a place, there; all of it in a collection as well."""
     for key, (group, kind, field) in _PLACES.items():
         if key in told:

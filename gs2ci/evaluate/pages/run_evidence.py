@@ -138,8 +138,8 @@ def _read(folder: Path, report: Report) -> RunEvidence:
     return RunEvidence(
         report=report,
         views=views,
-        decode=_like(folder / "decode.npy", shape),
-        scene_views=_like(folder / "scene_views.npy", shape),
+        decode=_array_of_shape(folder / "decode.npy", shape),
+        scene_views=_array_of_shape(folder / "scene_views.npy", shape),
         depth=_map(folder / "depth.npy", shape),
         disagreement=_map(folder / "disagreement.npy", shape),
         world_to_camera=poses,
@@ -160,7 +160,7 @@ def _picture(path: Path) -> bytes | None:
 
 def _map(path: Path, shape: tuple[int, ...]) -> NDArray[Any] | None:
     """Read a number for each pixel of each view, [N, H, W]; None where the folder holds no such file."""
-    return _like(path, shape[:3]) if path.is_file() else None
+    return _array_of_shape(path, shape[:3]) if path.is_file() else None
 
 
 def _given(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -189,7 +189,7 @@ def _array(path: Path, axes: int) -> NDArray[Any]:
     return array
 
 
-def _like(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
+def _array_of_shape(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
     array = _array(path, axes=len(shape))
     if array.shape != shape:
         raise _contradiction(path, array.shape, str(list(shape)))

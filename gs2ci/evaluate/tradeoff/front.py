@@ -71,11 +71,11 @@ def sentences(rows: Sequence[Row]) -> list[str]:
     if measure is None:
         return ["Neither a truth nor a held-out pixel tells how good anything is; only the seconds can be compared."]
     front = pareto(rows, measure)
-    spoken = [_first(front[0], measure), *(_step(a, b, measure) for a, b in pairwise(front))]
+    spoken = [_quickest_sentence(front[0], measure), *(_step(a, b, measure) for a, b in pairwise(front))]
     return [*spoken, _next_decibel(rows, front, measure), *_trust(rows, measure)]
 
 
-def _first(row: Row, measure: Measure) -> str:
+def _quickest_sentence(row: Row, measure: Measure) -> str:
     return f"{_named(row)}: {row[measure]:.2f} dB in {spoken_duration(row['seconds'])}, the quickest of all."
 
 

@@ -33,7 +33,7 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
         return shot, ()
     if shot.saturated is not None:
         odd &= ~shot.saturated
-    hot = odd & (_among(odd) <= _NEIGHBOURS + 1)
+    hot = odd & (_count_in_square(odd) <= _NEIGHBOURS + 1)
     if not hot.any():
         return shot, ()
     count = int(hot.sum())
@@ -41,7 +41,7 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
     return without_pixels(shot, hot), (finding(Code.HOT_PIXELS, pixels=pixels, count=count),)
 
 
-def _among(odd: Bool) -> NDArray[np.int64]:
+def _count_in_square(odd: Bool) -> NDArray[np.int64]:
     """Count the odd ones in the square around each pixel, itself included."""
     share = uniform_filter(odd.astype(np.float64), _SIDE, mode="constant")
     return np.rint(share * _SIDE**2).astype(np.int64)

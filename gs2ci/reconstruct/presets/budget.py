@@ -93,7 +93,7 @@ class Budget:
             if iterations >= rung.least:
                 break
         else:
-            raise self._too_little(now_s, afterwards_s, timed)
+            raise self._too_little_time(now_s, afterwards_s, timed)
         sentence = (
             f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
@@ -113,7 +113,7 @@ class Budget:
             clock=self.clock,
         )
 
-    def _too_little(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
+    def _too_little_time(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
         """Say what the cheapest way would need."""
         spent_s = now_s - self.began_s
         shortest_s = 2 * LADDER[-1].least * timed.iteration_s + 2 * (LOOKS_AFTERWARDS + 1) * timed.look_s

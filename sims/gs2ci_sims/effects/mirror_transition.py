@@ -38,7 +38,7 @@ class MirrorTransition:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Half of the transition's share of the interval goes to the mask before."""
         share = 0.5 * self._share(rig)
-        return scene.of_masks(self, share * (_before(scene.shown, rig) - scene.shown)).after(
+        return scene.of_masks(self, share * (_masks_before(scene.shown, rig) - scene.shown)).after(
             BoundStep("t", self.transition_s, "s", "transition of the mirrors"),
             BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
             BoundStep("c", share, "", "share of a mask's light that goes through the mask before", "t / (2 * T)"),
@@ -73,7 +73,7 @@ class MirrorTransition:
         return share
 
 
-def _before(masks: NDArray[np.floating], rig: Rig) -> F64:
+def _masks_before(masks: NDArray[np.floating], rig: Rig) -> F64:
     """Return the state that each mask replaces, [N, H, W]."""
     before = np.zeros(masks.shape)
     if rig.timing.dark_s == 0:

@@ -44,7 +44,7 @@ class TriggerTiming:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
-        losses = list(self._lost(scene, rig))
+        losses = list(self._missed_shares(scene, rig))
         bounds = [scene.of_shares(self, lost, lost) for lost in losses]
         worst = max(range(2), key=lambda window: bounds[window].rms_dn)
         bound = Bound(bounds[worst].rms_dn, max(b.peak_dn for b in bounds), steps=bounds[worst].steps)
@@ -64,9 +64,9 @@ class TriggerTiming:
 
     def modulation(self, scene: ViewPreview) -> float:
         """What the first or the last mask loses."""
-        return max(float(lost.max()) for lost in self._lost(scene, scene.rig))
+        return max(float(lost.max()) for lost in self._missed_shares(scene, scene.rig))
 
-    def _lost(self, scene: ViewPreview, rig: Rig) -> Iterator[F64]:
+    def _missed_shares(self, scene: ViewPreview, rig: Rig) -> Iterator[F64]:
         """Return which share of each mask's light the earliest window misses, and the latest, [N] each."""
         for sign in (-1, 1):
             late_s = self.latency_s + sign * JITTER_SIGMAS * self.jitter_s

@@ -74,7 +74,7 @@ class PreviewedMotion(PreviewedViews):
             axis=0,
         )
         away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
-        moved = self._surprise * np.array([self._shifted_rms(float(px)) for px in away_px])
+        moved = self._excess_change * np.array([self._shifted_rms(float(px)) for px in away_px])
         # Two views of a moving image also differ by the rasteriser's grain in both.
         moved += np.where(away_px > 0, 2 * self.grain, 0.0)
         return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
@@ -86,7 +86,7 @@ class PreviewedMotion(PreviewedViews):
         return sum(effect.view_change(self)[0] for effect in changing)
 
     @cached_property
-    def _surprise(self) -> float:
+    def _excess_change(self) -> float:
         """Get by how much more the previewed views differ than a shifted spectrum would, at least 1."""
         worst = 1.0
         for first in range(len(self.views)):

@@ -56,7 +56,7 @@ def ball(
         )
     faces, surfels = room(rng, frame, backdrop)
     centre = np.array([0.0, floor_y(frame, backdrop) - radius, depth])
-    skin, normals = _skin(centre, radius, SPACING_PX * (depth - radius) / frame.focal)
+    skin, normals = _sphere_surfels(centre, radius, SPACING_PX * (depth - radius) / frame.focal)
     constant, rest = highlight(normals, shine, exponent)
     skin.radiances[:] += constant[:, None]
     everything = join([*surfels, skin])
@@ -107,7 +107,7 @@ def sphere_depth(centre: F64, radius: float, frame: SuggestedCamera) -> F64:
     return np.where(root >= 0, (along - np.sqrt(np.maximum(root, 0.0))) / square, np.nan)
 
 
-def _skin(centre: F64, radius: float, spacing: float) -> tuple[Surfels, F64]:
+def _sphere_surfels(centre: F64, radius: float, spacing: float) -> tuple[Surfels, F64]:
     """Cover the sphere with discs on rings around the vertical axis, painted in bands; also their normals."""
     rings = max(4, int(np.ceil(np.pi * radius / spacing)))
     polar = (np.arange(rings) + 0.5) / rings * np.pi

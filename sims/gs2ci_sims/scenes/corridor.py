@@ -46,15 +46,15 @@ def corridor(
     ]
     end = Rectangle(np.array([0, 0, length]), np.array([half_width, 0, 0]), np.array([0, half_height, 0]))
     surfels = [chequered(rng, strip, 0.4 * half_width, FLOOR_COLOURS, frame.focal) for strip in floor]
-    surfels += [_plastered(rng, strip, np.array([0.8, 0.78, 0.72]), k, frame.focal) for k, strip in enumerate(ceiling)]
+    surfels += [_plaster(rng, strip, np.array([0.8, 0.78, 0.72]), k, frame.focal) for k, strip in enumerate(ceiling)]
     for wall in walls:
         colours = rng.uniform(0.35, 0.85, (2, 3))
-        surfels += [_plastered(rng, strip, colours[k % 2], k, frame.focal) for k, strip in enumerate(wall)]
+        surfels += [_plaster(rng, strip, colours[k % 2], k, frame.focal) for k, strip in enumerate(wall)]
     surfels.append(painted(rng, end, frame.focal, np.array([0.9, 0.85, 0.6])))
     return staged("corridor", frame, [*floor, *ceiling, *walls[0], *walls[1], end], surfels)
 
 
-def _plastered(rng: np.random.Generator, strip: Rectangle, colour: F64, bay: int, focal: float) -> Surfels:
+def _plaster(rng: np.random.Generator, strip: Rectangle, colour: F64, bay: int, focal: float) -> Surfels:
     """Cover a strip with grainy plaster; every second bay has a lamp, brightest in its middle."""
     columns, rows = strip_samples(strip, focal)
     along = (np.arange(rows) + 0.5) / rows

@@ -49,7 +49,7 @@ def textureless(
             f"a box with edges of {edge} at {depth} before a wall at {backdrop}",
             allowed="0 < edge < depth, depth + edge < backdrop, all finite",
         )
-    walls, floor = _room(frame, backdrop)
+    walls, floor = _room_walls(frame, backdrop)
     paint, ground = rng.uniform(0.6, 0.9, 3), rng.uniform(0.4, 0.7, 3)
     surfels = [_plain(face, paint, frame.focal) for face in walls] + [
         _plain(face, ground, frame.focal) for face in floor
@@ -61,7 +61,7 @@ def textureless(
     return staged("textureless", frame, [*walls, *floor, *cube], surfels)
 
 
-def _room(frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Rectangle]]:
+def _room_walls(frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Rectangle]]:
     """List the faces of back wall and side walls, and those of the floor."""
     wide, high = OVERSIZE * backdrop * frame.half
     aside, down = CORNER * backdrop * frame.half[0], floor_y(frame, backdrop)

@@ -205,12 +205,12 @@ class _Session:
         self._require_alive()
         if len(report) != REPORT_BYTES:
             raise ValueError(f"a report of {len(report)} bytes")
-        if twin.faults.waiting and self._befalls(report, timeout_s):
+        if twin.faults.waiting and self._loses_report(report, timeout_s):
             return
         twin.clock.sleep_s(REPORT_S)
         twin.host_sends(report)
 
-    def _befalls(self, report: bytes, timeout_s: float) -> bool:
+    def _loses_report(self, report: bytes, timeout_s: float) -> bool:
         """Let faults strike on the way; return whether the report is lost."""
         twin, name = self._twin, self._twin.current_command(report)
         if twin.faults.take(UNPLUGGED, name):

@@ -71,7 +71,7 @@ SMALLEST = (4, 80)
 """Rows and columns of the smallest region (IMX296_FID0_ROIWV1_MIN, IMX296_FID0_ROIWH1_MIN)."""
 
 
-def _up(pixels: int) -> int:
+def _up_to_fours(pixels: int) -> int:
     return -(-pixels // 4) * 4
 
 
@@ -233,10 +233,11 @@ class CaptureDevice:
         left, top, width, height = struct.unpack_from("<iiII", argument, rect_at)
         rows, columns = self._model.height, self._model.width
         left, top = (
-            min(max(_up(at), 0), most) for at, most in ((left, columns - SMALLEST[1]), (top, rows - SMALLEST[0]))
+            min(max(_up_to_fours(at), 0), most)
+            for at, most in ((left, columns - SMALLEST[1]), (top, rows - SMALLEST[0]))
         )
-        width = min(max(_up(width), SMALLEST[1]), columns, columns - left)
-        height = min(max(_up(height), SMALLEST[0]), rows, rows - top)
+        width = min(max(_up_to_fours(width), SMALLEST[1]), columns, columns - left)
+        height = min(max(_up_to_fours(height), SMALLEST[0]), rows, rows - top)
         self.region = (top, left, height, width)
         self._bus_size = (height, width)
         if not self._model.on_subdevice:

@@ -287,7 +287,7 @@ class ZaberTwin(SerialTwin):
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             ends_s = axis.motion.move_to(0.0, axis.speed_mm_s() * HOMING_SPEED_SHARE, now_s)
-            self._befall(axis, now_s, ends_s, "home")
+            self._schedule_faults(axis, now_s, ends_s, "home")
         self._flags -= {"WR", "WH", "FS", "FE"}
         return True, "0"
 
@@ -333,10 +333,10 @@ class ZaberTwin(SerialTwin):
         if speed is not None and not 1 <= speed <= axis.max_speed:
             return False
         ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(speed), now_s)
-        self._befall(axis, now_s, ends_s, kind)
+        self._schedule_faults(axis, now_s, ends_s, kind)
         return True
 
-    def _befall(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
+    def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
         """Schedule whatever goes wrong with this move."""
         take, halfway_s = self.faults.take, (now_s + ends_s) / 2
         self._generation += 1

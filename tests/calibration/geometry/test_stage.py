@@ -75,7 +75,7 @@ def test_a_board_that_fills_the_frame_leaves_no_room(camera, refusal):
     rotation, translation = camera.pose(np.random.default_rng(0), tilt_deg=1.0, fill=(0.97, 0.98))
     known = estimate_camera(camera.held(np.random.default_rng(1)), camera.size)
     wide = camera.sight(np.random.default_rng(0), rotation, translation * np.array([1, 1, 0.7]))
-    error = refusal(steps._room, wide, known)
+    error = refusal(steps._room_to_move, wide, known)
     assert error.reason is Reason.DEGENERATE_VIEWS
     assert "rim" in str(error)
 

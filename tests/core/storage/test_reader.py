@@ -48,7 +48,7 @@ def test_a_truncated_file_is_refused(path):
 
 def test_a_wrong_index_says_which_are_allowed(path):
     for index in (1, -1):
-        with pytest.raises(StorageError, match=r"no shot -?1; allowed: 0 to 0"):
+        with pytest.raises(StorageError, match=r"no shot -?1; allowed: 0: it holds one shot"):
             read_shot(path, index)
 
 
