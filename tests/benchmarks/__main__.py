@@ -54,6 +54,7 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "right_shots": "tests.benchmarks.right_shots",
+    "drawn_masks": "tests.benchmarks.drawn_masks",
     "combination": "tests.benchmarks.combination",
     "polish": "tests.benchmarks.polish",
     "motion_within_masks": "tests.benchmarks.motion_within_masks",
