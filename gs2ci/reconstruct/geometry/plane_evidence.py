@@ -35,6 +35,8 @@ _DIFFER_WINDOW_PX: Final = 5
 _LEAST_SHARE: Final = 0.005
 _LEAST_PIXELS: Final = 300
 _MOST_ASKED: Final = 4
+# Planes are sought by so many readings of an area at most, around its middle, for the time and memory that it takes.
+_MOST_READINGS: Final = 32_768
 # Blocks of an area, px, may lie on other surfaces.
 _BLOCK_PX: Final = 24
 # Of three readings one is predicted from the others. For the first planes of large areas, only every third one is
@@ -92,8 +94,9 @@ class _Asked:
 
     @classmethod
     def of(cls, readings: Readings, where: Bool) -> Self:
-        at = np.nonzero(where)
-        channel = np.zeros(len(at[0]), np.int64) if readings.channels is None else readings.channels[at]
+        rows, columns = np.nonzero(where)
+        at = rows.astype(np.int64), columns.astype(np.int64)
+        channel = np.zeros(len(rows), np.int64) if readings.channels is None else readings.channels[at]
         fold = np.random.default_rng(len(at[0])).integers(0, _FOLDS, len(at[0]))
         rays = np.concatenate([readings.rays[at], np.ones((len(at[0]), 1))], axis=1).astype(np.float64)
         open_share = np.ascontiguousarray(readings.open_share[:, at[0], at[1]].T, np.float64)
@@ -237,11 +240,14 @@ def found_planes(
         area = waiting.pop(0)
         asked_for += 1
         asked = _Asked.of(readings, area)
-        start = _best_depth(evidence, asked, span, parallax_px)
-        evidence.tune(asked, start)
-        before = evidence.of_map(asked, inverse_depth)
-        plane, after = _best_plane(evidence, asked, before, start, parallax_px)
-        taken, errors = _taken(area, asked, before - after)
+        part = _Asked.of(readings, _around_middle(area))
+        start = _best_depth(evidence, part, span, parallax_px)
+        if start is None:
+            continue
+        evidence.tune(part, start)
+        plane = _best_plane(evidence, part, evidence.of_map(part, inverse_depth), start, parallax_px)
+        gain = evidence.of_map(asked, inverse_depth) - evidence.of_plane(asked, plane)
+        taken, errors = _taken(area, asked, gain)
         if errors < _CLEARLY:
             continue
         found.append(FoundPlane(plane, taken, area & ~taken, errors))
@@ -317,7 +323,7 @@ class _Blocks:
 
     def sums(self, values: F64) -> F64:
         """Return the sum over each block of values, [K]."""
-        found: F64 = np.bincount(self.number, values, self.count)
+        found: F64 = np.bincount(self.number, values, self.count).astype(np.float64)
         return found
 
 
@@ -360,19 +366,31 @@ def _areas(where: Bool) -> list[Bool]:
     return [(labels == k) & where for k in large]
 
 
-def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64:
-    """Return the plane of one depth that leaves least of an area, [3]."""
+def _around_middle(area: Bool) -> Bool:
+    """Keep the pixels of an area that are nearest to its middle, as many as a plane is sought by, [H, W]."""
+    if area.sum() <= _MOST_READINGS:
+        return area
+    rows, columns = np.nonzero(area)
+    distance = np.hypot(rows - np.median(rows), columns - np.median(columns))
+    nearest = np.argsort(distance, kind="stable")[:_MOST_READINGS]
+    part = np.zeros_like(area)
+    part[rows[nearest], columns[nearest]] = True
+    return part
+
+
+def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64 | None:
+    """Return the plane of one depth that leaves least of an area, [3].
+
+    None at an end of the range, beyond all that there is: then depth is not what the readings tell of.
+    """
     count = int(np.clip((span[1] - span[0]) * parallax_px / _FIRST_STEP_PX, 3, _MOST_PLANES))
     planes = [np.array([0.0, 0.0, depth]) for depth in np.linspace(*span, count)]
-    return planes[int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))]
+    best = int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))
+    return planes[best] if 0 < best < count - 1 else None
 
 
-def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> tuple[F64, F64]:
-    """Seek the plane that leaves least where it leaves less than the map, from one on.
-
-    Returns:
-        The plane, [3], and the squares that it leaves, [K].
-    """
+def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> F64:
+    """Seek the plane that leaves least where it leaves less than the map, from one on, [3]."""
     middle = asked.rays[:, :2].mean(axis=0)
     reach = np.maximum(asked.rays[:, :2].std(axis=0), 1e-6)
     blocks = _Blocks.of(asked)
@@ -398,5 +416,4 @@ def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64,
                 if now < least:
                     at, least = tried, now
                     break
-    plane = plane_of(at)
-    return plane, evidence.of_plane(asked, plane)
+    return plane_of(at)

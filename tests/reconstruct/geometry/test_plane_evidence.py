@@ -58,10 +58,10 @@ def readings(views, noise=0.01, seed=1):
     return Readings(light.astype(np.float32), masks, masks.any(axis=0), rays)
 
 
-def ask(taken, inverse_depth, views=None):
+def ask(taken, inverse_depth, views=None, span=SPAN):
     # What a fit shows: nothing of the texture, which noise has drowned.
     shown = np.full((VIEWS, *SIZE, 1), 0.5, np.float32) if views is None else views
-    return found_planes(taken, shown, poses(), INTRINSICS, REFERENCE, inverse_depth, SPAN, PARALLAX_PX)
+    return found_planes(taken, shown, poses(), INTRINSICS, REFERENCE, inverse_depth, span, PARALLAX_PX)
 
 
 def flat(depth):
@@ -76,6 +76,17 @@ def test_a_wall_is_found_where_no_view_shows_its_texture(plane):
     off = readings(wall()).rays @ (found[0].plane - plane)[:2] + (found[0].plane - plane)[2]
     assert np.abs(off * PARALLAX_PX).max() < 1.0
     assert found[0].where.mean() > 0.8
+
+
+def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
+    monkeypatch.setattr(plane_evidence, "_MOST_READINGS", 2500)
+    found = ask(readings(wall()), flat(WRONG))
+    assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
+    assert found[0].where.mean() > 0.8
+
+
+def test_a_plane_at_the_end_of_the_range_is_none():
+    assert ask(readings(wall()), flat(WRONG), span=(WALL + 0.05, 1.4)) == []
 
 
 def test_a_map_that_is_right_stays():
