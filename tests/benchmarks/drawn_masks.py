@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
@@ -42,7 +42,7 @@ def run() -> None:
         print(f"| {scene} | {told} | {found.misfit.widening_px:+.3f} |", flush=True)
 
 
-def _psnr_db(shot: Shot, masks: F64) -> float:
+def _psnr_db(shot: Shot, masks: F32 | F64) -> float:
     """Decode with these masks."""
     assert shot.truth.views is not None
     views = gap_tv(replace(shot, masks=np.clip(masks, 0, 1).astype(np.float32)))
