@@ -53,7 +53,7 @@ def decode(
             made as fit, and the result depends on the machine's speed. A command's first exposure counts from its
             start, and some of the time is kept for writing.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
-            what it surely tells; "off" believes masks and readings as they are.
+            what it surely tells; "off" takes masks and readings as stated.
         seed: Seed of the draw of the held-out pixels.
         progress: Receives stages and steps, as in `reconstruct`.
 

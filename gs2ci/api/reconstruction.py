@@ -107,7 +107,7 @@ def reconstruct(
             moments as that calls for, and the views show the middle of each; "still" where it stops under each, or
             where the measurement was coded in software. The preset's own when not given.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
-            what it surely tells; "off" believes masks and readings as they are. The preset's own when not given.
+            what it surely tells; "off" takes masks and readings as stated. The preset's own when not given.
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
             motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
             scene alone; "off" fits none that moves. The preset's own when not given.

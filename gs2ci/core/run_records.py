@@ -79,14 +79,14 @@ class RunResult:
             None with one fit.
         brightness: By what the shot's weights are to be multiplied to code these views, N numbers; None where they
             stand as they are.
-        light: How bright each view was found to be for its weight, with standard errors, whether that was believed, and
+        light: How bright each view was found to be for its weight, with standard errors, whether the fit used that, and
             whether the views are as bright as they were seen; None where nothing could be told.
         mask_moments: How many moments each mask was fitted with, for how much motion, and the bounds that asked for
             them; None where one for each was enough.
         exposed_views: What each mask saw while it was on show, where `views` show the middle of it; else None.
         registration: What was estimated of masks, black level and unit: parameters, standard errors, what was tried.
-        registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
-            `heldout_rms` and `predicted_measurement` are in its unit.
+        registered: The corrected measurement, which all later steps used, where anything of it was corrected;
+            `residual`, `heldout_rms` and `predicted_measurement` are in its unit.
         motion: Whether things in the scene may move, what spoke for it, what each attempt leaves, and how fast they go.
         displacement: How far what each pixel shows moves by itself over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None where nothing moves.

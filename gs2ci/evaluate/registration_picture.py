@@ -1,6 +1,6 @@
-"""Where the masks were calibrated to lie and where they lie, in one picture.
+"""Where the masks are stated to lie and where they lie, in one picture.
 
-    readings (a piece of the middle)   believed masks, summed   registered masks, summed   how far they moved
+    readings (a piece of the middle)   stated masks, summed   estimated masks, summed   how far they moved
 
 Here: that picture. Not here: how it was found (`gs2ci.reconstruct.registration`).
 """
@@ -40,8 +40,8 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
     axes = figure.subplots(1, 4)
     pieces = {
         "measured (middle)": given.measurement.mean(axis=2, dtype=np.float64),
-        "masks as believed, summed": _sum(given),
-        "masks as registered, summed": _sum(registered),
+        "masks as stated, summed": _sum(given),
+        "masks as estimated, summed": _sum(registered),
     }
     for panel, (title, image) in zip(axes, pieces.items(), strict=False):
         panel.imshow(_middle(image), cmap="gray", interpolation="nearest")
@@ -82,7 +82,7 @@ def _draw_arrows(panel: Axes, size: tuple[int, int], found: Mapping[str, Any]) -
             panel.add_patch(Circle((there[1], there[0]), max(error, 0.0), color="tab:red", alpha=0.25, linewidth=0))
             panel.plot(place[1], place[0], ".", color="0.6", markersize=2)
     panel.set_title(
-        f"from believed to found: up to {longest:.3g} ± {errors[furthest]:.2g} px (× {magnified:.3g})", fontsize=10
+        f"from stated to estimated: up to {longest:.3g} ± {errors[furthest]:.2g} px (× {magnified:.3g})", fontsize=10
     )
 
 

@@ -170,7 +170,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
 
 
 def _start(devices: Devices) -> None:
-    """Start; a sequence that is over at the first look was shorter than believed, which its frames will tell."""
+    """Start; a sequence that is over at the first look was shorter than stated, which its frames will tell."""
     try:
         devices.modulator.start()
     except SequenceError as error:

@@ -210,9 +210,9 @@ def _stated_error_px(bundle: Bundle) -> float:
 
 def _check_same_masks(file: Path, shot: Shot, section: Section) -> None:
     masks, valid = section.array("masks"), _valid(section)
-    believed = np.where(valid, np.clip(masks, 0, 1), 0)
-    same = shot.masks.shape == believed.shape
-    if not same or float(np.abs(shot.masks - believed).max()) > _SAME_MASKS:
+    stated = np.where(valid, np.clip(masks, 0, 1), 0)
+    same = shot.masks.shape == stated.shape
+    if not same or float(np.abs(shot.masks - stated).max()) > _SAME_MASKS:
         raise CalibrationError(
             STEP,
             Reason.DOES_NOT_FIT,

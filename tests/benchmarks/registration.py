@@ -1,15 +1,15 @@
-"""What registration gives back where masks, light or readings are not what is believed of them.
+"""What registration gives back where masks, light or readings are not what is stated of them.
 
     python -m tests.benchmarks registration                decodes alone: a quarter of an hour
     GS2CI_WHOLE=1 python -m tests.benchmarks registration  whole reconstructions of fewer scenes: hours
 
 `GS2CI_SEEDS=1` takes one seed instead of three, `GS2CI_CASES=blur` only cases whose names hold that word.
 
-Every case is a shot whose truth is known, believed wrongly in one way. Its decode is scored three times: told what was
-wrong, as it is believed, and as registered. Scenes: photographs of scikit-image on two planes that move against each
-other, coded here by numpy with masks drawn on a larger modulator and warped by scipy (nothing of the solver's own, and
-what a shift brings into the picture is known to nobody); and the simulator's scenes, whose light path knows nothing of
-the solver either. Three seeds each. Right shots of all kinds: `right_shots`.
+Every case is a shot whose truth is known, stated wrongly in one way. Its decode is scored three times: with true
+masks and readings, as stated, and as registered. Scenes: photographs of scikit-image on two planes that move against
+each other, coded here by numpy with masks drawn on a larger modulator and warped by scipy (nothing of the solver's own,
+and what a shift brings into the picture is known to nobody); and scenes of the simulator, whose light path has none
+of it either. Three seeds each. Right shots of all kinds: `right_shots`.
 """
 
 import os
@@ -129,7 +129,7 @@ def blurred(masks: Masks, sigma: float) -> Masks:
 
 
 def were(change: Callable[[Masks], Masks], noise: float = 0.004) -> Callable[[Scene, int], Pair]:
-    """Expose through changed masks, and believe those that were drawn."""
+    """Expose through changed masks, and state those that were drawn."""
 
     def pair(scene: Scene, seed: int) -> Pair:
         masks = drawn(seed)
@@ -139,8 +139,8 @@ def were(change: Callable[[Masks], Masks], noise: float = 0.004) -> Callable[[Sc
     return pair
 
 
-def believed(change: Callable[[Masks], Masks]) -> Callable[[Scene, int], Pair]:
-    """Expose through the masks that were drawn, and believe changed ones."""
+def stated(change: Callable[[Masks], Masks]) -> Callable[[Scene, int], Pair]:
+    """Expose through the masks that were drawn, and state changed ones."""
 
     def pair(scene: Scene, seed: int) -> Pair:
         masks = inside(drawn(seed))
@@ -180,7 +180,7 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
         for p in (0.25, 0.5, 1, 2, 4, 16)
     },
     **{
-        f"believed shifted {p:g} px": believed(lambda m, p=p: moved(m, (0, 0, p), order=1, mode="nearest"))
+        f"stated shifted {p:g} px": stated(lambda m, p=p: moved(m, (0, 0, p), order=1, mode="nearest"))
         for p in (0.25, 0.5)
     },  # type: ignore[misc]
     "rotation 0.3°": were(lambda m: warped(m, turn_deg=0.3)),
@@ -191,16 +191,16 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
     "bent 3 px in the corners": were(lambda m: bowed(m, 3.0)),
     **{f"blur σ {s:g} px": were(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
     **{f"edges {e:+g} px": were(lambda m, e=e: regrown(m, e, 10)) for e in (0.1, -0.1)},  # type: ignore[misc]
-    **{f"believed blurred σ {s:g} px": believed(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
-    **{f"believed {f:g} as open": believed(lambda m, f=f: f * m) for f in (0.8, 0.5)},  # type: ignore[misc]
+    **{f"stated blurred σ {s:g} px": stated(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
+    **{f"stated {f:g} as open": stated(lambda m, f=f: f * m) for f in (0.8, 0.5)},  # type: ignore[misc]
     **{f"black level {b:+g}": read(lambda y, b=b: y + np.float32(b)) for b in (0.3, -0.3)},  # type: ignore[misc]
     **{f"unit × {u:g}": read(lambda y, u=u: y * np.float32(u)) for u in (0.001, 1000)},  # type: ignore[misc]
     "50 % clipped, not told": clipped,
-    "mirrored": believed(lambda m: m[:, :, ::-1]),
-    "turned by 180°": believed(lambda m: m[:, ::-1, ::-1]),
-    "order begins 1 late": believed(lambda m: np.roll(m, -1, axis=0)),
-    "order begins 3 late": believed(lambda m: np.roll(m, -3, axis=0)),
-    "order begins 3 late, and mirrored": believed(lambda m: np.roll(m[:, :, ::-1], -3, axis=0)),
+    "mirrored": stated(lambda m: m[:, :, ::-1]),
+    "turned by 180°": stated(lambda m: m[:, ::-1, ::-1]),
+    "order begins 1 late": stated(lambda m: np.roll(m, -1, axis=0)),
+    "order begins 3 late": stated(lambda m: np.roll(m, -3, axis=0)),
+    "order begins 3 late, and mirrored": stated(lambda m: np.roll(m[:, :, ::-1], -3, axis=0)),
     "all at once, noise 1 %": were(everything, 0.01),
 }
 
@@ -211,7 +211,7 @@ def run() -> None:
     scenes = [*map(photograph, PHOTOGRAPHS), *map(simulated, SIMULATED)]
     seeds = SEEDS[: 1 if whole else int(os.environ.get("GS2CI_SEEDS", len(SEEDS)))]
     only = os.environ.get("GS2CI_CASES", "")
-    print(f"{'wrong by':28s} told, dB  loss as believed (worst)  loss registered (worst)  changed  seconds")
+    print(f"{'wrong by':28s} told, dB  loss as stated (worst)  loss registered (worst)  changed  seconds")
     for name, case in CASES.items():
         if only not in name:
             continue
@@ -234,7 +234,7 @@ def run() -> None:
 
 
 def _scores(told: Shot, given: Shot, found: Registered, *, whole: bool) -> tuple[float, float, float]:
-    """Return the PSNR told, as believed, and registered."""
+    """Return the PSNR told, as stated, and registered."""
 
     def score(shot: Shot) -> float:
         off = replace(Settings(), registration=replace(Settings().registration, mode="off"))

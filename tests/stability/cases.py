@@ -91,7 +91,7 @@ EASY = Case("easy", "eight views, a quarter open, little noise", quick=True)
 PERMUTED = "each view is another's, and every one of them is right"
 FOCAL = "a wrong focal length bends path and depth, and explains the views as well"
 BENT = "all views are bent alike, and a bent scene explains them as well"
-BRIGHTER = "masks that are believed dimmer make the scene brighter, and explain the readings as well"
+BRIGHTER = "masks that are stated dimmer make the scene brighter, and explain the readings as well"
 UNTOLD = "a clipped reading looks like any other"
 
 
@@ -163,7 +163,7 @@ def _wrong_masks() -> Iterator[Case]:
     for share in (0.8, 0.5):
         silent = BRIGHTER if share == 0.8 else ""
         yield Case(
-            "wrong masks", f"believed {share:g} as open", change=changes.dim(share), silent=silent, quick=share == 0.5
+            "wrong masks", f"stated {share:g} as open", change=changes.dim(share), silent=silent, quick=share == 0.5
         )
     for spread in (0.05, 0.3):
         yield Case(

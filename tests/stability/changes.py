@@ -45,27 +45,27 @@ def noisy(share: float) -> Change:
 
 
 def _masks(change: Callable[[np.ndarray], np.ndarray]) -> Change:
-    """Change what is believed of the masks; what was exposed stays."""
+    """Change what is stated of the masks; what was exposed stays."""
     return lambda shot: replace(shot, masks=np.clip(change(shot.masks), 0, 1).astype(np.float32))
 
 
 def shifted(pixels: float) -> Change:
-    """Believe the masks to lie elsewhere by so many pixels along the rows."""
+    """State the masks to lie elsewhere by so many pixels along the rows."""
     return _masks(lambda masks: shift(masks, (0, 0, pixels), order=1, mode="nearest"))
 
 
 def blurred(sigma_px: float) -> Change:
-    """Believe the masks to be softer than they were."""
+    """State the masks to be softer than they were."""
     return _masks(lambda masks: gaussian_filter(masks, (0, sigma_px, sigma_px)))
 
 
 def crisp(shot: Shot) -> Shot:
-    """Believe grey masks to be binary."""
+    """State grey masks as binary ones."""
     return _masks(lambda masks: (masks > 0.5).astype(np.float32))(shot)
 
 
 def dim(share: float) -> Change:
-    """Believe every mask to let through only this share."""
+    """State every mask to let through only this share."""
     return _masks(lambda masks: share * masks)
 
 
@@ -75,7 +75,7 @@ def miscalibrated(sigma: float) -> Change:
 
 
 def permuted(order: Callable[[int], Any]) -> Change:
-    """Believe that the masks were shown in another order."""
+    """State that the masks were shown in another order."""
     return lambda shot: replace(shot, masks=np.ascontiguousarray(shot.masks[order(shot.views)]))
 
 
@@ -109,7 +109,7 @@ def duplicated(groups: int) -> Change:
 
 
 def reweighted(spread: float) -> Change:
-    """Believe the masks to have been exposed longer or shorter than they were."""
+    """State the masks to have been exposed longer or shorter than they were."""
 
     def change(shot: Shot) -> Shot:
         factor = np.random.default_rng(SEED).uniform(1 - spread, 1 + spread, shot.views)
@@ -171,7 +171,7 @@ def mono(shot: Shot) -> Shot:
 
 
 def focal(factor: float) -> Change:
-    """Believe in a focal length that is off by this factor."""
+    """State a focal length that is off by this factor."""
 
     def change(shot: Shot) -> Shot:
         assert shot.intrinsics is not None
@@ -183,7 +183,7 @@ def focal(factor: float) -> Change:
 
 
 def off_centre(share: float) -> Change:
-    """Believe in a principal point that is off by a share of the width."""
+    """State a principal point that is off by a share of the width."""
 
     def change(shot: Shot) -> Shot:
         assert shot.intrinsics is not None
@@ -200,12 +200,12 @@ def no_camera(shot: Shot) -> Shot:
 
 
 def lens(k1: float) -> Change:
-    """Believe the lens to distort by so much."""
+    """State the lens to distort by so much."""
     return lambda shot: replace(shot, distortion=np.array([k1, 0.0, 0.0, 0.0, 0.0]))
 
 
 def no_distortion(shot: Shot) -> Shot:
-    """Believe the lens to be an ideal one."""
+    """State the lens to be an ideal one."""
     return replace(shot, distortion=None)
 
 
@@ -257,7 +257,7 @@ def stretched(poses: np.ndarray) -> np.ndarray:
 
 
 def camera(focal_px: float, centre: float) -> Change:
-    """Believe in a camera of this focal length, its principal point at so many times the picture's size."""
+    """State a camera of this focal length, its principal point at so many times the picture's size."""
 
     def change(shot: Shot) -> Shot:
         height, width = shot.size

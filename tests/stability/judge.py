@@ -351,7 +351,7 @@ def insane(shot: Shot, result: RunResult) -> list[str]:
 def _sum_error(shot: Shot, result: RunResult) -> float:
     """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic.
 
-    Masks and weights are those that the reconstruction believed, where it corrected the ones that it was given.
+    Masks and weights are those that the reconstruction used, where it corrected the ones that it was given.
     """
     shot = result.registered or shot
     if shot.cfa is not None:

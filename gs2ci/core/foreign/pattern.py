@@ -64,7 +64,7 @@ class PatternTrace:
 
     @property
     def is_in_place(self) -> bool:
-        """Get whether it shows where the masks are believed to be."""
+        """Get whether it shows where the masks are stated to be."""
         return not self.turn and max(abs(self.down_px), abs(self.right_px)) <= _OFF_PX
 
     @property

@@ -23,9 +23,11 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces
+from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.plane_evidence import Readings
 from gs2ci.reconstruct.geometry.sources import TOLD
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.render.gaussians import Gaussians
 
@@ -63,6 +65,7 @@ class FitState:
     ) -> None:
         shot = jury.shot
         self._seed = seed
+        self._jury = jury
         # Where no parallax was found, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
@@ -138,9 +141,23 @@ class FitState:
         search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
         views = refine(self.views())
-        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search)
+        readings = self._readings() if search.asks_measurement else None
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
         self._surfaces = found or self._surfaces
         return found is not None
+
+    def _readings(self) -> Readings | None:
+        """Return the measurement as plain areas are asked by it; None where they cannot be."""
+        shot, renderer = self._jury.shot, self._renderer
+        if renderer.lens is not None or renderer.moments_per_mask > 1 or self.optimiser.scene.motion is not None:
+            return None
+        usable = shot.lit & ~self._jury.heldout
+        if shot.saturated is not None:
+            usable &= ~shot.saturated
+        channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
+        return Readings(
+            shot.measurement.mean(axis=2), renderer.transmissions.numpy(), usable, pixel_rays(renderer), channels
+        )
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""

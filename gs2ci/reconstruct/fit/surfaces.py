@@ -28,6 +28,7 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
+from gs2ci.reconstruct.geometry.plane_evidence import Readings, found_planes, with_plane
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -54,11 +55,13 @@ class Search:
         begins: Share of the schedule that is done then.
         weight: Of the mean distance in px of parallax along the whole path, at first; where the term counts.
         final_weight: At the end of the schedule; exponential in between.
+        asks_measurement: Whether the measurement itself is asked where plain areas are.
     """
 
     begins: float
     weight: float
     final_weight: float
+    asks_measurement: bool = False
 
     def weight_at(self, share: float) -> float:
         """Return the weight when a share of the schedule is done."""
@@ -80,7 +83,7 @@ class SurfaceSettings:
         sweep: How finely to sweep.
     """
 
-    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
+    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3, asks_measurement=True))
     every: int = 2
     views: int = 4
     others: int = 4
@@ -226,6 +229,7 @@ def find_surfaces(
     settings: SurfaceSettings,
     seed: int,
     search: Search | None = None,
+    readings: Readings | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
 
@@ -237,6 +241,7 @@ def find_surfaces(
         settings: How many, how finely.
         seed: Of the choice of pixels.
         search: Of the settings' searches; the first if None.
+        readings: The measurement, by which plain areas are asked for their depth; None leaves them to the sweeps.
     """
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
@@ -248,13 +253,16 @@ def find_surfaces(
     straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32, copy=False)
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen = _spread(count, settings.views)
-    maps = []
+    maps, swept = [], []
     for view in chosen:
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
+        swept.append(order)
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep, edges=True))
     parallax_px = float(intrinsics[0, 0]) * extent
+    if readings is not None:
+        maps = _with_planes(readings, maps, straight, world_to_camera, intrinsics, swept, (span, parallax_px))
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))
     draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5F]))
@@ -272,9 +280,40 @@ def find_surfaces(
         inverse_depth,
         trust,
         parallax_px,
-        _rays(renderer),
+        pixel_rays(renderer),
         pixels,
     )
+
+
+def _with_planes(
+    readings: Readings,
+    maps: list[F32],
+    views: F32,
+    world_to_camera: F64,
+    intrinsics: F64,
+    swept: list[list[int]],
+    range_of: tuple[tuple[float, float], float],
+) -> list[F32]:
+    """Return maps with their plain areas where the measurement says that they are.
+
+    Args:
+        readings: The measurement.
+        maps: Of the first of each list of views, [H, W] each.
+        views: [N, H, W, C].
+        world_to_camera: Poses, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        swept: The views that each map was found in.
+        range_of: Farthest and nearest inverse depth, and parallax along the path at one of 1, px.
+    """
+    middle = len(swept) // 2
+    reference = swept[middle][0]
+    from_reference = world_to_camera @ np.linalg.inv(world_to_camera[reference])
+    for found in found_planes(readings, views, from_reference, intrinsics, reference, maps[middle], *range_of):
+        for k, order in enumerate(swept):
+            from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[order[0]])
+            to_reference = np.linalg.inv(from_reference[order[0]])
+            maps[k] = with_plane(maps[k], views[order], found, from_view, to_reference, intrinsics)
+    return maps
 
 
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
@@ -327,7 +366,7 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
 
 
-def _rays(renderer: ShotRenderer) -> F32:
+def pixel_rays(renderer: ShotRenderer) -> F32:
     """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
     lens = renderer.lens
     height, width = renderer.size

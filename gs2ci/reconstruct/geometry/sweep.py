@@ -91,7 +91,7 @@ def sweep(
     features = np.stack([features_of(view, settings.blur_px) for view in small])
     others = [i for i in range(len(views)) if i != reference]
     inverse_depths = np.linspace(*span, settings.planes)
-    homographies = _homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
+    homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
     cost = matching_cost(
         features[reference], np.ascontiguousarray(features[others]), homographies, best, settings.window_px
@@ -128,8 +128,14 @@ def features_of(view: F32, blur_px: float) -> F32:
     return features
 
 
-def _homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
-    """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3]."""
+def plane_homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
+    """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3].
+
+    Args:
+        world_to_camera: The views' poses seen from the reference view, [V, 4, 4].
+        intrinsics: [3, 3], px; pixel centres at +0.5.
+        inverse_depths: [D].
+    """
     rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
     # X = R ray + t ρ, and the third component of a ray is 1: so ρ t is added to the third column of R.
     through = np.repeat(rotation[None], len(inverse_depths), axis=0)

@@ -115,7 +115,7 @@ class Brightness:
 
     Args:
         first: What the weights as they were given were told; None where nothing tells.
-        factors: How bright each view is believed to have been for its weight, [N]; None where the weights stand.
+        factors: How bright each view is taken to have been for its weight, [N]; None where the weights stand.
         as_seen: Whether views are handed over as bright as they were seen.
     """
 

@@ -31,7 +31,7 @@ class Trial:
     """A piece of a measurement, decoded in short.
 
     Args:
-        shot: As it is believed.
+        shot: Its masks and readings as stated.
         scale: What to divide readings by, so that the scene's levels are about those of a view's full scale.
         seed: Of the held-out pixels.
         at: The corner that is looked at; None looks at the middle.

@@ -2,7 +2,7 @@
 
 The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at one
 place only. How far that peak stands above what chance gives, measured against the thirtieth best place elsewhere,
-tells whether it is believed; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
+tells whether it is accepted; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
 Here: shift, orientation, and the displacement of single tiles. Not here: fractions of a pixel (`fine`).
 """
 
@@ -21,7 +21,7 @@ from gs2ci.reconstruct.registration.placement import Placement
 
 # Places within the peak's own width do not count as others. The n-th best of the others is the measure of chance.
 _RANK: Final = 30
-# Of 4000 measurements whose masks were not those believed none had a peak of 1.9 times the thirtieth best.
+# Of 4000 measurements whose masks were not those stated none had a peak of 1.9 times the thirtieth best.
 SURE_PEAK: Final = 2.5
 # A pattern narrower than this correlates with itself only so near.
 _WIDEST_ELEMENT_PX: Final = 16

@@ -1,4 +1,4 @@
-"""Light: the unit of a measurement, masks believed dimmer than they are, and clipping that nobody told of.
+"""Light: the unit of a measurement, masks stated dimmer than they are, and clipping that nobody told of.
 
 Readings tell the product of scene, masks and unit alone. What the unit is follows from convention: scenes are exposed
 so that they fill a fair part of the scale, and a fully open element lets through all. So a unit is only doubted where
@@ -46,7 +46,7 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
     """Find the unit of a measurement whose scene would be mostly brighter than white, or nowhere as bright as 0.02.
 
     Args:
-        level: The scene's local level under the believed unit, [K].
+        level: The scene's local level under the stated unit, [K].
         counts: Which of them are known, [K].
         integers: Whether the readings are whole numbers, as a camera's counts are.
 
@@ -70,7 +70,7 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
 
 
 def open_level(masks: F32) -> float:
-    """Return what a fully open element lets through by the believed masks, [N, H, W]; 1 unless they say so clearly.
+    """Return what a fully open element lets through by the stated masks, [N, H, W]; 1 unless they say so clearly.
 
     They do where most open elements let through the same share, short of 1: elements that blur has softened do not.
     """

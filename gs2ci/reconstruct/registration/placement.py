@@ -1,6 +1,6 @@
 """Where masks lie on the sensor, and what a sensor pixel then sees of them.
 
-A mask element that is believed at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a
+A mask element that is stated at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a
 smooth field f of second and third order, and outwards of fifth, as a relay lens between modulator and sensor bends
 what it images. A pixel integrates what falls on it: for elements as wide as a pixel, or wider and in step with the
 pixels, a shifted mask read by pixels is exactly the bilinear interpolation of its values, and that is the interpolation
@@ -26,7 +26,7 @@ _INVERSIONS: Final = 6
 
 @dataclass(frozen=True)
 class Placement:
-    """Where masks lie, against where they are believed to.
+    """Where masks lie, against where they are stated to.
 
     Args:
         down_px: Shift along the columns.
@@ -78,7 +78,7 @@ class Placement:
 
     @property
     def is_identity(self) -> bool:
-        """Get whether the masks lie where they are believed to."""
+        """Get whether the masks lie where they are stated to."""
         return self == Placement()
 
     @property
@@ -106,7 +106,7 @@ class Placement:
         return np.stack([down, right], axis=-1)
 
     def moved_px(self, places: F64) -> F64:
-        """Return how far elements lie off that are believed at places, both [K, 2] as (down, right) from the middle."""
+        """Return how far elements lie off that are stated at places, both [K, 2] as (down, right) from the middle."""
         straight = places @ self.matrix.T + self.shift_px
         there = straight
         for _ in range(_INVERSIONS if self.field.any() else 0):

@@ -41,7 +41,7 @@ _MATTERS_BLUR_PX2: Final = 0.02
 _MATTERS_LEAK: Final = 0.005
 _MATTERS_BLACK: Final = 0.01
 _MATTERS_WIDENING_PX: Final = 0.02
-# Displacements of tiles are believed where the tiles lie this far from where one shift would put them.
+# Displacements of tiles are taken where the tiles lie this far from where one shift would put them.
 _UNEVEN_PX: Final = 0.7
 # Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
 _MOST_CLIPPED: Final = 0.01
@@ -156,7 +156,7 @@ def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...])
 def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, light: tuple[str, ...]) -> MisfitEstimate:
     """Find light along a field, and the field along it, by turns.
 
-    What bends masks was taken for blur before. A fraction of a pixel blurs as well, so that masks that are believed too
+    What bends masks was taken for blur before. A fraction of a pixel blurs as well, so that masks that are stated too
     sharp or too soft pull a field towards the pixels' middles or away from them: by 0.03 px with a blur of -0.05 px².
     """
     for _ in range(_TURNS):

@@ -49,7 +49,7 @@ class RegistrationSettings:
     """Whether and how far the measurement is asked.
 
     Args:
-        mode: "auto" corrects what the measurement surely tells; "off" believes masks and readings.
+        mode: "auto" corrects what the measurement surely tells; "off" takes masks and readings as stated.
         most_shift_px: How far a shift is sought.
     """
 
@@ -75,7 +75,7 @@ class Registered:
     """A measurement with its masks where they are, and what was found out.
 
     Args:
-        shot: The measurement as it is to be believed: masks, readings and clipped pixels corrected.
+        shot: The measurement with masks, readings and clipped pixels corrected.
         misfit: What was wrong with the masks; all at «absent» where nothing was.
         errors: Standard errors of the parameters that were let in, by name.
         orientation: How the masks had to be turned.
@@ -142,7 +142,7 @@ def register(
     """Find where the masks are and how they met the light, and correct what the measurement surely tells.
 
     Args:
-        shot: A checked measurement as it is believed; its truth is not read.
+        shot: A checked measurement, masks and readings as stated; its truth is not read.
         settings: Whether and how far.
         progress: Told of the stage, and of every sentence.
         seed: Of the held-out pixels.
@@ -252,6 +252,8 @@ class _Registration:
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
         if way.misfit.blur_px2 <= -_TOO_SOFT_PX2 and way.is_filtered:
             self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=-way.misfit.blur_sigma_px))
+        if "widening_px" in way.errors:
+            self.notes.append(finding(Code.MASKS_AS_DRAWN, width=way.misfit.widening_px))
         self.notes += way.rim.notes
         return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
 
@@ -269,7 +271,7 @@ class _Registration:
         return found.first
 
     def _open_level(self) -> float:
-        """Find what a fully open element is believed to let through, and correct the masks by it."""
+        """Find what a fully open element lets through by the stated masks, and correct the masks by it."""
         opened = open_level(self.shot.masks)
         if opened != 1.0:
             masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))

@@ -2,7 +2,7 @@
 
 A pattern that lies 16 px off leaves 16 rows or columns without masks. Three things may be there: the pattern begins
 anew (a modulator shows it periodically), its rim goes on, or something unknown. The readings tell the first two from
-the third, since the pattern of a right guess shows in them. Where it is unknown, a mask is believed as open as it is
+the third, since the pattern of a right guess shows in them. Where it is unknown, a mask is taken to be as open as it is
 on average, and readings are averaged over some elements, so that they say what such a grey mask can say.
 """
 
@@ -45,17 +45,17 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
     Args:
         shot: The measurement, its black level taken off.
         misfit: What is wrong with its masks.
-        masks: Transmissions as they are, [N, H, W]; from the believed ones and the misfit where they are not given.
+        masks: Transmissions as they are, [N, H, W]; from the stated ones and the misfit where they are not given.
     """
-    believed = shot.masks.astype(np.float64)
+    stated = shot.masks.astype(np.float64)
     unknown = ~misfit.placement.known(shot.size)
-    going_on = misfit.of_masks(believed) if masks is None else masks
+    going_on = misfit.of_masks(stated) if masks is None else masks
     if not unknown.any():
         return _with(shot, going_on), Rim(unknown)
     flat = np.where(unknown, going_on[:, ~unknown].mean(axis=1)[:, None, None], going_on)
     guesses = {
         "goes on as its rim": going_on,
-        "begins anew": np.where(unknown, misfit.of_masks(believed, wrapped=True), going_on),
+        "begins anew": np.where(unknown, misfit.of_masks(stated, wrapped=True), going_on),
     }
     left = {name: _squares(shot, guess, unknown) for name, guess in guesses.items()}
     name = min(left, key=lambda one: float(left[one].mean()))

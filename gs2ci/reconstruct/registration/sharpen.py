@@ -1,4 +1,4 @@
-"""Masks that are believed softer than they were, made sharp again.
+"""Masks that are stated softer than they were, made sharp again.
 
 A calibration that blurred, or a picture of the masks that was resampled, leaves soft masks. Elements that are either
 open or closed betray how: undoing the right blur, or the right fraction of a pixel, leaves nothing but open and closed
@@ -29,7 +29,7 @@ _LEAST_SIDE_PX: Final = 16
 _LOST: Final = ((1e-6, 2.4), (3e-3, 1.3))
 _STEPS: Final = 100
 _STEPS_OF_A_TRY: Final = 30
-# Believed masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
+# Stated masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
 # variance is nothing but rounding where it holds, and some hundredths where calibration added noise.
 CRISP: Final = 3e-3
 _EXPLAINED: Final = 0.05
@@ -51,13 +51,13 @@ def softness(masks: F64) -> float:
 
 @dataclass(frozen=True)
 class Source:
-    """Masks of open and closed elements, and how the believed ones are a soft picture of them.
+    """Masks of open and closed elements, and how the stated ones are a soft picture of them.
 
     Args:
         masks: Transmissions, [N, H, W], 0 or 1.
         how: In words.
-        shift_px: Where the sharp ones lie against the believed, (down, right).
-        blur_px2: By which variance the believed ones are softer.
+        shift_px: Where the sharp ones lie against the stated, (down, right).
+        blur_px2: By which variance the stated ones are softer.
     """
 
     masks: F32
@@ -67,7 +67,7 @@ class Source:
 
 
 def binary_source(masks: F32) -> Source | None:
-    """Find the masks of open and closed elements that the believed ones, [N, H, W], are a soft picture of.
+    """Find the masks of open and closed elements that the stated ones, [N, H, W], are a soft picture of.
 
     Returns:
         Those masks; None where they are sharp already, or where neither a
@@ -105,7 +105,7 @@ _Way = Callable[[F64, float, float], F64]
 
 
 def _search(hypotheses: list[_Hypothesis], masks: F64, undo: _Way, redo: _Way) -> _Hypothesis:
-    """Return the hypothesis under which masks of open and closed elements give the believed ones best."""
+    """Return the hypothesis under which masks of open and closed elements give the stated ones best."""
     left = [_left(masks, redo(_open_or_closed(undo(masks, *one)), *one)) for one in hypotheses]
     return hypotheses[int(np.argmin(left))]
 
@@ -115,13 +115,13 @@ def _open_or_closed(masks: F64) -> F64:
     return opened
 
 
-def _left(believed: F64, given: F64) -> float:
-    """Return which share of the variance of believed masks is left unexplained."""
-    return float(np.mean((believed - given) ** 2) / max(float(believed.var()), 1e-12))
+def _left(stated: F64, given: F64) -> float:
+    """Return which share of the variance of stated masks is left unexplained."""
+    return float(np.mean((stated - given) ** 2) / max(float(stated.var()), 1e-12))
 
 
 def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
-    """Return the ways to sharpen believed masks, [N, H, W] each; none where no sharpening was asked for."""
+    """Return the ways to sharpen stated masks, [N, H, W] each; none where no sharpening was asked for."""
     if misfit.blur_px2 >= 0:
         return []
     return [misfit.of_masks(masks, most) for most in SHARPENINGS]

@@ -41,22 +41,22 @@ def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
     found = _in_words(estimate)
-    believed = shot.masks.astype(np.float64)
+    stated = shot.masks.astype(np.float64)
     ways = []
-    for one in candidates(believed, misfit) or [None]:
+    for one in candidates(stated, misfit) or [None]:
         corrected, rim = _corrected(shot, misfit, one)
         ways.append(Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
     return ways
 
 
 def from_source(way: Way, source: Source) -> Way:
-    """Say of a way with sharp masks how it differs from the believed ones."""
+    """Say of a way with sharp masks how it differs from the stated ones."""
     misfit = way.misfit.moved(*source.shift_px)
     return replace(
         way,
         is_filtered=False,
         misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
-        found="; ".join(filter(None, (f"they were believed {source.how} from where and what they were", way.found))),
+        found="; ".join(filter(None, (f"they are stated {source.how}", way.found))),
     )
 
 
@@ -67,7 +67,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     corner is dark or noisy says nothing there of a shift of the whole.
 
     Args:
-        shot: As it is believed.
+        shot: Its masks and readings as stated.
         ways: With a field all of them, or none.
         rival: What is taken otherwise; None stands for the shot as it is.
         seed: Of the held-out pixels.
@@ -94,7 +94,7 @@ def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
 
 
 def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim]:
-    """Correct masks and readings; masks, [N, H, W], are those given, or the believed ones moved."""
+    """Correct masks and readings; masks, [N, H, W], are those given, or the stated ones moved."""
     readings = shot.measurement - np.float32(misfit.black)
     black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
     return complete(black, misfit, masks)
@@ -111,7 +111,7 @@ def _in_words(estimate: MisfitEstimate) -> str:
     if "down_px" in errors:
         parts.append(
             f"they lie {place.down_px:+.3f} ± {errors['down_px']:.3f} px down and {place.right_px:+.3f} ± "
-            f"{errors['right_px']:.3f} px to the right of where they were believed"
+            f"{errors['right_px']:.3f} px to the right of where they are stated"
         )
     if "rotation_deg" in errors:
         parts.append(
@@ -130,7 +130,7 @@ def _in_words(estimate: MisfitEstimate) -> str:
         parts.append(f"bent by a smooth field beyond that, px at 100 px from the middle: {terms}")
     if "blur_px2" in errors:
         parts.append(
-            f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than believed by σ {abs(misfit.blur_sigma_px):.2f} px"
+            f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than stated, by σ {abs(misfit.blur_sigma_px):.2f} px"
         )
     if "leak" in errors:
         parts.append(f"closed elements pass {misfit.leak:+.3f} ± {errors['leak']:.3f} more of the light")

@@ -354,9 +354,9 @@ def test_poses_that_step_seldom_cannot_exchange_turning_for_travel():
 def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
     swept = []
 
-    def watched(renderer, scene, poses, views, settings, seed, search):
+    def watched(renderer, scene, poses, views, settings, seed, search, readings):
         swept.append((search, views.copy()))
-        return find_surfaces(renderer, scene, poses, views, settings, seed, search)
+        return find_surfaces(renderer, scene, poses, views, settings, seed, search, readings)
 
     monkeypatch.setattr(coarse_state, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
@@ -371,11 +371,28 @@ def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, 
     found, _ = run(moving_plane, replace(QUICK, surfaces=once))
 
     def first_only(*arguments):
-        return find_surfaces(*arguments) if arguments[-1] == given.searches[0] else None
+        return find_surfaces(*arguments) if arguments[6] == given.searches[0] else None
 
     monkeypatch.setattr(coarse_state, "find_surfaces", first_only)
     kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
     assert np.array_equal(kept.views, found.views)
+
+
+def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_held_out(moving_plane, monkeypatch):
+    shot, _ = moving_plane
+    given = []
+
+    def watched(*arguments):
+        given.append(arguments[7])
+        return find_surfaces(*arguments)
+
+    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
+    searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3, asks_measurement=True))
+    _, jury = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
+    assert given[0] is None
+    assert not (given[1].usable & jury.heldout).any()
+    assert given[1].usable.sum() > 0.9 * shot.lit.sum()
+    assert np.array_equal(given[1].open_share, shot.masks * shot.weights[:, None, None])
 
 
 def test_without_parallax_no_surface_is_sought(moving_plane):

@@ -6,7 +6,7 @@ import pytest
 
 from gs2ci.reconstruct.geometry.kernels import matching_cost
 from gs2ci.reconstruct.geometry.plain import continued, difference, plain_pixels, plane_slopes, plane_votes
-from gs2ci.reconstruct.geometry.sweep import _homographies, features_of
+from gs2ci.reconstruct.geometry.sweep import features_of, plane_homographies
 
 SIZE = (72, 96)
 FOCAL = 90.0
@@ -115,7 +115,7 @@ def test_the_difference_is_what_a_plane_sweep_would_have():
     cost = matching_cost(
         described[0],
         np.ascontiguousarray(described[1:]),
-        _homographies(poses()[1:], INTRINSICS, np.array([at, at, at])),
+        plane_homographies(poses()[1:], INTRINSICS, np.array([at, at, at])),
         2,
         WINDOW_PX,
     )

@@ -12,16 +12,16 @@ from gs2ci.core.records import Shot, Truth
 
 @dataclass(frozen=True)
 class Bench:
-    """True views and drawn masks; `shoot` exposes through masks as they were, and believes others."""
+    """True views and drawn masks; `shoot` exposes through masks as they were, and states others."""
 
     views: np.ndarray
     masks: np.ndarray
 
-    def shoot(self, *, were=None, believed=None, noise=0.01, seed=0, black=0.0, unit=1.0):
+    def shoot(self, *, were=None, stated=None, noise=0.01, seed=0, black=0.0, unit=1.0):
         were = self.masks if were is None else were
         light = (were[..., None] * self.views).sum(axis=0) + black
         light += np.random.default_rng(seed).normal(0, noise, light.shape)
-        masks = self.masks if believed is None else believed
+        masks = self.masks if stated is None else stated
         measurement = (unit * light).astype(np.float32)
         weights = np.ones(len(masks), np.float32)
         return Shot(measurement, masks.astype(np.float32), weights, truth=Truth(self.views.astype(np.float32))).check()

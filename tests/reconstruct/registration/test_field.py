@@ -55,7 +55,7 @@ def test_a_field_that_the_pattern_does_not_tell_is_left_alone(bench):
     found = register(noisy)
     assert not found.misfit.placement.field.any()
     even = np.concatenate([bench.masks[:3], 1 - bench.masks[:3]])
-    found = register(bench.shoot(were=bent(even, radial_px=1.5)[0], believed=even, seed=int(rng.integers(9))))
+    found = register(bench.shoot(were=bent(even, radial_px=1.5)[0], stated=even, seed=int(rng.integers(9))))
     assert not found.misfit.placement.field.any()
 
 

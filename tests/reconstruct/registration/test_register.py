@@ -22,7 +22,7 @@ def test_nothing_wrong_changes_nothing(bench):
 
 
 def test_off_asks_nothing(bench):
-    shot = bench.shoot(believed=np.roll(bench.masks, 3, axis=2))
+    shot = bench.shoot(stated=np.roll(bench.masks, 3, axis=2))
     assert register(shot, RegistrationSettings(mode="off")).shot is shot
 
 
@@ -54,7 +54,7 @@ def test_turn_and_scale_are_found(bench, turn_deg, scale):
     ],
 )
 def test_turned_masks_are_turned_back(bench, turn, word):
-    found = register(bench.shoot(believed=turn(bench.masks)))
+    found = register(bench.shoot(stated=turn(bench.masks)))
     assert found.orientation == word
     assert np.array_equal(found.shot.masks, bench.masks)
 
@@ -69,21 +69,21 @@ def test_turned_masks_are_turned_back(bench, turn, word):
 )
 def test_square_masks_are_turned_back_by_a_right_angle(bench, turn, word):
     square = type(bench)(bench.views[:, :, :96], np.ascontiguousarray(bench.masks[:, :, :96]))
-    found = register(square.shoot(believed=turn(square.masks)))
+    found = register(square.shoot(stated=turn(square.masks)))
     assert found.orientation == word
     assert np.array_equal(found.shot.masks, square.masks)
 
 
 @pytest.mark.parametrize("late", [1, 2, 5])
 def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
-    found = register(bench.shoot(believed=np.roll(bench.masks, -late, axis=0)))
+    found = register(bench.shoot(stated=np.roll(bench.masks, -late, axis=0)))
     assert found.first_mask == found.summary()["first_mask"] == 6 - late
     assert np.array_equal(found.shot.masks, bench.masks)
     assert [note.code for note in found.notes] == ["masks_begin_elsewhere"]
 
 
 def test_weights_and_poses_stay_with_their_times_where_masks_are_put_in_order(bench):
-    shot = bench.shoot(believed=np.roll(bench.masks, -2, axis=0))
+    shot = bench.shoot(stated=np.roll(bench.masks, -2, axis=0))
     weights = np.linspace(0.98, 1.02, 6, dtype=np.float32)
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, 0, 3] = np.arange(6)
@@ -94,12 +94,12 @@ def test_weights_and_poses_stay_with_their_times_where_masks_are_put_in_order(be
 
 
 def test_a_reversed_list_is_left_as_it_is(bench):
-    shot = bench.shoot(believed=bench.masks[::-1])
+    shot = bench.shoot(stated=bench.masks[::-1])
     assert register(shot).shot is shot
 
 
 def test_mirrored_masks_that_begin_with_another_are_both_turned_and_put_in_order(bench):
-    found = register(bench.shoot(believed=np.roll(bench.masks[:, :, ::-1], -3, axis=0)))
+    found = register(bench.shoot(stated=np.roll(bench.masks[:, :, ::-1], -3, axis=0)))
     assert (found.orientation, found.first_mask) == ("mirrored left to right", 3)
     assert np.array_equal(found.shot.masks, bench.masks)
 
@@ -113,26 +113,24 @@ def test_blur_that_nobody_knew_of_is_found(bench, sigma_px):
 
 
 @pytest.mark.parametrize("sigma_px", [0.5, 1.0, 2.0])
-def test_masks_believed_softer_than_they_were_are_sharpened(bench, sigma_px):
-    found = register(bench.shoot(believed=blurred(bench.masks, sigma_px).astype(np.float32)))
+def test_masks_stated_softer_than_they_were_are_sharpened(bench, sigma_px):
+    found = register(bench.shoot(stated=blurred(bench.masks, sigma_px).astype(np.float32)))
     assert np.abs(found.shot.masks - bench.masks).mean() < 0.02
 
 
 def test_masks_that_are_too_soft_to_tell_what_they_were_are_said_to_be(bench):
     noise = np.random.default_rng(2).normal(0, 1e-3, bench.masks.shape)
-    believed = np.clip(blurred(bench.masks, 2.0) + noise, 0, 1).astype(np.float32)
-    found = register(bench.shoot(believed=believed))
+    stated = np.clip(blurred(bench.masks, 2.0) + noise, 0, 1).astype(np.float32)
+    found = register(bench.shoot(stated=stated))
     assert [note.code for note in found.notes] == ["masks_corrected", "masks_too_soft"]
-    off = {
-        name: np.abs(masks - bench.masks).mean() for name, masks in (("now", found.shot.masks), ("before", believed))
-    }
+    off = {name: np.abs(masks - bench.masks).mean() for name, masks in (("now", found.shot.masks), ("before", stated))}
     assert off["now"] < 0.95 * off["before"]
 
 
 @pytest.mark.parametrize("right_px", [0.25, 0.5])
-def test_masks_believed_interpolated_are_put_back(bench, right_px):
-    believed = warped(bench.masks, right_px=right_px).astype(np.float32)
-    found = register(bench.shoot(believed=believed))
+def test_masks_stated_interpolated_are_put_back(bench, right_px):
+    stated = warped(bench.masks, right_px=right_px).astype(np.float32)
+    found = register(bench.shoot(stated=stated))
     assert found.misfit.placement.right_px == pytest.approx(-right_px, abs=0.02)
     assert np.abs(found.shot.masks - bench.masks)[:, 2:-2, 2:-2].mean() < 0.01
 
@@ -158,8 +156,8 @@ def test_counts_keep_the_range_of_their_bits(bench):
 
 
 @pytest.mark.parametrize("share", [0.8, 0.5])
-def test_masks_believed_dimmer_are_opened(bench, share):
-    found = register(bench.shoot(believed=share * bench.masks))
+def test_masks_stated_dimmer_are_opened(bench, share):
+    found = register(bench.shoot(stated=share * bench.masks))
     assert found.open_level == pytest.approx(share)
     assert np.allclose(found.shot.masks, bench.masks)
 
@@ -201,7 +199,7 @@ def test_a_pattern_that_begins_anew_is_recognised_at_the_rim(bench):
     assert any("begins anew" in note.sentence for note in found.notes)
 
 
-def test_an_unknown_rim_is_believed_grey(bench):
+def test_an_unknown_rim_is_taken_to_be_grey(bench):
     rng = np.random.default_rng(8)
     were = np.roll(bench.masks, 9, axis=2)
     were[:, :, :9] = rng.random(were[:, :, :9].shape) < 0.33
@@ -217,7 +215,7 @@ def test_what_cannot_be_told_is_left_alone(bench, what):
     rng = np.random.default_rng(11)
     shot = bench.shoot()
     if what == "other masks":
-        shot = bench.shoot(believed=(rng.random(bench.masks.shape) < 0.33).astype(np.float32))
+        shot = bench.shoot(stated=(rng.random(bench.masks.shape) < 0.33).astype(np.float32))
     elif what == "dark":
         shot = replace(shot, measurement=np.zeros_like(shot.measurement))
     elif what == "noise":
@@ -225,7 +223,7 @@ def test_what_cannot_be_told_is_left_alone(bench, what):
     elif what == "even sum":
         half = bench.masks[:3]
         masks = np.concatenate([half, 1 - half])
-        shot = bench.shoot(were=masks, believed=masks)
+        shot = bench.shoot(were=masks, stated=masks)
     else:
         shot = replace(
             shot, measurement=shot.measurement[:16, :16], masks=shot.masks[:, :16, :16], truth=type(shot.truth)()
@@ -238,7 +236,7 @@ def test_sixty_four_views_a_mosaic_and_grey_masks_are_registered_as_well(bench):
     rng = np.random.default_rng(12)
     grey = rng.random(bench.masks.shape).astype(np.float32)
     moved = warped(grey, right_px=1.4)
-    found = register(bench.shoot(were=moved, believed=grey))
+    found = register(bench.shoot(were=moved, stated=grey))
     assert found.misfit.placement.right_px == pytest.approx(1.4, abs=0.03)
     masks = (rng.random((64, 96, 112)) < 0.3).astype(np.float32)
     many = type(bench)(np.repeat(bench.views[:1], 64, axis=0), masks)
@@ -267,9 +265,9 @@ def test_the_corrected_masks_explain_the_readings(bench):
     views = torch.from_numpy(bench.views.astype(np.float32))
     left = {
         name: np.abs(Coding.of(one).forward(views).numpy() - shot.measurement).mean()
-        for name, one in (("believed", shot), ("registered", found.shot))
+        for name, one in (("stated", shot), ("registered", found.shot))
     }
-    assert left["registered"] < 0.1 * left["believed"]
+    assert left["registered"] < 0.1 * left["stated"]
 
 
 @pytest.mark.parametrize("settings", [RegistrationSettings(mode="on"), RegistrationSettings(most_shift_px=-1)])

@@ -35,10 +35,11 @@ def test_the_sum_is_that_of_wider_masks(bench, px):
 def test_a_width_is_found_with_the_shift_beside_it(bench, px):
     coarse = bench.masks[:, ::2, ::2].repeat(2, axis=1).repeat(2, axis=2)
     were = warped(regrown(coarse, px, 20), down_px=0.3, right_px=-0.2)
-    found = register(bench.shoot(were=were, believed=coarse))
+    found = register(bench.shoot(were=were, stated=coarse))
     assert found.misfit.widening_px == pytest.approx(px, abs=0.03)
     assert found.summary()["widening_px"] == found.misfit.widening_px
     assert "beyond their stated edges" in found.notes[0].sentence
+    assert [note.code for note in found.notes] == ["masks_corrected", "masks_as_drawn"]
     assert np.abs(found.shot.masks - were)[:, 3:-3, 3:-3].mean() < 0.02
 
 
@@ -51,6 +52,6 @@ def test_a_blur_is_not_taken_for_a_width(bench):
 
 def test_soft_masks_are_not_asked(bench):
     soft = blurred(bench.masks, 0.6)
-    found = register(bench.shoot(were=soft, believed=soft))
+    found = register(bench.shoot(were=soft, stated=soft))
     assert not found.is_changed
     assert "widening_px" not in found.tried

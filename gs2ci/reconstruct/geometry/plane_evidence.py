@@ -1,0 +1,419 @@
+"""Plain areas whose depth the measurement itself decides, asked as a whole.
+
+In noise a plain area gets a wrong depth early, mostly that of what stands before it, and a fit paints it into its
+views: from then on they bear it out, whichever of them are compared. The measurement is not painted. Over thousands of
+readings the weak texture of a wall tells where it is: of the right plane, a texture that is found from two thirds of
+the readings predicts the others better than that of any other plane. So each plain area is asked for the plane that
+predicts it best, and is given it where it surely predicts more than the map does that it had.
+
+Here: areas, planes, the comparison with a map. Not here: the texture (`texture_kernels`), maps (`surface_map`).
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.geometry.plain import difference, plain_pixels
+from gs2ci.reconstruct.geometry.sweep import features_of
+from gs2ci.reconstruct.geometry.texture_kernels import left_over
+
+# Noise of fitted views lies in blobs: what is plain is asked after a blur of so many px.
+_PLAIN_BLUR_PX: Final = 1.5
+# Nearer to its edges than this, px, an area's pixels see what lies beyond.
+_EDGE_PX: Final = 3
+# An area's plane is given to plain pixels up to this far beyond those that see it in all views.
+_BEYOND_PX: Final = 12
+# There the views may differ by so much more, in medians of what they differ by; blurred, and over a window.
+_ALLOWED: Final = 1.0
+_DIFFER_BLUR_PX: Final = 1.0
+_DIFFER_WINDOW_PX: Final = 5
+# Of the picture, the least of an area: less does not tell planes apart in noise.
+_LEAST_SHARE: Final = 0.005
+_LEAST_PIXELS: Final = 300
+_MOST_ASKED: Final = 4
+# Planes are sought by so many readings of an area at most, around its middle, for the time and memory that it takes.
+_MOST_READINGS: Final = 32_768
+# Blocks of an area, px, may lie on other surfaces.
+_BLOCK_PX: Final = 24
+# Of three readings one is predicted from the others. For the first planes of large areas, only every third one is
+# predicted, for the time that it takes.
+_FOLDS: Final = 3
+_MANY: Final = 4096
+# Parallax along the whole path, px: the first planes are so far apart, and what they are moved by after that.
+_FIRST_STEP_PX: Final = 4.0
+_STEPS_PX: Final = (2.0, 1.0, 1.0, 0.5)
+_MOST_PLANES: Final = 16
+# Of so many standard errors a plane has to be better than the map over an area, and may be worse within windows of it.
+_CLEARLY: Final = 3.0
+_WORSE: Final = 2.0
+_WINDOW_PX: Final = 31
+# In more of an area than this the map must not be better.
+_LEAST_TAKEN: Final = 0.6
+# Penalties of a texture's roughness: planes are sought first with one of them, then with that which predicts best. One
+# that is far too large prefers planes that hardly move, whose picture is not blurred by interpolation.
+_SMOOTH: Final = (0.5, 2.0, 8.0, 32.0)
+_FIRST_SMOOTH: Final = 2.0
+# What varies more slowly than this, px, is taken from the views: it tells no depth.
+_SLOW_PX: Final = 6.0
+_ROUNDS_OF_LOOKING: Final = 5
+
+
+@dataclass(frozen=True)
+class Readings:
+    """A measurement as plain areas are asked by it.
+
+    Args:
+        light: Mean over the channels, [H, W]; of a mosaic, its readings.
+        open_share: Of each pixel in each view, with the views' weights, [N, H, W].
+        usable: Pixels whose readings may be looked at, [H, W].
+        rays: Where they look, at z = 1, [H, W, 2].
+        channels: Of a mosaic, which of the views' channels each pixel sees, [H, W]; None: the mean of all.
+    """
+
+    light: F32
+    open_share: F32
+    usable: Bool
+    rays: F32
+    channels: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Some readings, and what predicts them."""
+
+    at: tuple[NDArray[np.int64], NDArray[np.int64]]
+    open_share: F64
+    light: F64
+    rays: F64
+    channel: NDArray[np.int64]
+    fold: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, readings: Readings, where: Bool) -> Self:
+        rows, columns = np.nonzero(where)
+        at = rows.astype(np.int64), columns.astype(np.int64)
+        channel = np.zeros(len(rows), np.int64) if readings.channels is None else readings.channels[at]
+        fold = np.random.default_rng(len(at[0])).integers(0, _FOLDS, len(at[0]))
+        rays = np.concatenate([readings.rays[at], np.ones((len(at[0]), 1))], axis=1).astype(np.float64)
+        open_share = np.ascontiguousarray(readings.open_share[:, at[0], at[1]].T, np.float64)
+        return cls(at, open_share, readings.light[at].astype(np.float64), rays, channel, fold)
+
+
+class PlaneEvidence:
+    """What a measurement says of planes.
+
+    Args:
+        readings: The measurement.
+        views: As a fit shows them, [N, H, W, C] in full scales: what varies slowly is taken from them.
+        from_reference: The views' poses seen from the reference view, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        reference: Whose picture the texture is.
+    """
+
+    def __init__(self, readings: Readings, views: F32, from_reference: F64, intrinsics: F64, reference: int) -> None:
+        self.smooth = _FIRST_SMOOTH
+        self._readings = readings
+        self._poses = from_reference
+        self._intrinsics = intrinsics
+        slow = cv2.GaussianBlur(views[reference], (0, 0), _SLOW_PX).reshape(views.shape[1:])
+        self._slow = slow if readings.channels is not None else slow.mean(axis=2, keepdims=True)
+
+    def of_plane(self, asked: _Asked, plane: F64, *, hurried: bool = False) -> F64:
+        """Return the squares that are left of readings, [K], by a plane n with n . X = 1 in the reference view, [3].
+
+        Hurried, they are 0 for two thirds of many readings.
+        """
+        return self._left(asked, self.places_on_plane(asked, plane), hurried=hurried)
+
+    def of_map(self, asked: _Asked, inverse_depth: F32) -> F64:
+        """Return them by a map of the reference view's inverse depths, [H, W]."""
+        return self._left(asked, self.places_on_map(asked, inverse_depth), hurried=False)
+
+    def tune(self, asked: _Asked, plane: F64) -> None:
+        """Take the penalty that predicts readings best by a plane."""
+        left = {}
+        for smooth in _SMOOTH:
+            self.smooth = smooth
+            left[smooth] = float(self.of_plane(asked, plane, hurried=True).sum())
+        self.smooth = min(left, key=lambda smooth: left[smooth])
+
+    def places_on_plane(self, asked: _Asked, plane: F64) -> F64:
+        """Return where the reference view's array shows what readings see on a plane, column and row, [K, N, 2]."""
+        places = np.empty((len(asked.rays), len(self._poses), 2))
+        for view, pose in enumerate(self._poses):
+            back = asked.rays @ pose[:3, :3]
+            centre = pose[:3, :3].T @ pose[:3, 3]
+            # X = s R^T ray - centre, and n . X = 1.
+            along = back @ plane
+            far = (1 + plane @ centre) / np.where(np.abs(along) > 1e-9, along, 1e-9)
+            places[:, view] = self._at(far[:, None] * back - centre)
+        return places
+
+    def places_on_map(self, asked: _Asked, inverse_depth: F32) -> F64:
+        """Return the same on the surface that a map of the reference view, [H, W], shows."""
+        places = np.empty((len(asked.rays), len(self._poses), 2))
+        to_rays = np.linalg.inv(self._intrinsics).T
+        for view, pose in enumerate(self._poses):
+            wanted = self._at(asked.rays)
+            place = wanted.copy()
+            for _ in range(_ROUNDS_OF_LOOKING):
+                x, y = (place[:, axis].astype(np.float32)[None] for axis in (0, 1))
+                depth = cv2.remap(inverse_depth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+                rays = np.concatenate([place + 0.5, np.ones((len(place), 1))], axis=1) @ to_rays
+                place += wanted - self._at(rays @ pose[:3, :3].T + pose[:3, 3] * depth[:, None].astype(np.float64))
+            places[:, view] = place
+        return places
+
+    def _at(self, points: F64) -> F64:
+        """Return where points, [K, 3], are in the reference picture: column and row of its array, [K, 2]."""
+        seen = points @ self._intrinsics.T
+        found: F64 = seen[:, :2] / np.where(seen[:, 2:] > 1e-9, seen[:, 2:], 1e-9) - 0.5
+        return found
+
+    def _left(self, asked: _Asked, places: F64, *, hurried: bool) -> F64:
+        x, y = (places[..., axis].astype(np.float32) for axis in (0, 1))
+        slow = np.stack([cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                         for one in np.ascontiguousarray(self._slow.transpose(2, 0, 1))])  # fmt: skip
+        shown = slow[asked.channel, np.arange(len(x))]
+        light = asked.light - (asked.open_share * shown).sum(axis=1)
+        low = np.floor(places.reshape(-1, 2).min(axis=0)) - 1
+        high = np.ceil(places.reshape(-1, 2).max(axis=0)) + 2
+        limit = np.array(self._slow.shape[1::-1], float)
+        low, high = np.clip(low, -limit, limit), np.clip(high, -limit + 2, 2 * limit)
+        columns, rows = (high - low).astype(int)
+        inside = np.ascontiguousarray(places - low)
+        left = np.zeros(len(light))
+        for fold in range(1 if hurried and len(light) > _MANY else _FOLDS):
+            out = asked.fold == fold
+            left[out] = left_over(inside, asked.open_share, light, ~out, (rows, columns), self.smooth)[out]
+        return left**2
+
+
+@dataclass(frozen=True)
+class FoundPlane:
+    """A plane that the measurement prefers to a map.
+
+    Args:
+        plane: n with n . X = 1 in the reference view, [3].
+        where: Pixels that see it in every view, [H, W].
+        elsewhere: Pixels of its area where the map explains more, [H, W].
+        errors: By how many standard errors it leaves less than the map.
+    """
+
+    plane: F64
+    where: Bool
+    elsewhere: Bool
+    errors: float
+
+
+def found_planes(
+    readings: Readings,
+    views: F32,
+    from_reference: F64,
+    intrinsics: F64,
+    reference: int,
+    inverse_depth: F32,
+    span: tuple[float, float],
+    parallax_px: float,
+) -> list[FoundPlane]:
+    """Ask the plain areas of a fit's views for planes that explain the measurement better than a map.
+
+    Args:
+        readings: The measurement.
+        views: [N, H, W, C] in full scales.
+        from_reference: Poses seen from the reference view, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        reference: One of the views.
+        inverse_depth: The map, of the reference view, [H, W].
+        span: Farthest and nearest inverse depth.
+        parallax_px: Parallax along the whole path at an inverse depth of 1, px.
+    """
+    plain = readings.usable & np.all([_away_from_edges(view) for view in views], axis=0)
+    waiting, found = _areas(plain), []
+    evidence = PlaneEvidence(readings, views, from_reference, intrinsics, reference)
+    asked_for = 0
+    while waiting and asked_for < _MOST_ASKED:
+        area = waiting.pop(0)
+        asked_for += 1
+        asked = _Asked.of(readings, area)
+        part = _Asked.of(readings, _around_middle(area))
+        start = _best_depth(evidence, part, span, parallax_px)
+        if start is None:
+            continue
+        evidence.tune(part, start)
+        plane = _best_plane(evidence, part, evidence.of_map(part, inverse_depth), start, parallax_px)
+        gain = evidence.of_map(asked, inverse_depth) - evidence.of_plane(asked, plane)
+        taken, errors = _taken(area, asked, gain)
+        if errors < _CLEARLY:
+            continue
+        found.append(FoundPlane(plane, taken, area & ~taken, errors))
+        rest = _areas(area & ~taken)
+        waiting = sorted([*waiting, *rest], key=lambda one: -one.sum())
+    return found
+
+
+def with_plane(
+    inverse_depth: F32, views: F32, found: FoundPlane, from_view: F64, to_reference: F64, intrinsics: F64
+) -> F32:
+    """Return a map of a view, [H, W], with the plain pixels in and around an area on the plane that was found for it.
+
+    Args:
+        inverse_depth: Of the first of the views, [H, W].
+        views: In full scales, [N, H, W, C]. What lies around the area is given its plane only where they differ there
+            no more than on the map: edges of what stands before it may be as plain as it is.
+        found: The plane.
+        from_view: The views' poses seen from the first, [N, 4, 4].
+        to_reference: The reference view's pose seen from the first, [4, 4].
+        intrinsics: [3, 3], px.
+    """
+    plain = _plain(views[0])
+    near = cv2.dilate(found.where.astype(np.uint8), np.ones((2 * _BEYOND_PX + 1, 2 * _BEYOND_PX + 1), np.uint8)) > 0
+    # Held-out pixels are holes of one pixel.
+    inside = cv2.morphologyEx(found.where.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    rows, columns = np.mgrid[: plain.shape[0], : plain.shape[1]] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    # n . (R X + t) = 1.
+    own = found.plane @ to_reference[:3, :3] / (1 - found.plane @ to_reference[:3, 3])
+    on_plane = (rays @ own).astype(np.float32)
+    described = np.stack([features_of(view, _DIFFER_BLUR_PX) for view in views])[..., : views.shape[3] + 2]
+    before, after = (
+        difference(depth, described, from_view, intrinsics, _DIFFER_WINDOW_PX) for depth in (inverse_depth, on_plane)
+    )
+    no_worse = after <= before + _ALLOWED * np.median(before)
+    asked = plain & near & ~found.elsewhere & (inside | no_worse)
+    _, labels = cv2.connectedComponents(asked.astype(np.uint8), connectivity=4)
+    reached = np.zeros(int(labels.max()) + 1, bool)
+    reached[labels[inside & asked]] = True
+    reached[0] = False
+    changed: F32 = np.where(reached[labels], on_plane, inverse_depth)
+    return changed
+
+
+def _taken(area: Bool, asked: _Asked, gain: F64) -> tuple[Bool, float]:
+    """Leave out of an area where the map is better, [H, W], and tell by how many errors the plane is elsewhere.
+
+    No errors where the map is better in much of it: then the plane is a compromise between surfaces.
+    """
+    taken = area & ~_worse_within(area, asked, gain)
+    share = taken.sum() / area.sum()
+    return taken, _errors(gain[taken[asked.at]]) if share >= _LEAST_TAKEN else 0.0
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks of readings.
+
+    Args:
+        number: Of each reading's block, [K].
+        count: Of blocks.
+    """
+
+    number: NDArray[np.int64]
+    count: int
+
+    @classmethod
+    def of(cls, asked: _Asked) -> Self:
+        rows, columns = (at // _BLOCK_PX for at in asked.at)
+        _, number = np.unique(rows * (int(columns.max()) + 1) + columns, return_inverse=True)
+        return cls(number, int(number.max()) + 1)
+
+    def sums(self, values: F64) -> F64:
+        """Return the sum over each block of values, [K]."""
+        found: F64 = np.bincount(self.number, values, self.count).astype(np.float64)
+        return found
+
+
+def _errors(gain: F64) -> float:
+    scatter = float(gain.std()) if len(gain) else 0.0
+    return float(gain.mean()) / scatter * len(gain) ** 0.5 if scatter > 0 else 0.0
+
+
+def _worse_within(area: Bool, asked: _Asked, gain: F64) -> Bool:
+    """Tell where, in windows of an area, a plane is worse than the map, [H, W]."""
+    image = np.zeros((3, *area.shape))
+    image[:, asked.at[0], asked.at[1]] = np.stack([np.ones_like(gain), gain, gain**2])
+    count, mean, square = (cv2.boxFilter(one, -1, (_WINDOW_PX, _WINDOW_PX), normalize=False) for one in image)
+    count = np.maximum(count, 1)
+    mean, square = mean / count, square / count
+    error = np.sqrt(np.maximum(square - mean**2, 0) / count)
+    worse: Bool = mean < -_WORSE * error
+    return worse
+
+
+def _plain(view: F32) -> Bool:
+    return plain_pixels(cv2.GaussianBlur(view, (0, 0), _PLAIN_BLUR_PX).reshape(view.shape))
+
+
+def _away_from_edges(view: F32) -> Bool:
+    plain = _plain(view)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1))
+    away: Bool = cv2.erode(plain.astype(np.uint8), window) > 0
+    return away
+
+
+def _areas(where: Bool) -> list[Bool]:
+    """Return the connected areas that are large enough, the largest first, [H, W] each."""
+    # Held-out pixels are holes of one pixel.
+    closed = cv2.morphologyEx(where.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
+    least = max(_LEAST_PIXELS, _LEAST_SHARE * where.size)
+    large = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= least]
+    large.sort(key=lambda k: -stats[k, cv2.CC_STAT_AREA])
+    return [(labels == k) & where for k in large]
+
+
+def _around_middle(area: Bool) -> Bool:
+    """Keep the pixels of an area that are nearest to its middle, as many as a plane is sought by, [H, W]."""
+    if area.sum() <= _MOST_READINGS:
+        return area
+    rows, columns = np.nonzero(area)
+    distance = np.hypot(rows - np.median(rows), columns - np.median(columns))
+    nearest = np.argsort(distance, kind="stable")[:_MOST_READINGS]
+    part = np.zeros_like(area)
+    part[rows[nearest], columns[nearest]] = True
+    return part
+
+
+def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64 | None:
+    """Return the plane of one depth that leaves least of an area, [3].
+
+    None at an end of the range, beyond all that there is: then depth is not what the readings tell of.
+    """
+    count = int(np.clip((span[1] - span[0]) * parallax_px / _FIRST_STEP_PX, 3, _MOST_PLANES))
+    planes = [np.array([0.0, 0.0, depth]) for depth in np.linspace(*span, count)]
+    best = int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))
+    return planes[best] if 0 < best < count - 1 else None
+
+
+def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> F64:
+    """Seek the plane that leaves least where it leaves less than the map, from one on, [3]."""
+    middle = asked.rays[:, :2].mean(axis=0)
+    reach = np.maximum(asked.rays[:, :2].std(axis=0), 1e-6)
+    blocks = _Blocks.of(asked)
+    by_map = blocks.sums(before)
+
+    def plane_of(at: F64) -> F64:
+        """Inverse depth in the middle, and its change at one standard deviation right and down."""
+        slopes = at[1:] / reach
+        return np.array([*slopes, at[0] - slopes @ middle])
+
+    def left(at: F64) -> float:
+        """Where the map leaves less, it is another surface."""
+        return float(np.minimum(blocks.sums(evidence.of_plane(asked, plane_of(at))), by_map).sum())
+
+    at = np.array([start[2], 0.0, 0.0])
+    least = left(at)
+    for step in _STEPS_PX:
+        for axis in range(3):
+            for sign in (1, -1):
+                tried = at.copy()
+                tried[axis] += sign * step / parallax_px
+                now = left(tried)
+                if now < least:
+                    at, least = tried, now
+                    break
+    return plane_of(at)

@@ -1,0 +1,242 @@
+"""Plain areas whose depth the measurement decides."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.geometry import plane_evidence, texture_kernels
+from gs2ci.reconstruct.geometry.plane_evidence import FoundPlane, Readings, found_planes, with_plane
+from gs2ci.reconstruct.geometry.sweep import plane_homographies
+from gs2ci.reconstruct.geometry.texture_kernels import left_over
+
+SIZE = (72, 96)
+VIEWS = 6
+FOCAL = 100.0
+INTRINSICS = np.array([[FOCAL, 0, SIZE[1] / 2], [0, FOCAL, SIZE[0] / 2], [0, 0, 1]])
+REFERENCE = 3
+EXTENT = 0.3
+PARALLAX_PX = FOCAL * EXTENT
+SPAN = (0.2, 1.4)
+WALL = 0.6
+WRONG = 1.0
+
+
+def poses():
+    """Aside, and turned a little, seen from the reference view."""
+    found = np.tile(np.eye(4), (VIEWS, 1, 1))
+    found[:, 0, 3] = -np.linspace(0, EXTENT, VIEWS)
+    for pose, angle in zip(found, np.linspace(0, 0.05, VIEWS), strict=True):
+        pose[:3, :3] = cv2.Rodrigues(np.array([0.0, angle, 0.0]))[0]
+    return found @ np.linalg.inv(found[REFERENCE])
+
+
+def wall(plane=(0.0, 0.0, WALL), texture=0.02, seed=0):
+    """Views of a weakly textured plane, whose texture is wider than the picture."""
+    rng = np.random.default_rng(seed)
+    margin = 40
+    height, width = (length + 2 * margin for length in SIZE)
+    canvas = cv2.GaussianBlur(rng.normal(size=(height, width)), (0, 0), 1.2)
+    canvas = (0.5 + texture * canvas / canvas.std()).astype(np.float32)
+    shift = np.array([[1, 0, margin], [0, 1, margin], [0, 0, 1.0]])
+    seen = []
+    for pose in poses():
+        half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+        through = INTRINSICS @ (pose[:3, :3] + np.outer(pose[:3, 3], plane)) @ np.linalg.inv(INTRINSICS)
+        array = np.linalg.inv(half) @ through @ half
+        seen.append(cv2.warpPerspective(canvas, array @ np.linalg.inv(shift), SIZE[::-1]))
+    return np.stack(seen)[..., None]
+
+
+def readings(views, noise=0.01, seed=1):
+    rng = np.random.default_rng(seed)
+    masks = (rng.random((VIEWS, *SIZE)) < 0.4).astype(np.float32)
+    light = (masks * views[..., 0]).sum(axis=0) + noise * rng.normal(size=SIZE)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    rays = np.stack([(columns - SIZE[1] / 2) / FOCAL, (rows - SIZE[0] / 2) / FOCAL], axis=-1).astype(np.float32)
+    return Readings(light.astype(np.float32), masks, masks.any(axis=0), rays)
+
+
+def ask(taken, inverse_depth, views=None, span=SPAN):
+    # What a fit shows: nothing of the texture, which noise has drowned.
+    shown = np.full((VIEWS, *SIZE, 1), 0.5, np.float32) if views is None else views
+    return found_planes(taken, shown, poses(), INTRINSICS, REFERENCE, inverse_depth, span, PARALLAX_PX)
+
+
+def flat(depth):
+    return np.full(SIZE, depth, np.float32)
+
+
+@pytest.mark.parametrize("plane", [(0.0, 0.0, WALL), (0.15, -0.1, WALL)])
+def test_a_wall_is_found_where_no_view_shows_its_texture(plane):
+    found = ask(readings(wall(plane)), flat(WRONG))
+    assert len(found) == 1
+    assert found[0].errors > 8
+    off = readings(wall()).rays @ (found[0].plane - plane)[:2] + (found[0].plane - plane)[2]
+    assert np.abs(off * PARALLAX_PX).max() < 1.0
+    assert found[0].where.mean() > 0.8
+
+
+def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
+    monkeypatch.setattr(plane_evidence, "_MOST_READINGS", 2500)
+    found = ask(readings(wall()), flat(WRONG))
+    assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
+    assert found[0].where.mean() > 0.8
+
+
+def test_a_plane_at_the_end_of_the_range_is_none():
+    assert ask(readings(wall()), flat(WRONG), span=(WALL + 0.05, 1.4)) == []
+
+
+def test_a_map_that_is_right_stays():
+    assert ask(readings(wall()), flat(WALL)) == []
+
+
+def test_noise_alone_says_nothing():
+    views = np.full((VIEWS, *SIZE, 1), 0.5, np.float32)
+    assert ask(readings(views, noise=0.02), flat(WRONG)) == []
+
+
+def test_where_another_surface_is_the_plane_is_not_believed():
+    """The right quarter of the picture lies where the map says."""
+    views, other = wall(), wall((0.0, 0.0, WRONG), seed=5)
+    views[:, :, 72:] = other[:, :, 72:]
+    found = ask(readings(views), flat(WRONG))
+    assert len(found) >= 1
+    assert found[0].where[:, :56].mean() > 0.8
+    assert found[0].elsewhere[:, 80:].mean() > 0.6
+
+
+def test_views_that_are_not_plain_are_not_asked():
+    textured = np.random.default_rng(3).random((VIEWS, *SIZE, 1)).astype(np.float32)
+    assert ask(readings(wall()), flat(WRONG), cv2.GaussianBlur(textured[..., 0].transpose(1, 2, 0), (0, 0), 2)
+               .transpose(2, 0, 1)[..., None] * 4) == []  # fmt: skip
+
+
+def test_pixels_that_may_not_be_looked_at_change_nothing():
+    taken = readings(wall())
+    hidden = np.random.default_rng(4).random(SIZE) < 0.05
+    open_pixels = replace(taken, usable=taken.usable & ~hidden)
+    spoilt = replace(open_pixels, light=np.where(hidden, 50.0, taken.light).astype(np.float32))
+    one, other = ask(open_pixels, flat(WRONG)), ask(spoilt, flat(WRONG))
+    assert [found.plane.tolist() for found in one] == [found.plane.tolist() for found in other]
+
+
+def test_a_mosaic_is_asked_by_the_channel_that_each_pixel_sees():
+    """A coloured wall: its channels differ by far more than its texture varies."""
+    views, level = wall(), np.array([-0.2, 0.0, 0.2], np.float32)
+    colours = views + level
+    channels = np.indices(SIZE).sum(axis=0) % 3
+    taken = readings(views)
+    light = (taken.open_share * colours[:, np.arange(SIZE[0])[:, None], np.arange(SIZE[1]), channels]).sum(axis=0)
+    shown = np.broadcast_to(0.5 + level, (VIEWS, *SIZE, 3)).astype(np.float32)
+    found = ask(replace(taken, light=light, channels=channels), flat(WRONG), shown)
+    assert len(found) == 1
+    assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
+
+
+def entered(found, view, pose):
+    views = np.broadcast_to(view, (3, *view.shape))
+    return with_plane(flat(WRONG), views, found, poses()[:3], np.linalg.inv(pose), INTRINSICS)
+
+
+def test_a_plane_is_entered_in_every_view_where_that_is_plain():
+    where = np.zeros(SIZE, bool)
+    where[20:50, 20:60] = True
+    elsewhere = np.zeros(SIZE, bool)
+    elsewhere[:, 62:] = True
+    plane = np.array([0.1, 0.05, WALL])
+    pose = poses()[0]
+    changed = entered(FoundPlane(plane, where, elsewhere, 9.0), np.full((*SIZE, 1), 0.5, np.float32), pose)
+    assert (changed[:, 62:] == WRONG).all()
+    assert (changed[:3] == WRONG).all()
+    # The plane's points in the reference view, seen from this one.
+    rays = np.array([[-0.1, 0.05, 1.0], [0.0, 0.0, 1.0]])
+    points = rays / (rays @ plane)[:, None] @ pose[:3, :3].T + pose[:3, 3]
+    for point in points:
+        column, row = ((INTRINSICS @ point)[:2] / point[2]).astype(int)
+        assert changed[row, column] == pytest.approx(1 / point[2], abs=0.005)
+
+
+def test_what_stands_before_a_plain_area_keeps_its_depth():
+    """Just beyond the area the views show a stripe that agrees with the map, and not with the plane."""
+    where = np.zeros(SIZE, bool)
+    where[10:60, 10:40] = True
+    views = wall((0.0, 0.0, WRONG), texture=0.01)[[3, 0, 5]]
+    from_view = poses()[[3, 0, 5]]
+    found = FoundPlane(np.array([0.0, 0, WALL]), where, np.zeros(SIZE, bool), 9.0)
+    changed = with_plane(flat(WRONG), views, found, from_view, np.eye(4), INTRINSICS)
+    assert (changed[12:58, 12:38] == np.float32(WALL)).mean() > 0.95
+    assert (changed[12:58, 45:] == WRONG).mean() > 0.95
+
+
+def test_no_plain_area_keeps_a_map():
+    found = FoundPlane(np.array([0.0, 0, WALL]), np.zeros(SIZE, bool), np.zeros(SIZE, bool), 9.0)
+    assert (entered(found, np.full((*SIZE, 1), 0.5, np.float32), np.eye(4)) == WRONG).all()
+
+
+def test_places_through_a_plane_are_those_of_its_homography():
+    """The sweep's homographies, the other way round."""
+    taken, plane = readings(wall()), np.array([0.0, 0.0, WALL])
+    evidence = plane_evidence.PlaneEvidence(taken, wall(), poses(), INTRINSICS, REFERENCE)
+    asked = plane_evidence._Asked.of(taken, taken.usable)
+    places = evidence.places_on_plane(asked, plane)
+    forward = plane_homographies(poses(), INTRINSICS, np.array([WALL]))[0]
+    seen = np.concatenate([places, np.ones((*places.shape[:2], 1))], axis=2)
+    again = np.einsum("vij,kvj->kvi", forward, seen)
+    at = np.stack([asked.at[1], asked.at[0]], axis=1)
+    assert np.abs(again[..., :2] / again[..., 2:] - at[:, None]).max() < 1e-5
+    # A map of that plane sends them to the same places.
+    by_map = evidence.places_on_map(asked, flat(WALL))
+    assert np.abs(by_map - places).max() < 1e-3
+
+
+def some_readings(count=60, size=(7, 9), seed=0):
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-1, 1, (count, 3, 2)) * np.array([6, 5]) + np.array([4, 3])
+    return places, (rng.random((count, 3)) < 0.6).astype(float), rng.normal(size=count), rng.random(count) < 0.7, size
+
+
+def matrix(places, open_share, size):
+    found = np.zeros((len(places), size[0] * size[1]))
+    for k in range(len(places)):
+        for v in range(places.shape[1]):
+            x, y = (np.clip(places[k, v, axis], 0, size[1 - axis] - 1) for axis in (0, 1))
+            c, r = min(int(x), size[1] - 2), min(int(y), size[0] - 2)
+            for dr in (0, 1):
+                for dc in (0, 1):
+                    share = (x - c if dc else 1 - x + c) * (y - r if dr else 1 - y + r)
+                    found[k, (r + dr) * size[1] + c + dc] += open_share[k, v] * share
+    return found
+
+
+def test_what_is_left_is_that_of_least_squares(monkeypatch):
+    """To 1e-9 of the readings, by dense normal equations, once conjugate gradients have converged."""
+    monkeypatch.setattr(texture_kernels, "_ITERATIONS", 300)
+    places, open_share, light, seen, size = some_readings()
+    coded = matrix(places, open_share, size)
+    number = np.arange(size[0] * size[1]).reshape(size)
+    pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
+    rough = np.concatenate([
+        np.eye(number.size)[one.ravel()] - np.eye(number.size)[other.ravel()] for one, other in pairs
+    ])  # fmt: skip
+    normal = coded[seen].T @ coded[seen] + 0.5 * rough.T @ rough
+    texture = np.linalg.lstsq(normal, coded[seen].T @ light[seen], rcond=None)[0]
+    left = left_over(places, open_share, light, seen, size, 0.5)
+    assert np.abs(left - (light - coded @ texture)).max() < 1e-9
+
+
+def test_of_nothing_that_is_seen_everything_is_left():
+    places, open_share, light, seen, size = some_readings()
+    assert (left_over(places, open_share, light, np.zeros_like(seen), size, 1.0) == light).all()
+    dark = np.zeros_like(open_share)
+    assert (left_over(places, dark, light, seen, size, 1.0) == light).all()
+
+
+def test_a_plane_that_is_seen_from_its_edge_gives_numbers():
+    taken = readings(wall())
+    evidence = plane_evidence.PlaneEvidence(taken, wall(), poses(), INTRINSICS, REFERENCE)
+    asked = plane_evidence._Asked.of(taken, taken.usable)
+    assert np.isfinite(evidence.of_plane(asked, np.array([1.0, 0.0, 0.0]))).all()
+    assert np.isfinite(evidence.of_plane(asked, np.zeros(3))).all()
