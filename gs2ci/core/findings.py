@@ -112,6 +112,7 @@ class Code(StrEnum):
     MASKS_BEGIN_ELSEWHERE = auto()
     MASKS_CORRECTED = auto()
     MASKS_TOO_SOFT = auto()
+    MASKS_AS_DRAWN = auto()
     MASKS_DIVIDED = auto()
     RIM_GUESSED = auto()
     DARKER_THAN_DARK = auto()

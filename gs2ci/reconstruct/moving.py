@@ -42,6 +42,9 @@ MOVING: Final = "moving from the first"
 # (`python -m tests.benchmarks moving`).
 _LEAST_EXPLAINED: Final = 0.01
 _LEAST_SURELY: Final = 0.04
+# So many of the blocks that speak for motion are enough: what moves by more than its detail is wide explains little to
+# first order. A box that crosses half the picture: 0.9 % explained, 37 % of the blocks.
+_MANY_BLOCKS: Final = 0.25
 # What a moving scene has to take off the residual on the held-out pixels.
 LEAST_GAIN: Final = 0.02
 # What a few steps of a decode by similar patches have to take off it before moving scenes are tried. From ten still
@@ -216,7 +219,8 @@ def ask(jury: Jury, views: F32) -> LeftByMotion:
 
 def speaks_for_motion(left: LeftByMotion) -> bool:
     """Tell whether a residual is worth the fits of a moving scene."""
-    return left.explained >= _LEAST_EXPLAINED and left.surely >= _LEAST_SURELY
+    explains = left.explained >= _LEAST_EXPLAINED and left.surely >= _LEAST_SURELY
+    return explains or left.surely >= _MANY_BLOCKS
 
 
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:

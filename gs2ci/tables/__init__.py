@@ -7,6 +7,8 @@ works.py      the kinds of work there are; simulation.py and calibration.py hold
 store.py      finished cells on disk
 workers.py    who does the work: this process, local processes, or a Dask cluster
 names.py      what the tables are called
+case_sets.py  the measurements that a table is made over
+columns.py    the columns that tables have
 catalogue.py  which cells make which table, and how they are laid out
 pages.py      means and spreads; markdown, CSV and a picture
 html_page.py  the same as one HTML page

@@ -1,7 +1,7 @@
 """The measurements that tables are made of, each said in a few words that can travel to another process.
 
 Here: `Case`, how it becomes a shot, and what would be seen from beside its path. Not here: the reconstruction
-(`works`), which cases a table uses (`catalogue`).
+(`works`), which cases there are and a table uses (`case_sets`, `catalogue`).
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with

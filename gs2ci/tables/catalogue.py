@@ -1,6 +1,7 @@
 """Which cells make which table, and how its figures are laid out.
 
-Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`).
+Here: `Table`, and the tables by name. Not here: their columns (`columns`) and cases (`case_sets`), the work (`works`),
+pages (`pages`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,19 +11,26 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.baselines.field_fit import FieldSettings
-from gs2ci.tables.beside import tells_beside
-from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
+from gs2ci.tables.calibration import FRAMES, calibrate_masks
+from gs2ci.tables.case_sets import bench_cases, condition_cases, measurements, resized
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
+from gs2ci.tables.columns import (
+    AGAINST_PAPER,
+    CALIBRATION,
+    INITIALISATION,
+    PATH,
+    POPULATION,
+    RECONSTRUCTION,
+    Measure,
+)
 from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 from gs2ci.tables.variants import ABLATION, GEOMETRY, ON_PAPERS_SCHEDULE, PAPER, RULES, VARIANTS
-from gs2ci.tables.works import COUNTED_AFTER, initialise_case, reconstruct_case
+from gs2ci.tables.works import initialise_case, reconstruct_case
 from gs2ci_sims.scenes.files import scene_names
 
-SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
-TEXTURELESS: Final = "textureless"
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24, 32)
 # Ways in which the paper's Tables IV and V compare each of their lines; where they are named.
@@ -41,16 +49,6 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "with a stage": {"stage_off": 0.0},
     **{f"with a stage off by {percent} %": {"stage_off": percent / 100} for percent in (1, 5)},
 }
-
-
-@dataclass(frozen=True)
-class Measure:
-    """One column: the key in a cell's row, its title, decimals, and whether more is better."""
-
-    key: str
-    title: str
-    digits: int
-    more_is_better: bool = True
 
 
 @dataclass(frozen=True)
@@ -102,86 +100,6 @@ class Table:
     takes_size: bool = True
 
 
-RECONSTRUCTION: Final = (
-    Measure("psnr_db", "PSNR, dB", 2),
-    Measure("ssim", "SSIM", 4),
-    Measure("scene_psnr_db", "scene alone, dB", 2),
-    Measure("between_psnr_db", "between, dB", 2),
-    Measure("beyond_psnr_db", "beyond, dB", 2),
-    Measure("nate", "nATE", 4, more_is_better=False),
-    Measure("depth_rel_percent", "depth off, %", 2, more_is_better=False),
-    Measure("depth_rank", "order of depth", 2),
-    Measure("seconds", "s", 1, more_is_better=False),
-)
-POPULATION: Final = (
-    *RECONSTRUCTION,
-    Measure("gaussians", "Gaussians", 0, more_is_better=False),
-    Measure("frames_per_second", "rendered views/s", 1),
-)
-
-AGAINST_PAPER: Final = (
-    *RECONSTRUCTION[:-1],
-    Measure("processor_seconds", "processor s", 0, more_is_better=False),
-    Measure("iterations", "iterations", 0),
-    *(
-        Measure(f"gaussians_after_{iteration}", f"Gaussians after {iteration:,}", 0, more_is_better=False)
-        for iteration in COUNTED_AFTER
-    ),
-    Measure("gaussians", "at the end", 0, more_is_better=False),
-    Measure("gaussians_most", "at most", 0, more_is_better=False),
-)
-
-PATH: Final = (
-    Measure("ate", "ATE", 5, more_is_better=False),
-    Measure("nate", "nATE", 4, more_is_better=False),
-    Measure("rpe_t", "RPE_t", 5, more_is_better=False),
-    Measure("nrpe_t", "nRPE_t", 4, more_is_better=False),
-    Measure("rpe_r_deg", "RPE_r, °", 3, more_is_better=False),
-    Measure("translation_mean", "mean off, translation", 5, more_is_better=False),
-    Measure("rotation_deg", "mean off, °", 3, more_is_better=False),
-)
-"""Of a camera path, as the paper's Table VI has them; lengths in the unit of the true path."""
-
-INITIALISATION: Final = (
-    Measure("nate", "nATE", 4, more_is_better=False),
-    Measure("depth_rank", "order of depth", 2),
-    Measure("rpe_r_deg", "turn between views, °", 3, more_is_better=False),
-    Measure("unexplained", "unexplained", 4, more_is_better=False),
-    Measure("tracks", "tracks", 0),
-    Measure("full", "depth found", 2),
-    Measure("seconds", "s", 1, more_is_better=False),
-)
-
-
-def simulated_cases() -> tuple[Case, ...]:
-    """Return scenes of the simulator's library, exposed by its light path."""
-    return tuple(Case(name, scene=name) for name in SIMULATED)
-
-
-def condition_cases(folder: Path | None) -> tuple[Case, ...]:
-    """Return the measurements of a folder, or simulated ones, and among these one that is hard by itself.
-
-    Raises:
-        InputError: The folder holds none.
-    """
-    if folder is not None:
-        return file_cases(folder)
-    easy = simulated_cases()
-    return (*easy, replace(easy[0], name=TEXTURELESS, scene=TEXTURELESS))
-
-
-def file_cases(folder: Path) -> tuple[Case, ...]:
-    """Return a case for each .npz file of a folder.
-
-    Raises:
-        InputError: There are none.
-    """
-    files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
-    if not files:
-        raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
-    return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
-
-
 def chosen_cases(
     name: TableName, folder: Path | None, size: tuple[int, int] | None, wanted: Sequence[str]
 ) -> tuple[Case, ...]:
@@ -229,30 +147,6 @@ def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | No
             )
     cases = TABLES[name].known(folder)
     return cases if size is None else resized(cases, size)
-
-
-def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
-    """Return scenes at another size, and files with all but their middle cut away.
-
-    Args:
-        cases: Measurements.
-        size: Height and width, px.
-
-    Raises:
-        InputError: A side is no count of pixels.
-    """
-    if min(size) < 1:
-        raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")
-    return tuple(replace(case, size=size) for case in cases)
-
-
-def measurements(folder: Path | None) -> tuple[Case, ...]:
-    """Return the measurements of a folder, or simulated ones without it.
-
-    Raises:
-        InputError: The folder holds none.
-    """
-    return simulated_cases() if folder is None else file_cases(folder)
 
 
 def reconstruction(case: Case, variant: str, seed: int) -> Cell:
@@ -337,11 +231,6 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     return Cell(simulate_rig, arguments, (case.file,))
 
 
-def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
-    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
-    return tuple(Case(name) for name in BENCHES)
-
-
 def _calibrations(options: TableOptions) -> list[TableEntry]:
     """Calibrate masks with more and more frames, and predict them."""
     ways: dict[str, dict[str, int | bool]] = {
@@ -363,14 +252,6 @@ def _chosen(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str] = 
         raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, (*lines, *named))))
     return tuple(wanted or lines)
 
-
-CALIBRATION: Final = (
-    Measure("mask_error_pct", "mask error, % rms", 3, more_is_better=False),
-    Measure("stated_pct", "stated, % rms", 3, more_is_better=False),
-    Measure("seconds", "bench s", 1, more_is_better=False),
-    Measure("registration_px", "registration, px", 5, more_is_better=False),
-    Measure("registration_seconds", "its bench s", 1, more_is_better=False),
-)
 
 TABLES: Final[dict[TableName, Table]] = {
     "methods": Table(

@@ -16,7 +16,8 @@ from gs2ci.evaluate.pages.charts import Spread
 from gs2ci.evaluate.pages.frame import PageSection, page
 from gs2ci.evaluate.pages.pieces import FigureOfMerit, Tone
 from gs2ci.evaluate.wording import flat_rows, spoken_rows
-from gs2ci.tables.catalogue import Measure, Table
+from gs2ci.tables.catalogue import Table
+from gs2ci.tables.columns import Measure
 from gs2ci.tables.pages import Figures, best_of
 
 Cases = Mapping[str, Sequence[Figures]]

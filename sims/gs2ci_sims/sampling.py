@@ -184,7 +184,7 @@ def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterato
     progress = travelled / travelled[-1] + 1e-6 * np.linspace(0, 1, len(times))
     most = PANELS_PER_MASK * len(look.masks)
     for panels in np.unique(np.rint(np.geomspace(1, most, PANEL_CHOICES)).astype(int)):
-        ends = np.interp(_cut_at(kinks, times[[0, -1]], NEAR_SHARE / panels), times, progress)
+        ends = np.interp(cut_at(kinks, times[[0, -1]], NEAR_SHARE / panels), times, progress)
         parts = np.maximum(np.rint(panels * np.diff(ends) / progress[-1]).astype(int), 1)
         pieces = zip(ends[:-1], ends[1:], parts, strict=True)
         even = [np.linspace(begin, end, part + 1) for begin, end, part in pieces]
@@ -196,19 +196,26 @@ def _within_masks(look: Preview, kinks: F64) -> Iterator[_Family]:
     count = len(look.masks)
     for parts in PARTS:
         within = look.intervals_s[:, :1] + np.diff(look.intervals_s, axis=1) * np.linspace(0, 1, parts + 1)
-        edges = _cut_at(kinks, _distinct(within.ravel()))
+        edges = cut_at(kinks, _distinct(within.ravel()))
         yield edges, tuple(node for node in NODES_WITHIN if (len(edges) - 1) * node > count), False
 
 
-def _cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
+def cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
     """Return the edges of panels with those of the kinks among them that lie well within a panel.
 
-    Within a panel whose motion jumps, polynomials converge slowly; up to a jump and from it on, fast.
+    Within a panel whose motion jumps, polynomials converge slowly; up to a jump and from it on, fast. Of jumps that lie
+    closer together than that, as those of a stage that turns and then takes up its play, the first stands for all: a
+    panel between them would take as many views as any other.
     """
-    inside = kinks[(kinks > edges[0]) & (kinks < edges[-1])]
+    inside = np.sort(kinks[(kinks > edges[0]) & (kinks < edges[-1])])
     panel = np.searchsorted(edges, inside) - 1
-    share = (inside - edges[panel]) / np.diff(edges)[panel]
-    kept = np.sort(inside[np.minimum(share, 1 - share) > near])
+    width = np.diff(edges)[panel]
+    share = (inside - edges[panel]) / width
+    kept: list[float] = []
+    far = np.minimum(share, 1 - share) > near
+    for kink, least in zip(inside[far], near * width[far], strict=True):
+        if not kept or kink - kept[-1] > least:
+            kept.append(float(kink))
     return np.asarray(np.unique(np.concatenate([edges, kept])))
 
 

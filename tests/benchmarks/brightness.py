@@ -31,8 +31,8 @@ from gs2ci.reconstruct.measurement.brightness import BrightnessEstimate, estimat
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.case_sets import TEXTURELESS, file_cases, simulated_cases
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import TEXTURELESS, file_cases, simulated_cases
 
 SIZE = (96, 128)
 FILE_SIZE = (176, 176)

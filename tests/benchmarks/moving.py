@@ -46,7 +46,7 @@ def run() -> None:
     for scene in SCENES:
         for seed in range(seeds) if not only or scene in only else ():
             _compare(f"{scene}, seed {seed}", _simulated(scene, seed, 0.0), _simulated(scene, seed, WAY_PX))
-    for name, shot in _clips(crop, only):
+    for name, shot in clips(crop, only):
         _report(name, shot, Settings())
         _report(f"{name}, --motion off", shot, replace(Settings(), motion="off"))
 
@@ -89,7 +89,7 @@ def _simulated(scene: str, seed: int, way_px: float) -> Shot:
     return Bench(scene=scene, views=VIEWS, effects=(thing,) if way_px else ()).expose(SIZE, seed)
 
 
-def _clips(side: int, only: list[str]) -> Iterator[tuple[str, Shot]]:
+def clips(side: int, only: list[str]) -> Iterator[tuple[str, Shot]]:
     for path in _wanted("video_sci", only):
         found = loadmat(path)
         masks = np.moveaxis(found["mask"].astype(np.float32), 2, 0)

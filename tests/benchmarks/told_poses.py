@@ -19,8 +19,8 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.case_sets import SIMULATED
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import SIMULATED
 from tests.processes import side_by_side
 
 SIZE = (96, 128)

@@ -9,10 +9,12 @@ from gs2ci.api import costs
 from gs2ci.commands import tables as bench
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
+from gs2ci.tables import case_sets
 from gs2ci.tables import catalogue as tables
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import Measure, Table, TableEntry
+from gs2ci.tables.catalogue import Table, TableEntry
 from gs2ci.tables.cells import Cell
+from gs2ci.tables.columns import Measure
 from gs2ci.tables.variants import VARIANTS
 
 
@@ -82,7 +84,7 @@ def test_what_does_not_exist_is_refused(arguments, message, tmp_path):
 
 
 def test_a_small_case_goes_all_the_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "simulated_cases", lambda: (Case("small", scene="boxes", size=(24, 32), views=3),))
+    monkeypatch.setattr(case_sets, "simulated_cases", lambda: (Case("small", scene="boxes", size=(24, 32), views=3),))
     monkeypatch.setitem(VARIANTS, "default", lambda given: replace(given, fits=1, fit=replace(given.fit, iterations=5)))
     pages = bench.run("seeds", tmp_path, seeds=1)
     assert "| default |" in pages[0].read_text()

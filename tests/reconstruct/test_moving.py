@@ -24,7 +24,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.measurement.moving import left_by_motion
+from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import rescheduled
@@ -264,6 +264,14 @@ def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
 def test_many_steps_of_patches_speak_for_motion_where_few_gain_little(gain, long_gain, speaks, surely):
     asked = MotionQuestion(None, gain, long_gain)
     assert (asked.speaks_for_motion, asked.beyond_doubt) == (speaks, surely)
+
+
+@pytest.mark.parametrize(
+    ("explained", "surely", "speaks"),
+    [(0.02, 0.1, True), (0.02, 0.01, False), (0.009, 0.1, False), (0.009, 0.37, True), (0.0, 0.0, False)],
+)
+def test_a_residual_speaks_for_motion_by_what_it_explains_or_by_many_blocks(explained, surely, speaks):
+    assert moving.speaks_for_motion(LeftByMotion(explained, surely, np.zeros((1, 1, 2)))) is speaks
 
 
 def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():

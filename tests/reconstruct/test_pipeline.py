@@ -141,9 +141,14 @@ def test_dead_rows_are_left_out_and_cost_little(shot, found_soon):
     measurement = shot.measurement.copy()
     measurement[8:40:4] = 0
     result = reconstruct(replace(shot, measurement=measurement), SHORT).result
+    unpolished = reconstruct(replace(shot, measurement=measurement), replace(SHORT, polish=None)).result
     assert any("8 of 48 rows read one value throughout" in note.sentence for note in result.notes)
-    whole, damaged = (np.mean(psnr_per_view(r.views, shot.truth.views)) for r in (found_soon.result, result))
-    assert damaged > whole - 2
+    whole, damaged, before = (
+        np.mean(psnr_per_view(r.views, shot.truth.views)) for r in (found_soon.result, result, unpolished)
+    )
+    # Patches gain most where all rows are there.
+    assert damaged > whole - 5
+    assert damaged > before - 0.2
 
 
 def test_the_near_board_is_found_nearer_than_the_wall(found):
@@ -194,7 +199,8 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
     """On average: of one seed the first fit may be the better one by half a decibel."""
     gained = []
     for seed in (0, 1, 2):
-        settings = replace(QUICK, seed=seed, fit=replace(QUICK.fit, iterations=100))
+        # Patches may make good for what one fit lacks.
+        settings = replace(QUICK, seed=seed, fit=replace(QUICK.fit, iterations=100), polish=None)
         one, two = (reconstruct(shot, replace(settings, fits=fits)).result for fits in (1, 2))
         one_db, two_db = (np.mean(psnr_per_view(run.views, shot.truth.views)) for run in (one, two))
         gained.append(two_db - one_db)

@@ -12,19 +12,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.presets.ablation import COMPONENTS
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
+from gs2ci.tables.case_sets import file_cases, resized, simulated_cases
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import (
-    CONDITIONS,
-    RATIOS,
-    TABLES,
-    VIEWS,
-    TableOptions,
-    chosen_cases,
-    file_cases,
-    known_cases,
-    resized,
-    simulated_cases,
-)
+from gs2ci.tables.catalogue import CONDITIONS, RATIOS, TABLES, VIEWS, TableOptions, chosen_cases, known_cases
 from gs2ci.tables.cells import run
 from gs2ci.tables.literature import DECODERS
 from gs2ci.tables.names import TableName

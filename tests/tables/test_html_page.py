@@ -3,7 +3,8 @@ import re
 import pytest
 
 from gs2ci.core.errors import StorageError
-from gs2ci.tables.catalogue import Measure, Table
+from gs2ci.tables.catalogue import Table
+from gs2ci.tables.columns import Measure
 from gs2ci.tables.html_page import html_page, write_html_page
 from gs2ci.tables.pages import Figures
 

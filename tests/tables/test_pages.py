@@ -7,8 +7,9 @@ import cv2
 import pytest
 
 from gs2ci.core.errors import StorageError
-from gs2ci.tables.catalogue import Measure, Table, TableEntry
+from gs2ci.tables.catalogue import Table, TableEntry
 from gs2ci.tables.cells import Cell
+from gs2ci.tables.columns import Measure
 from gs2ci.tables.pages import as_csv, collect, draw, markdown, write_pages
 
 TABLE = Table(

@@ -9,7 +9,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables import works
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import INITIALISATION, PATH, POPULATION
+from gs2ci.tables.columns import INITIALISATION, PATH, POPULATION
 from gs2ci.tables.works import initialise_case, reconstruct_case
 
 

@@ -70,8 +70,8 @@ class Attempts:
         if not (self._wanted or asked.beyond_doubt):
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
-            # A companion beside the fit leaves less than the fit alone; where that said no, it says no.
-            same = again.look is still.look and not asked.speaks_for_motion
+            # What patches did not take off one fit they take off two still less.
+            same = again.look is still.look and asked.gain is not None and not asked.speaks_for_motion
             asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no scene does: they are worth some time where a scene leads GAP-TV by so little.
@@ -143,11 +143,11 @@ class Attempts:
         return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
-        """Tell whether the best still scene explains the held-out pixels hardly better than a decode by GAP-TV.
+        """Tell whether the best still scene explains the held-out pixels hardly better than a brief decode.
 
-        Decodes by patches follow what moves, and may lead any scene.
+        Whole decodes by patches follow what moves, and may lead any scene.
         """
-        if still.look.decoder != "gap-tv":
+        if still.look.decoder == "patches":
             return False
         fitted, decoded = (self.fits.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
         return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0

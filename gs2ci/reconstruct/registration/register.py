@@ -252,6 +252,8 @@ class _Registration:
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
         if way.misfit.blur_px2 <= -_TOO_SOFT_PX2 and way.is_filtered:
             self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=-way.misfit.blur_sigma_px))
+        if "widening_px" in way.errors:
+            self.notes.append(finding(Code.MASKS_AS_DRAWN, width=way.misfit.widening_px))
         self.notes += way.rim.notes
         return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
 

@@ -39,6 +39,7 @@ def test_a_width_is_found_with_the_shift_beside_it(bench, px):
     assert found.misfit.widening_px == pytest.approx(px, abs=0.03)
     assert found.summary()["widening_px"] == found.misfit.widening_px
     assert "beyond their stated edges" in found.notes[0].sentence
+    assert [note.code for note in found.notes] == ["masks_corrected", "masks_as_drawn"]
     assert np.abs(found.shot.masks - were)[:, 3:-3, 3:-3].mean() < 0.02
 
 

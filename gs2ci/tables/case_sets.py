@@ -1,0 +1,75 @@
+"""The measurements that tables are made over: simulated scenes, the files of a folder, benches, at a size of choice.
+
+Not here: what a case is (`cases`), which table takes which (`catalogue`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.tables.beside import tells_beside
+from gs2ci.tables.calibration import BENCHES
+from gs2ci.tables.cases import Case
+
+SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
+TEXTURELESS: Final = "textureless"
+
+
+def simulated_cases() -> tuple[Case, ...]:
+    """Return scenes of the simulator's library, exposed by its light path."""
+    return tuple(Case(name, scene=name) for name in SIMULATED)
+
+
+def condition_cases(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones, and among these one that is hard by itself.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    if folder is not None:
+        return file_cases(folder)
+    easy = simulated_cases()
+    return (*easy, replace(easy[0], name=TEXTURELESS, scene=TEXTURELESS))
+
+
+def measurements(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones without it.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    return simulated_cases() if folder is None else file_cases(folder)
+
+
+def file_cases(folder: Path) -> tuple[Case, ...]:
+    """Return a case for each .npz file of a folder.
+
+    Raises:
+        InputError: There are none.
+    """
+    files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
+    if not files:
+        raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
+    return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
+
+
+def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
+    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
+    return tuple(Case(name) for name in BENCHES)
+
+
+def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
+    """Return scenes at another size, and files with all but their middle cut away.
+
+    Args:
+        cases: Measurements.
+        size: Height and width, px.
+
+    Raises:
+        InputError: A side is no count of pixels.
+    """
+    if min(size) < 1:
+        raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")
+    return tuple(replace(case, size=size) for case in cases)
