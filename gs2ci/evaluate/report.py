@@ -243,7 +243,6 @@ class MotionSection(ReportSection):
     explained: Number | None
     blocks: Number | None
     patch_gain: Number | None = None
-    long_patch_gain: Number | None = None
     behind_decode: bool | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str

@@ -74,30 +74,17 @@ class MotionQuestion:
         left: What motion would explain of the still fits' residual; None where nobody asked.
         gain: By which share a few steps of the patch decode leave less of the held-out pixels than the still scene's
             refined views; None where they were not tried.
-        long_gain: The same of many steps from a high noise level, which forget most of the scene and its path; None
-            where the few gained too little.
         behind_decode: Whether the best still scene leaves hardly less of them than the decode, or more.
     """
 
     left: LeftByMotion | None = None
     gain: float | None = None
-    long_gain: float | None = None
     behind_decode: bool = False
-
-    @property
-    def beyond_doubt(self) -> bool:
-        """Get whether patches, which know of no path, explain clearly more even where little of the scene is left.
-
-        In 96 px of a clip in which something falls they left 28 % less than the still scene, in boxes at rest whose
-        path was doubtful 2 % more.
-        """
-        return (self.long_gain or 0.0) >= LEAST_PATCH_GAIN
 
     @property
     def speaks_for_motion(self) -> bool:
         """Get whether scenes that move are worth their fits."""
-        gain = self.gain or 0.0
-        return self.beyond_doubt or gain >= (LEAST_GAIN_BEHIND if self.behind_decode else LEAST_PATCH_GAIN)
+        return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if self.behind_decode else LEAST_PATCH_GAIN)
 
 
 @dataclass(frozen=True)
@@ -140,7 +127,6 @@ class MotionReport:
             "explained": None if left is None else left.explained,
             "blocks": None if left is None else left.surely,
             "patch_gain": self.question.gain,
-            "long_patch_gain": self.question.long_gain,
             "behind_decode": self.question.behind_decode,
             "heldout_rms": dict(self.heldout_rms),
             "chosen": self.chosen,

@@ -257,13 +257,9 @@ def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
     assert Code.FINE_LEFT_OUT not in [note.code for note in without.result.notes]
 
 
-@pytest.mark.parametrize(
-    ("gain", "long_gain", "speaks", "surely"),
-    [(None, None, False, False), (0.05, 0.0, False, False), (0.05, 0.3, True, True), (0.1, -0.3, True, False)],
-)
-def test_many_steps_of_patches_speak_for_motion_where_few_gain_little(gain, long_gain, speaks, surely):
-    asked = MotionQuestion(None, gain, long_gain)
-    assert (asked.speaks_for_motion, asked.beyond_doubt) == (speaks, surely)
+@pytest.mark.parametrize(("gain", "speaks"), [(None, False), (0.05, False), (0.1, True)])
+def test_what_few_steps_of_patches_gain_speaks_for_motion(gain, speaks):
+    assert MotionQuestion(None, gain).speaks_for_motion is speaks
 
 
 @pytest.mark.parametrize(
@@ -275,12 +271,11 @@ def test_a_residual_speaks_for_motion_by_what_it_explains_or_by_many_blocks(expl
 
 
 def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
-    assert MotionQuestion(None, 0.05, None, behind_decode=True).speaks_for_motion
-    assert not MotionQuestion(None, 0.05, None, behind_decode=True).beyond_doubt
+    assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
 
 
 def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_does_not():
-    assert not MotionQuestion(None, 0.015, None, behind_decode=True).speaks_for_motion
+    assert not MotionQuestion(None, 0.015, behind_decode=True).speaks_for_motion
 
 
 @pytest.mark.parametrize(("most_px", "code"), [(1.0, Code.MOTION_SMALL), (6.0, Code.SCENE_MOVES)])

@@ -24,7 +24,6 @@ from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
-    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -67,7 +66,7 @@ class Attempts:
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
-        if not (self._wanted or asked.beyond_doubt):
+        if not self._wanted:
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
             # What patches did not take off one fit they take off two still less.
@@ -138,9 +137,7 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
-        worth_more = gain >= LEAST_PATCH_GAIN
-        long_gain = self._gain(refined, PatchSettings.from_scene()) if worth_more else None
-        return MotionQuestion(left, gain, long_gain, self._is_behind_decode(still))
+        return MotionQuestion(left, gain, self._is_behind_decode(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels hardly better than a brief decode.
