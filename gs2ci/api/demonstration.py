@@ -62,6 +62,7 @@ full_scale_e_per_s = {rate}
 
 [world]
 scene = "motorcycle"
+devices = "ideal"  # "typical" masks leak unevenly, which wants `gs2ci calibrate` first
 scene_units_per_mm = {unit}
 height = {height}
 width = {width}

@@ -38,7 +38,7 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
         (MINIMAL.replace('"v4l2"\n', '"v4l2"\nport = "/dev/video0"\n') + "[world]\n", "only modulator of 2 devices"),
         (MINIMAL + '[stage]\nkind = "zaber"\naxes = {x = 1, y = 2}\n[world]\n', "name the same axes"),
         (MINIMAL + "[world]\n[capture]\nmaskes = 3\n", r"'maskes' in \[capture\]; did you mean 'masks'"),
-        (MINIMAL + "[world]\n[stage.mont]\n", r"'kind' in \[stage\]"),
+        (MINIMAL + "[world]\n[stage.mont]\n", r"'kind' is missing in \[stage\]"),
         (MINIMAL + '[world]\n[capture]\nmode = "gated"\n', "'mode' in .capture. is 'gated'"),
         (MINIMAL + "[world]\n[capture]\nmask_s = inf\n", "mask_s"),
         (MINIMAL + "[world]\n[capture]\nfrom_mm = nan\n", "'from_mm' in .capture. is nan"),
