@@ -40,9 +40,6 @@ from gs2ci.reconstruct.settings import Settings
 _FAR_OFF: Final = 1.7
 # Of full scale, rms, from which on an expected error is a doubt: 26 dB, which is seen without looking closely.
 _ERRS: Final = 0.05
-# What polishing changes in a scene's views adds up along them as independent errors would, or more, in scenes at rest
-# (1.2 to 2.6 times as much in six), and to less in two pieces of clips of which a path had explained much (0.8).
-_CANCELS: Final = 0.9
 # From this share on the result is called by what it is made of.
 _ALL_BUT: Final = 0.95
 
@@ -88,10 +85,7 @@ def hand_over(
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # Polished, a scene that shows something else would be little but another decode.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
-        polished = _polished(jury, refine(ensemble.views), settings.polish)
-        if not notes and power_of_sum(polished.blind - ensemble.views) < _CANCELS:
-            candidates = {name: replace(one, cancels=True) for name, one in candidates.items()}
-        candidates["polished"] = polished
+        candidates["polished"] = _polished(jury, refine(ensemble.views), settings.polish)
     if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings))
     wanted = shares(jury, candidates, noise)
@@ -164,12 +158,6 @@ def _polished(jury: Jury, refined: F32, how: PatchSettings) -> Candidate:
     """Decode by patches from refined views, [N, H, W, C], on; a few last steps see all pixels."""
     blind = patch_decode_from(jury.seen, refined, how)
     return Candidate(blind, patch_decode_from(jury.shot, blind, how.last_steps))
-
-
-def power_of_sum(change: F32) -> float:
-    """Return the power of the views' sum, [N, H, W, C], beside what it would be if they were independent: 1."""
-    power = float(np.sum(np.square(change), dtype=np.float64))
-    return float(np.sum(np.square(change.sum(axis=0)), dtype=np.float64)) / power if power > 0 else 1.0
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:

@@ -13,7 +13,7 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.handing_over import hand_over, power_of_sum
+from gs2ci.reconstruct.handing_over import hand_over
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 
@@ -149,14 +149,6 @@ def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
 def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
     monkeypatch.setattr("gs2ci.reconstruct.handing_over._polished", None)
     assert handed(look_at(moving()), moving(seed=9)).verdict == "decode"
-
-
-def test_what_cancels_along_the_views_is_told_from_what_does_not():
-    drawn = np.random.default_rng(0).normal(0, 1, (VIEWS, 40, 50, 1)).astype(np.float32)
-    assert power_of_sum(drawn) == pytest.approx(1, abs=0.1)
-    assert power_of_sum(drawn - drawn.mean(axis=0)) == pytest.approx(0, abs=1e-6)
-    assert power_of_sum(np.broadcast_to(drawn[:1], drawn.shape)) == pytest.approx(VIEWS)
-    assert power_of_sum(np.zeros_like(drawn)) == 1
 
 
 @pytest.mark.parametrize("how", ["nothing held out", "no residual"])
