@@ -28,6 +28,7 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
+from gs2ci.reconstruct.geometry.plain import rays_through
 from gs2ci.reconstruct.geometry.plane_evidence import Readings, found_planes, with_plane
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -328,8 +329,7 @@ def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, paralla
         parallax_px: What parallax along the whole path is at an inverse depth of 1.
     """
     count, height, width = inverse_depth.shape
-    rows, columns = np.mgrid[:height, :width] + 0.5
-    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    rays = rays_through((height, width), intrinsics)
     trust = np.zeros_like(inverse_depth)
     for k in range(count):
         agreeing, seeing = np.zeros((height, width)), np.zeros((height, width))

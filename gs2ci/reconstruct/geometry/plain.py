@@ -125,6 +125,13 @@ def plain_pixels(view: F32) -> Bool:
     return plain
 
 
+def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
+    """Return where the pixels of a picture of that height and width look, at z = 1, [H, W, 3]."""
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    return rays
+
+
 def difference(inverse_depth: F32, described: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
     """Return how much views differ where a map sends them, [H, W]: a plane sweep's cost at each pixel's own plane.
 
@@ -136,8 +143,7 @@ def difference(inverse_depth: F32, described: F32, from_view: F64, intrinsics: F
         window_px: Over which differences are averaged.
     """
     height, width = inverse_depth.shape
-    rows, columns = np.mgrid[:height, :width] + 0.5
-    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    rays = rays_through((height, width), intrinsics)
     costs = []
     for view, pose in zip(described[1:], from_view[1:], strict=True):
         # In units of the depth: X = R ray + t ρ.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.geometry.plain import difference, plain_pixels
+from gs2ci.reconstruct.geometry.plain import difference, plain_pixels, rays_through
 from gs2ci.reconstruct.geometry.sweep import features_of
 from gs2ci.reconstruct.geometry.texture_kernels import left_over
 
@@ -274,8 +274,7 @@ def with_plane(
     near = cv2.dilate(found.where.astype(np.uint8), np.ones((2 * _BEYOND_PX + 1, 2 * _BEYOND_PX + 1), np.uint8)) > 0
     # Held-out pixels are holes of one pixel.
     inside = cv2.morphologyEx(found.where.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
-    rows, columns = np.mgrid[: plain.shape[0], : plain.shape[1]] + 0.5
-    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    rays = rays_through(plain.shape, intrinsics)
     # n . (R X + t) = 1.
     own = found.plane @ to_reference[:3, :3] / (1 - found.plane @ to_reference[:3, 3])
     on_plane = (rays @ own).astype(np.float32)
