@@ -73,7 +73,10 @@ def hand_over(
     if settings.residual is None or not jury.heldout.any():
         judged = _judged(jury, {"refined": own, "scene": own, "decode": first.decoded})
         return Recovered(own, "scene", judged, _doubts(jury, own))
-    refined_views, notes = _refined(jury, ensemble.views, refine, polishing)
+    in_full, by_share = refine.in_full_and_by_share(ensemble.views)
+    refined_views, notes = _polished_densely(jury, by_share, polishing)
+    if refined_views is None:
+        refined_views = Candidate(in_full, refine.by_all_pixels(ensemble.views, 1.0))
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
         # Where patches, which may move, took much off what scenes left, these were right in the sum alone.
@@ -85,7 +88,7 @@ def hand_over(
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # Polished, a scene that shows something else would be little but another decode.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
-        candidates["polished"] = _polished(jury, refine(ensemble.views), settings.polish)
+        candidates["polished"] = _polished(jury, by_share, settings.polish)
     if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings))
     wanted = shares(jury, candidates, noise)
@@ -128,25 +131,24 @@ def _doubts(jury: Jury, views: F32) -> tuple[Finding, ...]:
     return doubts_about_result(jury, views) if jury.heldout.any() else (finding(Code.UNJUDGED),)
 
 
-def _refined(
-    jury: Jury, mean: F32, refine: Refinement, polishing: tuple[PatchSettings, ...]
-) -> tuple[Candidate, tuple[Finding, ...]]:
-    """Put the residual back into the mean, [N, H, W, C], and polish it by patches where that is borne out.
+def _polished_densely(
+    jury: Jury, refined: F32, polishing: tuple[PatchSettings, ...]
+) -> tuple[Candidate | None, tuple[Finding, ...]]:
+    """Polish refined views, [N, H, W, C], by the schedule that leaves least; None where none leaves less than they do.
 
-    A few more steps of the polishing then see all pixels.
+    A few more steps then see all pixels.
     """
-    if polishing:
-        polished, _ = refine.with_share(mean)
-        after = before = jury.residual_rms(polished) or 0.0
-        for steps in polishing:
-            further = patch_decode_from(jury.seen, polished, steps)
-            left = jury.residual_rms(further) or 0.0
-            if left < after:
-                polished, after = further, left
-        if after < before:
-            full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
-            return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
-    return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
+    polished = refined
+    after = before = jury.residual_rms(refined) or 0.0
+    for steps in polishing:
+        further = patch_decode_from(jury.seen, polished, steps)
+        left = jury.residual_rms(further) or 0.0
+        if left < after:
+            polished, after = further, left
+    if after >= before:
+        return None, ()
+    full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
+    return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
 
 
 def _stands_alone(name: Part, candidates: dict[Part, Candidate], jury: Jury, noise: float) -> bool:

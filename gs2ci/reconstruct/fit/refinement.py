@@ -56,6 +56,14 @@ class Refinement:
             return views
         return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
 
+    def in_full_and_by_share(self, views: F32) -> tuple[F32, F32]:
+        """Refine views, [N, H, W, C] float32, as `in_full` and as a call do, with one decode of their residual."""
+        if self._settings is None:
+            return views, views
+        added = decode_residual(self._seen, views, self._settings)
+        in_full = views + added
+        return in_full, _plus(views, self.share(views, added), added)
+
     def by_all_pixels(self, views: F32, share: float) -> F32:
         """Refine views, [N, H, W, C] float32, by this share of what the whole measurement's residual decodes to.
 

@@ -49,6 +49,14 @@ def test_of_a_residual_that_is_only_noise_little_is_put_back(truth):
     np.testing.assert_array_equal(Refinement(jury, SETTINGS).in_full(truth), wholly)
 
 
+@pytest.mark.parametrize("settings", [SETTINGS, None])
+def test_both_ways_from_one_decode_are_those_by_themselves(truth, settings):
+    refine, flat = Refinement(jury_of(truth, noise=0.05), settings), np.full_like(truth, truth.mean())
+    in_full, by_share = refine.in_full_and_by_share(flat)
+    np.testing.assert_array_equal(in_full, refine.in_full(flat))
+    np.testing.assert_array_equal(by_share, refine(flat))
+
+
 def test_the_share_is_that_of_least_squares_where_nothing_is_left_open(truth):
     jury = jury_of(truth)
     lacking = np.float32(0.1) * np.sin(np.arange(truth.size)).reshape(truth.shape).astype(np.float32)
