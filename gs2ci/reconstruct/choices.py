@@ -1,6 +1,6 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
-Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
+Here: names alone, so that help and error messages do not wait for heavy libraries to load. Not here: what a name
 stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
@@ -12,7 +12,7 @@ PoseSource = str
 """auto, tracks, stage, wide, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
 ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
-"""Decoded views; the masked measurement; the paper's proxies by name; or the one of them that the masks ask for."""
+"""Decoded views; the masked measurement; the paper's proxies by name; or the one that the masks call for."""
 
 FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""
@@ -49,12 +49,12 @@ WithinMask = Literal["still", "moving"]
 WITHIN_MASK: Final = get_args(WithinMask)
 
 MOST_MOMENTS: Final = 1000
-"""Each is a picture, and where things move a scene file."""
+"""Each is written as a picture, and for a moving scene as a scene file too."""
 
 ModelName = Literal["vggt", "difix", "lpips", "ffdnet", "ffdnet-colour", "fastdvdnet", "video-decoder"]
 MODEL_NAMES: Final = get_args(ModelName)
 DENOISER_NAMES: Final[tuple[ModelName, ...]] = ("ffdnet", "ffdnet-colour", "fastdvdnet")
-"""Of `MODEL_NAMES`, those that plug-and-play takes."""
+"""Those of `MODEL_NAMES` that plug-and-play accepts."""
 
 MOST_FITS: Final = 64
-"""Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
+"""Each fit holds a scene and its optimiser's state; the gain of more fits is not worth their memory."""

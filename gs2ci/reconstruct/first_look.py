@@ -1,9 +1,9 @@
-"""What is found before anything is fitted: decoded views, camera path and depth, and how bright each view was.
+"""What is estimated before anything is fitted: decoded views, camera path and depth, and how bright each view was.
 
-    decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
+    decode ─► geometry ─► brightness of the views ─► (if the weights were wrong: all of it again)
 
-Here: the order of these stages, and rest as another beginning. Not here: any of them; all settings together
-(`settings`).
+Here: the order of these stages, and a camera at rest as another start. Not here: the stages themselves; all settings
+together (`settings`).
 """
 
 from collections.abc import Callable
@@ -30,22 +30,22 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.settings import Settings
 
-# What is said of a path says nothing of a camera at rest.
+# Findings about a path, which do not hold for a camera at rest.
 _OF_A_PATH: Final = (Code.UNIFORM_MOTION, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_TURNED)
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What was found.
+    """The estimates.
 
     Args:
-        jury: The measurement with the weights that it shows, and its held-out pixels.
+        jury: The measurement with corrected weights, and its held-out pixels.
         decoded: Its views, [N, H, W, C].
-        geometry: Its camera path and depth; behind a lens, on its canvas.
-        brightness: What was made of the views' brightness.
-        proxy_notes: What is to be said of the views that the geometry was found in.
-        decoder: What decoded.
-        sigma: The noise level at which a decode by patches ended, full scale 1; None of another decoder.
+        geometry: Its camera path and depth; with a lens, on the canvas of straightened views.
+        brightness: The estimated brightness of the views and the corrections that follow.
+        proxy_notes: Findings about the views from which the geometry was estimated.
+        decoder: The name of the decoder.
+        sigma: The noise level at which a decode by patches ended, full scale 1; None for another decoder.
     """
 
     jury: Jury
@@ -59,33 +59,33 @@ class FirstLook:
     def decoded_longer(
         self, settings: PatchSettings, progress: Progress | None = None, *, hurried: bool = False
     ) -> "FirstLook":
-        """Return the same findings beside views that a decode by patches came to from those that are there.
+        """Return the same estimates with views that a decode by patches reaches from the present ones.
 
-        Views of the brief decode by patches enter the schedule at the noise level at which that one began.
+        Views of the brief decode by patches enter the schedule at the noise level at which the brief decode began.
 
         Args:
             settings: Its whole schedule.
             progress: Receives each step.
-            hurried: Whether it ends where steps gain little.
+            hurried: Whether it ends as soon as steps gain little.
         """
         rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
         settled = decode_until_settled(self.jury, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
         return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma)
 
     def with_decode_of(self, other: "FirstLook") -> "FirstLook":
-        """Return the same findings beside the decoded views of another look."""
+        """Return the same estimates with the decoded views of another look."""
         return replace(self, decoded=other.decoded, decoder=other.decoder, sigma=other.sigma)
 
     @property
     def weights_given(self) -> F64:
-        """Get the weights of the masks, [N], before anything was made of the views' brightness."""
+        """Get the weights of the masks, [N], before the views' brightness corrected them."""
         factors = self.brightness.factors
         weights = self.jury.shot.weights.astype(np.float64)
         return weights if factors is None else weights / factors
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """Get what is to be said of the proxies and of the brightness."""
+        """Get the findings about the proxies and the brightness."""
         factors = self.brightness.factors
         if factors is None:
             return self.proxy_notes
@@ -102,7 +102,7 @@ def look(
     lap: Callable[[str], None],
     masks_of: Shot | None = None,
 ) -> FirstLook:
-    """Decode a measurement and find its geometry, and correct its weights as long as that explains more of it.
+    """Decode a measurement and estimate its geometry; correct its weights as long as that explains more of it.
 
     Args:
         jury: The measurement, and its held-out pixels.
@@ -111,10 +111,10 @@ def look(
         settings: Of all stages.
         progress: Receives every stage and step.
         lap: Called with a stage's name when it ends.
-        masks_of: The measurement with its masks as they were calibrated; the jury's where none of them was closed.
+        masks_of: The measurement with its calibrated masks, before pixels were closed; None: the jury's.
 
     Raises:
-        Gs2ciError: A stage cannot be done.
+        Gs2ciError: A stage fails.
     """
     weights, first = jury.shot.weights, None
     for rounds_left in range(settings.brightness.rounds, -1, -1):
@@ -148,9 +148,9 @@ def look_closer(
     lap: Callable[[str], None],
     masks_of: Shot | None = None,
 ) -> FirstLook:
-    """Look, and once more in views decoded by similar patches where those of GAP-TV show only a turn.
+    """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
 
-    Arguments and errors as for `look`. The second look stands where it shows a path.
+    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first.
     """
     first = look(jury, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
@@ -161,21 +161,21 @@ def look_closer(
 
 
 def needs_rest(first: FirstLook) -> bool:
-    """Tell whether a first look is worth an attempt from rest beside it: a motion was found without tracks."""
+    """Tell whether an attempt from rest should be made too: a motion was found, but not confirmed by tracks."""
     return first.geometry.source == "uniform" and first.geometry.verdict == "full"
 
 
 def from_rest(first: FirstLook) -> FirstLook:
-    """Return a first look as if no path had been found: a camera at rest before a plane."""
+    """Return a first look as if no path had been found: a camera at rest in front of a plane."""
     rest = at_rest(first.geometry)
     kept = tuple(note for note in rest.notes if note.code not in _OF_A_PATH)
     return replace(first, geometry=replace(rest, source="tracks", notes=(*kept, PLANE_NOTE)))
 
 
 def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
-    """Tell whether another decode may find more: tracks in that of GAP-TV, which drowns points, showed only a turn.
+    """Tell whether another decode may show a path: tracks in the views of GAP-TV, which hide points, showed a rotation.
 
-    Where nothing moved but things in the scene, more tracks would be those of the things.
+    If the camera was found at rest, only things may have moved, and further tracks would be those of the things.
     """
     by_tracks = first.geometry.source in ("tracks", "uniform") and settings.proxy == "gap-tv"
     return by_tracks and settings.first_look == "gap-tv" and first.geometry.verdict == "rotation_only"

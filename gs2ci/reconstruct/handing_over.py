@@ -1,15 +1,15 @@
-"""What is handed over: the views of the fits, of the best scene and of the decode, combined so as to err least.
+"""The delivered views: those of the fits, of the best scene and of the decode, combined for the least expected error.
 
     mean of the fits ─┬─ with its residual put back ──────┬───────────────────┐
                       │                                   └─ and polished ────┤
                       └─ as it is ────────────────────────────────────────────┤
-    best scene ───────────────────────────────────────────────────────────────┼─► shares by held-out pixels
+    best scene ───────────────────────────────────────────────────────────────┼─► weights by held-out pixels
     decode, uncoupled and coupled (unless far off) ───────────────────────────┘   ─► the combination, from all pixels
 
-Polishing is a decode by groups of similar patches that begins with the refined views: it has detail that a scene lacks,
-and follows what moves.
+Polishing is a decode by groups of similar patches that starts from the refined views: it adds detail that the scene
+lacks, and follows moving things.
 
-Here: the candidates, and what the result is called. Not here: the shares (`fit/combination.py`), the fits and the order
+Here: the candidates, and the name of the result. Not here: their weights (`fit/combination.py`), the fits and the order
 of the stages (`pipeline`).
 """
 
@@ -35,12 +35,12 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
 
-# A decode whose held-out residual is so many times that of the fits' mean would get a few hundredths at most, for
-# several decodes' time.
+# A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
+# most, and the candidates made from it cost several decodes' time.
 _FAR_OFF: Final = 1.7
-# Of full scale, rms, from which on an expected error is a doubt: 26 dB, which is seen without looking closely.
+# The expected error, rms in full scales, from which on the report doubts the views: 26 dB, visible at a glance.
 _ERRS: Final = 0.05
-# From this share on the result is called by what it is made of.
+# If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95
 
 Part = Literal["refined", "polished", "mean", "scene", "decode", "coupled decode"]
@@ -57,17 +57,18 @@ _CALLED: Final[dict[Part, Verdict]] = {
 def hand_over(
     first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, polishing: tuple[PatchSettings, ...]
 ) -> Recovered:
-    """Combine the fits' mean, with its residual and without, the best scene's views and the decode's.
+    """Combine the fits' mean, with and without its residual, the best scene's views and the decode's.
 
-    Where the settings put no residual back, or no pixel was held out, nothing chooses: they are the best scene's.
+    If the settings decode no residual, or no pixel was held out, the best scene's views are returned unchanged.
 
     Args:
         first: The measurement with its held-out pixels, and its decode.
         ensemble: Of the fits.
-        refine: Puts the residual back.
+        refine: Adds the decoded residual to views.
         settings: Of the reconstruction.
-        polishing: Where things move no scene of ours says all: schedules of a decode by similar patches that goes on
-            from the refined views, each taken if held-out pixels bear it out.
+        polishing: Schedules of a decode by similar patches that starts from the refined views, for scenes in which
+            things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
+            at the held-out pixels.
     """
     jury, own = first.jury, ensemble.best.views
     if settings.residual is None or not jury.heldout.any():
@@ -79,14 +80,16 @@ def hand_over(
         refined_views = Candidate(in_full, refine.by_all_pixels(ensemble.views, 1.0))
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
-        # Where patches, which may move, took much off what scenes left, these were right in the sum alone.
+        # If patches, which may move, reduced the residual much, the scenes explain the sum of views, not each view:
+        # their errors cancel along the views.
         "mean": Candidate(ensemble.views, ensemble.views, cancels=bool(notes)),
         "scene": Candidate(own, own, cancels=bool(notes)),
     }
     noise = noise_power(jury, ensemble.views)
     near = (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
-    # Polished, a scene that shows something else would be little but another decode.
+    # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
+    # than another decode.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
         candidates["polished"] = _polished(jury, by_share, settings.polish)
     if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
@@ -116,7 +119,7 @@ def hand_over(
 
 
 def _expected_to_err(jury: Jury, given: Candidate, noise: float) -> tuple[Finding, ...]:
-    """Say by how much views are expected to err where that can be seen."""
+    """Report the expected error of views if it is large enough to be visible."""
     rms = expected_rms(jury, given, noise)
     if rms is None or rms < _ERRS:
         return ()
@@ -134,9 +137,9 @@ def _doubts(jury: Jury, views: F32) -> tuple[Finding, ...]:
 def _polished_densely(
     jury: Jury, refined: F32, polishing: tuple[PatchSettings, ...]
 ) -> tuple[Candidate | None, tuple[Finding, ...]]:
-    """Polish refined views, [N, H, W, C], by the schedule that leaves least; None where none leaves less than they do.
+    """Polish refined views, [N, H, W, C], by the schedules in turn; None if none of them lowers the held-out residual.
 
-    A few more steps then see all pixels.
+    A few last steps then use all pixels, those held out included.
     """
     polished = refined
     after = before = jury.residual_rms(refined) or 0.0
@@ -152,21 +155,21 @@ def _polished_densely(
 
 
 def _stands_alone(name: Part, candidates: dict[Part, Candidate], jury: Jury, noise: float) -> bool:
-    """Tell whether one candidate would be all but everything that is handed over."""
+    """Tell whether one candidate would get nearly all the weight."""
     return name in candidates and shares(jury, candidates, noise)[name] >= _ALL_BUT
 
 
 def _polished(jury: Jury, refined: F32, how: PatchSettings) -> Candidate:
-    """Decode by patches from refined views, [N, H, W, C], on; a few last steps see all pixels."""
+    """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
     blind = patch_decode_from(jury.seen, refined, how)
     return Candidate(blind, patch_decode_from(jury.shot, blind, how.last_steps))
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
-    """Decode from all pixels; by GAP-TV once more with its views coupled, if held-out pixels gain by that.
+    """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
 
-    A brief decode by patches goes on first, as the settings say; where it would have no share as it is, nobody asks for
-    it.
+    A brief decode by patches is first continued on the long schedule of the settings. The caller skips all this if a
+    decode by patches gets no weight as it is.
     """
     jury, uncoupled = first.jury, settings.decode
     if first.decoder == "patches-quick" and settings.long_decode is not None:

@@ -1,16 +1,19 @@
-"""Still or moving: when a scene is let move, from which beginnings, and what is said of it.
+"""Still or moving: when moving scenes are fitted, from which starts, and what the report says of it.
 
     still fits ─► does their residual follow the masks' times? ─► do patches that may move explain more?
     ─► moving fits ─► the better
 
-A still scene takes the motion of things for that of the camera, or leaves it unexplained. What it leaves is asked by a
-regression that needs no fit (`measurement.moving`). Fits of scenes at rest err in ways that follow the masks' times
-too, so where it speaks for motion a decode by similar patches, which may move, goes on from the fits' views for a few
-steps; only where that explains clearly more, or where the still scene explains hardly more than the decode, Gaussians
-that move are fitted as well: the still fits go on and are let move, along their path; and fits begin anew, before a
-camera at rest, from the flow between the views. The held-out pixels choose, and a moving scene has to be clearly
-better: it has more freedom than a still one. Here: when, from where, and the record of it. Not here: the motion
-(`fit.motion`), the fits (`fits`), the choice (`attempts`).
+The fit of a still scene mistakes the motion of things for that of the camera, or leaves it in the residual. A
+regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
+scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
+may move, continues from the fits' views for a few steps. Moving Gaussians are fitted only if the decode explains
+clearly more of the measurement, or if the still scene is barely better than the decode. There are two attempts: the
+still fits are continued with motion allowed, along their camera path; and new fits start from the flow between the
+views, with the camera at rest. The held-out pixels choose between all of them; a moving scene has more freedom than a
+still one, and has to be clearly better.
+
+Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fits`), the choice
+(`attempts`).
 """
 
 from dataclasses import dataclass, replace
@@ -33,48 +36,52 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
 
-# The attempts, by their names in reports.
+# The names of the attempts in reports.
 STILL: Final = "still"
 RELEASED: Final = "released from the still scene"
 MOVING: Final = "moving from the first"
 
-# Of the still fits' residual, and of its blocks, so much at least has to follow the times of the masks
-# (`python -m tests.benchmarks moving`).
+# The least share of the still fits' residual that motion has to explain, and the least share of blocks in which it
+# surely does (`python -m tests.benchmarks moving`).
 _LEAST_EXPLAINED: Final = 0.01
 _LEAST_SURELY: Final = 0.04
-# So many of the blocks that speak for motion are enough: what moves by more than its detail is wide explains little to
-# first order. A box that crosses half the picture: 0.9 % explained, 37 % of the blocks.
+# This share of blocks is enough by itself: a first-order model explains little of a motion that is wider than the
+# detail that moves. A box that crosses half the picture: 0.9 % explained, 37 % of the blocks.
 _MANY_BLOCKS: Final = 0.25
-# What a moving scene has to take off the residual on the held-out pixels.
+# The share by which a moving scene has to reduce the residual at the held-out pixels.
 LEAST_GAIN: Final = 0.02
-# What a few steps of a decode by similar patches have to take off it before moving scenes are tried. From ten still
-# measurements they took up to 4.7 %, as detail is alike in many places; from three crops of video 8.3 % and more.
+# The share by which a few steps of a decode by similar patches have to reduce it before moving scenes are tried. They
+# reduced it by up to 4.7 % on ten still measurements, since detail repeats in many places; by 8.3 % and more on three
+# crops of video.
 LEAST_PATCH_GAIN: Final = 0.065
-# A still scene that leaves so many times what the decode leaves, which knows of no scene, gains nothing by being one:
-# where a box crosses half the picture it left 1.02 times as much, on paths that tracks bear out 0.6 to 0.8
-# (`python -m tests.stability --only "moving object"`).
+# A still scene whose held-out residual is at least this many times that of the decode explains no more than views that
+# share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm, 0.6 to
+# 0.8 times (`python -m tests.stability --only "moving object"`).
 BEHIND_DECODE: Final = 0.95
-# Where patches take less off it than this, what it lacks is not motion: a real fan, 1.5 %; that box, 4.9 %.
+# If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
+# that box, 4.9 %.
 LEAST_GAIN_BEHIND: Final = LEAST_PATCH_GAIN / 2
-# Fits of scenes at rest whose path or depth errs are let move by up to a pixel: only more is said to be motion, px.
+# Moving fits of scenes at rest move by up to a pixel if the path or the depth is wrong: only more is reported as
+# motion, px.
 _SURELY_PX: Final = 2.0
-# What moves less than this over the whole exposure is not said to move, px.
+# What moves less than this over the whole exposure is not reported as moving, px.
 _WORTH_SAYING_PX: Final = 0.5
-# Where the picture changes by less between the middle of the exposure and its ends, full scale 1, a few pixels around,
-# nothing is seen to move.
+# If the picture changes by less than this (full scale 1, averaged over a few pixels) between the middle of the exposure
+# and its ends, no motion is visible there.
 _VISIBLE_CHANGE: Final = 0.02
 _CHANGE_WINDOW_PX: Final = 3
 
 
 @dataclass(frozen=True)
 class MotionQuestion:
-    """What was found out before any scene was let move.
+    """The tests made before any moving scene is fitted.
 
     Args:
-        left: What motion would explain of the still fits' residual; None where nobody asked.
-        gain: By which share a few steps of the patch decode leave less of the held-out pixels than the still scene's
-            refined views; None where they were not tried.
-        behind_decode: Whether the best still scene leaves hardly less of them than the decode, or more.
+        left: What motion would explain of the still fits' residual; None if it was not tested.
+        gain: The share by which a few steps of the patch decode reduce the held-out residual of the still scene's
+            refined views; None if they were not tried.
+        behind_decode: Whether the held-out residual of the best still scene is barely smaller than that of the decode,
+            or larger.
     """
 
     left: LeftByMotion | None = None
@@ -83,19 +90,19 @@ class MotionQuestion:
 
     @property
     def speaks_for_motion(self) -> bool:
-        """Get whether scenes that move are worth their fits."""
+        """Get whether moving scenes should be fitted."""
         return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if self.behind_decode else LEAST_PATCH_GAIN)
 
 
 @dataclass(frozen=True)
 class MotionReport:
-    """How a scene came to move, or not to.
+    """Why the scene was fitted as still or as moving.
 
     Args:
-        asked: What the settings ask for.
-        question: What was found out before.
-        heldout_rms: What each attempt leaves of the held-out pixels, by its name.
-        chosen: The name of the attempt that was taken.
+        asked: The mode that the settings request.
+        question: The tests made before.
+        heldout_rms: The held-out residual of each attempt, by its name.
+        chosen: The name of the attempt that was chosen.
         moves: Whether Gaussians move in it.
     """
 
@@ -112,7 +119,7 @@ class MotionReport:
 
     @property
     def polishing(self) -> tuple[PatchSettings, ...]:
-        """Get by which dense schedules the patch decode may go on from the refined views."""
+        """Get the dense schedules by which the patch decode may continue from the refined views."""
         if self.tried:
             return PatchSettings.polish(), PatchSettings.from_scene()
         return ()
@@ -137,7 +144,7 @@ class MotionReport:
         }
 
     def notes(self, speeds: "Speeds | None") -> tuple[Finding, ...]:
-        """Say what moves, or that motion was looked for and not borne out."""
+        """Report what moves, or that moving scenes were tried and not confirmed."""
         if speeds is not None and speeds.most_px < _SURELY_PX:
             return (finding(Code.MOTION_SMALL, most_px=speeds.most_px),)
         if speeds is not None:
@@ -157,14 +164,14 @@ class MotionReport:
 
 @dataclass(frozen=True)
 class Speeds:
-    """How fast things go in the picture, over the whole exposure and seen from the camera of the middle view.
+    """How far things move in the picture over the whole exposure, seen from the camera of the middle view.
 
     Args:
-        displacement_px: Of what each pixel shows, [H, W, 2] float32 as (x, y).
-        pixels_share: Of the pixels that are seen to move by at least half a pixel.
-        gaussians_share: Of the Gaussians' opacity that moves at all.
-        median_px: How far the moving pixels move, in the median; 0 where none does.
-        most_px: The same of the fastest hundredth of them.
+        displacement_px: Displacement of what each pixel shows, [H, W, 2] float32 as (x, y).
+        pixels_share: Share of pixels that visibly move by at least half a pixel.
+        gaussians_share: Share of the Gaussians' opacity that moves at all.
+        median_px: Median displacement of the moving pixels; 0 if none moves.
+        most_px: Their 99th percentile.
     """
 
     displacement_px: F32
@@ -175,18 +182,18 @@ class Speeds:
 
 
 def rested(first: FirstLook) -> FirstLook:
-    """Return the first look with a camera at rest: a path that was found may be the motion of things.
+    """Return the first look with a camera at rest, since an estimated path may be the motion of things.
 
-    A path that was told stays, and so does a camera that was found to stand still or only to turn.
+    A given path is kept, and so is a camera that was found to stand still or only to turn.
     """
     found = first.geometry.verdict == "full" and first.geometry.source in ("tracks", "wide", "uniform")
     return from_rest(first) if found else first
 
 
 def released(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule by which a fitted still scene is let move: half as long, at half the step, without newcomers.
+    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
 
-    A turn of the density rule would set back what has been fitted, and surfaces have had their say.
+    The density rule would undo part of the fit, and the surfaces have already been used.
     """
     return replace(
         fit,
@@ -199,20 +206,20 @@ def released(fit: CoarseSettings) -> CoarseSettings:
 
 
 def ask(jury: Jury, views: F32) -> LeftByMotion:
-    """Ask what still views, [N, H, W, C], leave of the measurement whether something moves."""
+    """Test whether motion explains the residual that still views, [N, H, W, C], leave of the measurement."""
     return left_by_motion(jury, views, mask_times(len(views)).double().numpy())
 
 
 def speaks_for_motion(left: LeftByMotion) -> bool:
-    """Tell whether a residual is worth the fits of a moving scene."""
+    """Tell whether motion explains enough of a residual to go on testing for it."""
     explains = left.explained >= _LEAST_EXPLAINED and left.surely >= _LEAST_SURELY
     return explains or left.surely >= _MANY_BLOCKS
 
 
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:
-    """Measure how fast things move in the picture; None where nothing can.
+    """Measure how far things move in the picture; None for a scene without motion.
 
-    What moves without changing the picture, an even wall along itself, is not seen to move and counts as at rest.
+    What moves without changing the picture, such as a plain wall along itself, counts as at rest.
 
     Args:
         renderer: Of the shot.
@@ -245,7 +252,7 @@ def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Sp
 
 
 def _on_screen(means: torch.Tensor, pose: torch.Tensor, intrinsics: torch.Tensor) -> torch.Tensor:
-    """Return where centres, [G, 3], are seen, [G, 2] in px; those behind the camera anywhere, but finite."""
+    """Project centres, [G, 3], to pixels, [G, 2]; those behind the camera get some finite place."""
     points = means @ pose[:3, :3].T + pose[:3, 3]
     slopes = points[:, :2] / points[:, 2:].clamp(min=1e-2)
     return slopes * intrinsics.diagonal()[:2] + intrinsics[:2, 2]

@@ -1,11 +1,12 @@
-"""From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
+"""From one coded measurement to views, camera path and Gaussian scene: the whole reconstruction on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► near or far)
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► order of depth)
     ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
-    ─► combine and judge by the held-out
+    ─► combine and judge by the held-out pixels
 
-Here: the order and the clock. Not here: any stage, which attempts are made and taken (`attempts`), `settings`,
-the views handed over (`handing_over`), their record (`record`), files and metrics (`gs2ci.evaluate`).
+Here: the order of the stages and their timing. Not here: any stage itself, which attempts are made and chosen
+(`attempts`), `settings`, the views handed over (`handing_over`), their record (`record`), files and metrics
+(`gs2ci.evaluate`).
 """
 
 from dataclasses import dataclass, replace
@@ -50,7 +51,7 @@ from gs2ci.render.interface import Backend
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What was recovered: the record of the run, and the Gaussians."""
+    """The result: the record of the run, and the Gaussians."""
 
     result: RunResult
     scene: Gaussians
@@ -73,12 +74,12 @@ def reconstruct(
         progress: Receives every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
         budget: Decides how much is fitted, instead of the settings.
-        halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
-            with a finding that says so. It can be asked as soon as the fit has begun.
+        halt: A request to end early. When it is made, the running fit stops, no further fit is started, and the result
+            so far is returned with a finding that says so. It can be made as soon as the fit has begun.
 
     Returns:
-        The combination that is expected to err least, by the held-out pixels: of the mean of the fits' views refined by
-        its residual, the views of the best fit's scene, and the decode; and the latter two.
+        The combination of three sets of views with the smallest error expected from the held-out pixels: the mean of
+        the fits' views refined by its residual, the views of the best fit's scene, and the decode; and the latter two.
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
@@ -143,7 +144,7 @@ def reconstruct(
 
 @dataclass(frozen=True)
 class _Tools:
-    """What the settings name, loaded before any time is spent on the measurement."""
+    """The parts that the settings name, loaded first, so that a wrong name is refused before any work is done."""
 
     backend: Backend
     fine: Fine | None
@@ -157,12 +158,12 @@ class _Tools:
 
 
 def _as_shown(score: Score | None, light: Brightness) -> Score | None:
-    """Return a score of views of even light that judges them as bright as they will be handed over."""
+    """Return a score that gives evenly lit views the brightness of the delivered ones before it judges them."""
     return None if score is None else lambda views: score(light.shown(views))
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
-    """Return, and report, that the rest was left out, where an early end was requested."""
+    """Return, and report, a finding that the rest was skipped, if an early end was requested."""
     if not halt.asked:
         return ()
     note = finding(Code.INTERRUPTED)
@@ -171,7 +172,7 @@ def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
-    """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
+    """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
     alive, dead = close_dead_lines(shot)
     sound, hot = close_hot_pixels(alive)
     doubts = (*doubts_about(shot), *dead, *hot)
@@ -181,7 +182,7 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
 
 
 def _mask_moments(first: FirstLook, settings: Settings, progress: Progress) -> MaskMoments | None:
-    """Return the moments that the first path calls for within masks, and say so; None where one for each is enough."""
+    """Return the moments within each mask that the first path requires, and report them; None if one is enough."""
     found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.mask_moments)
     if found is not None:
         progress.say(found.note.sentence)

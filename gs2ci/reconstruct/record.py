@@ -1,6 +1,6 @@
-"""What a reconstruction hands over: what its stages left, as the record of a run.
+"""The record of a run, put together from the results of its stages.
 
-Here: the record's fields and notes. Not here: the stages and their judgement (`pipeline`), files (`gs2ci.evaluate`).
+Here: the record's fields and notes. Not here: the stages and their order (`pipeline`), files (`gs2ci.evaluate`).
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -29,28 +29,29 @@ from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.stopping import StoppedLight
 
-# Of what an even grey leaves of held-out pixels. Where fits left 0.64 to 0.72 of it, depth correlated with the truth
-# by -0.04 to 0.13 in rank; by 0.46 and more where they left up to 0.32.
+# The held-out residual, as a share of that of even grey views, above which depth is in doubt. At 0.64 to 0.72 the rank
+# correlation of depth with the truth was -0.04 to 0.13; at 0.32 and less it was 0.46 and more.
 _NOISY: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """The best of the candidates, and why."""
+    """The delivered views, what they are made of, and the held-out residuals that led to them."""
 
     views: F32
     verdict: Verdict
     heldout_rms: dict[Verdict, float | None]
     notes: tuple[Finding, ...]
     exposed: F32 | None = None
-    """What each mask saw while it was on show, where `views` show the middle of it."""
+    """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
     scene_views: F32 | None = None
-    """Those of the best scene in the middle of each mask; None: those of the fit."""
+    """Views of the best scene at the middle of each mask's time; None: those of the fit."""
 
     def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
-        """Return the views in the middle of each mask, by how the scenes' own differ there from what the masks saw.
+        """Return the views at the middle of each mask's time.
 
-        A decode that is handed over as it is knows nothing of a path, and stays.
+        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time.
+        A decode is not corrected, since it has no camera path.
         """
         if renderer.moments_per_mask == 1:
             return self
@@ -65,7 +66,7 @@ class Recovered:
 
 @dataclass(frozen=True)
 class Left:
-    """What the stages left, in their order."""
+    """The results of the stages, in their order."""
 
     registered: Registered
     doubts: tuple[Finding, ...]
@@ -80,11 +81,11 @@ class Left:
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
-    """Write a reconstruction down.
+    """Put the record of a reconstruction together.
 
     Args:
         settings: Of the reconstruction.
-        left: What its stages left.
+        left: The results of its stages.
         score: Turns views into the curve's figure, in dB, or None.
         seconds: Wall-clock time of each stage, and in total.
 
@@ -133,7 +134,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
 
 
 def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ...]:
-    """Gather what every stage has to say, in their order."""
+    """Gather the findings of every stage, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     return (
         *left.registered.notes,
@@ -155,7 +156,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
 
 
 def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
-    """Say that the principal point may move, where a path that neither stage nor file gave turns as if it did."""
+    """Report that the principal point may move, if a path that neither stage nor file gave turns as if it did."""
     if geometry.verdict != "full" or geometry.source in TOLD:
         return ()
     depth = light.surface()[geometry.reference].numpy()
@@ -164,7 +165,7 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
 
 
 def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tuple[Finding, ...]:
-    """Say that a depth without given poses is not to be relied on where the views hardly explain the measurement."""
+    """Report that a depth without given poses is unreliable if the views hardly explain the measurement."""
     if geometry.verdict != "full" or geometry.source in TOLD or geometry.order_told:
         return ()
     rms, grey = recovered.heldout_rms[recovered.verdict], jury.grey_rms()
@@ -174,7 +175,7 @@ def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tup
 
 
 def _smeared(left: Left) -> tuple[Finding, ...]:
-    """Say that views look as if the camera had gone on while masks were on show, where one pose was taken for each."""
+    """Report views that look smeared by a camera that moved during the masks, if each mask was fitted with one pose."""
     path = left.ensemble.best.world_to_camera
     if left.mask_moments is not None or len(path) < LEAST_POSES:
         return ()
@@ -195,7 +196,7 @@ def _fine_left_out(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...
 
 
 def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
-    """Return the point at which the mean of several fits ends the curve of one; none where it is no mean."""
+    """Return the last point of the curve, that of the mean of several fits; none if the views are no such mean."""
     fit, recovered = left.ensemble.best, left.recovered
     if left.ensemble.averaged == 1 or recovered.verdict != "refined" or not fit.curve:
         return ()

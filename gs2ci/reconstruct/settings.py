@@ -1,7 +1,7 @@
 """The settings of a whole reconstruction: those of each stage, side by side.
 
-Here: their names, defaults and checks. Not here: what a stage does with its own (the stage's file), named settings
-(`presets`), the order of the stages (`pipeline`).
+Here: their names, defaults and checks. Not here: what a stage does with its settings (the stage's file), named
+settings (`presets`), the order of the stages (`pipeline`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,8 +25,8 @@ from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from gs2ci.render.settings import RasterSettings
 
-# Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
-# (`python -m tests.benchmarks list_reuse`).
+# Lists kept for so many iterations lose nothing compared with the spread over seeds (−0.06 to 0.02 dB) and save a tenth
+# of an iteration's time (`python -m tests.benchmarks list_reuse`).
 _RELIST_EVERY: Final = 4
 
 
@@ -37,33 +37,34 @@ class Settings:
     Args:
         poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
             "vggt-or-tracks" (`geometry.choose`).
-        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
-        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts`).
-        first_look: What decodes before anything is fitted (`decode.by_name`).
+        proxy: The views in which the geometry stage tracks points: the decoded ones ("gap-tv"), or the paper's proxies.
+        try_orders: Whether short fits compare both orders of depth (near and far exchanged) if tracks leave the order
+            open (`attempts`).
+        first_look: The decoder that runs before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
-        long_decode: Of the decode by similar patches that the views may be handed over from, and motion begin from
-            (`decode.patches.watched`); None: the first look's decode is all there is.
-        polish: Of the decode by similar patches that goes on from the refined views, for those that are handed over
-            (`handing_over`); None leaves it out.
+        long_decode: Of the decode by similar patches (`decode.patches.watched`), which may become part of the delivered
+            views and gives fits of moving scenes their start; None: only the first look decodes.
+        polish: Of the decode by similar patches that starts from the refined views, as one more candidate for the
+            delivered ones (`handing_over`); None skips it.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
         second_density: The density rule of every second of them; None: that of the first.
-        fine: Of the fine stage; None leaves it out.
-        fine_if_asked: Its settings where a user asks for it and `fine` is None.
-        residual: Of the last step, which decodes what the scene leaves unexplained; None hands over the scene's views
-            as they are, whatever a decode would show.
-        stride_px: One first Gaussian for every so many pixels along rows and columns.
-        withheld: What of the geometry the fit does not get; for ablations.
+        fine: Of the fine stage; None skips it.
+        fine_if_asked: Its settings if a user requests it and `fine` is None.
+        residual: Of the last step, which decodes the residual that the scene leaves; None returns the scene's views
+            unchanged and never combines them with the decode.
+        stride_px: Distance of the first Gaussians along rows and columns.
+        withheld: The part of the geometry that is withheld from the fit; for ablations.
         backend: The renderer.
         raster: What the renderer may leave out for speed.
-        brightness: Of the views' brightness, where the weights are wrong.
-        mask_moments: Of motion while one mask is on show.
-        look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
+        brightness: Of the estimate of the views' brightness, which corrects wrong weights.
+        mask_moments: Of the camera's motion while one mask is displayed.
+        look_again: Whether a doubtful first path is estimated again from the fitted views, and fitted once more
             (`attempts.second_look`). Not within a budget.
-        motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
-            budget; "on": at once; "off": never (`moving`).
-        registration: Whether the measurement is asked where its masks lie, before anything else.
+        motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
+            residual, but not within a budget; "on": from the start; "off": never (`moving`).
+        registration: Of the step before all others, which estimates from the measurement where its masks lie.
         seed: Seed of every random draw.
     """
 
@@ -94,25 +95,25 @@ class Settings:
 
     @property
     def may_look_again(self) -> bool:
-        """Get whether a second look may be taken: held-out pixels can judge it, nothing of the first is withheld."""
+        """Get whether a second look may be taken: pixels are held out to judge it, and no geometry is withheld."""
         return self.look_again and self.fit.hold_out.share > 0 and self.withheld == Withheld()
 
     @property
     def may_move(self) -> bool:
-        """Get whether a moving scene may be tried beside a still one: held-out pixels can judge it."""
+        """Get whether a moving scene may be tried beside a still one: pixels are held out to judge it."""
         return self.motion == "auto" and self.fit.hold_out.share > 0 and self.withheld == Withheld()
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:
-        """Get the density rules that the fits take in turn."""
+        """Get the density rules that the fits use in turn."""
         return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
 
     def with_density_rule(self, rule: str | DensityRule) -> "Settings":
         """Return settings in which every fit has one density rule.
 
         Args:
-            rule: Its name, whose objective comes with it, unless the first fit has it already; or a rule of the
-                caller's own, under the objective that these settings have.
+            rule: Its name, which also sets the rule's objective unless the first fit has this rule already; or a rule
+                object of the caller, which keeps the objective of these settings.
 
         Raises:
             InputError: There is no rule of that name.

@@ -11,7 +11,7 @@ class Stopwatch:
         self._stages: dict[str, float] = {}
 
     def lap(self, stage: str) -> None:
-        """Count the time since the last lap for a stage."""
+        """Add the time since the last lap to a stage."""
         now = time.monotonic()
         self._stages[stage] = self._stages.get(stage, 0.0) + now - self._lap_s
         self._lap_s = now

@@ -1,4 +1,4 @@
-"""The laws that every density rule keeps, for tests of a rule of one's own.
+"""The laws that every density rule keeps; for testing a rule of your own.
 
 Here: `check_density_rule`, on a line of Gaussians. Not here: whether a rule is any good (`gs2ci tables density`).
 """
@@ -13,17 +13,17 @@ _CAP = 80
 
 
 def check_density_rule(rule: DensityRule) -> None:
-    """Hold a density rule to the laws that the fit rests on.
+    """Check the laws that the fit requires of a density rule.
 
-    The scene it is given is left alone; the same draws give the same; no number that is not finite comes out; the
-    population stays within the cap; every Gaussian that continues an old one names it once; a shake has the means'
-    shape.
+    It does not change the scene that it is given; the same random draws give the same result; all its numbers are
+    finite; the population stays within the cap; no two Gaussians continue the same old one; a shake has the shape of
+    the means.
 
     Args:
-        rule: It.
+        rule: The rule.
 
     Raises:
-        AssertionError: It breaks one of them.
+        AssertionError: It breaks one of the laws.
     """
     assert rule.name, "it has a name"
     for iteration in (0, 100, 500, 3000):

@@ -1,6 +1,6 @@
-"""An attempt at one measurement: some fits from one beginning, and how they are made.
+"""An attempt at one measurement: fits from one common start, and how they are made.
 
-Here: the two records. Not here: the fitting (`fits.py`), which attempts are made and which is taken (`choice.py`).
+Here: the two records. Not here: the fitting (`fits.py`), which attempts are made and which is chosen (`choice.py`).
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 
 @dataclass(frozen=True)
 class Attempt:
-    """Fits, and the look and the geometry that they began with.
+    """Fits, and the first look and the geometry that they started from.
 
     Args:
-        look: What had been found.
-        geometry: As it was fitted from.
-        fits: The leader's, and those of its companions.
-        ensemble: Of these.
-        later: The companions that have not been fitted: an attempt that may be replaced makes one fit at first.
+        look: The first look.
+        geometry: The geometry at the start of the fits.
+        fits: The leader's fit, and those of its companions.
+        ensemble: Their combination.
+        later: The companions not fitted yet: an attempt that may be replaced makes one fit at first.
     """
 
     look: FirstLook
@@ -38,7 +38,7 @@ class How:
     Args:
         moving: Whether the scene may move.
         alone: Whether the leader is fitted alone at first.
-        rival: A fit that those of the attempt have to keep up with.
+        rival: A fit of another attempt; fits that fall far behind it are stopped.
     """
 
     moving: bool = False

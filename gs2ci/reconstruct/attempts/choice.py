@@ -1,10 +1,10 @@
-"""Attempts at one measurement: which fits are made, from which beginnings, and which of them is taken.
+"""Attempts at one measurement: which fits are made, from which starts, and which attempt is chosen.
 
-A doubtful path is fitted once, and sought again in the views of that fit (`second_look`). A uniform motion that no
-tracks bear out competes with a camera at rest: where nothing shows but a period or a gradient, any motion explains the
-measurement, and a fit from rest ends several dB better; where it is far behind after a quarter of the schedule, it is
-given up. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The held-out pixels
-choose. Not here: what an attempt is made of (`fits.py`).
+A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). A uniform motion that
+tracks do not confirm competes with a camera at rest: if the scene shows only a periodic pattern or a gradient, any
+motion explains the measurement, and a fit from rest ends several dB better. The fit from rest is stopped if it is far
+behind after a quarter of the schedule. If the fits' residual looks like motion, moving scenes compete too (`moving`).
+The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
@@ -37,43 +37,43 @@ from gs2ci.reconstruct.moving import (
 
 @dataclass(frozen=True)
 class Attempts:
-    """What is fitted to a measurement, from the first look and from what else is worth it, and which of it is taken.
+    """Makes the attempts, from the first look and from further starts that are worth it, and chooses one.
 
     Args:
-        fits: Make the attempts.
+        fits: Makes the fits of an attempt.
     """
 
     fits: Fits
 
     def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
-        """Make one attempt, whatever comes of it."""
+        """Make one attempt and no other."""
         moving = self.fits.settings.motion == "on"
         tried = self.fits.attempt(rested(first) if moving else first, first.decoded, How(moving))
         name = MOVING if moving else STILL
         return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
 
     def all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
-        """Make those that are worth it.
+        """Make all attempts that are worth their time.
 
         Returns:
-            The first look, with the best decode there is; the best attempt; and how anything in it came to move, or
-            not to.
+            The first look, with the best decode so far; the best attempt; and the report why its scene is still or
+            moves.
         """
         still = self.fits.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
-        # Fits that were cut short leave much that patches explain, whether or not anything moves.
+        # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
         if not self._wanted:
-            # A path that is not right leaves what looks like motion, too.
+            # A wrong path leaves a residual that looks like motion, too.
             again = self._again(first, still)
-            # What patches did not take off one fit they take off two still less.
+            # If patches did not reduce the residual of one fit, they will not reduce that of the mean of two either.
             same = again.look is still.look and asked.gain is not None and not asked.speaks_for_motion
             asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
-            # Patches follow what no scene does: they are worth some time where a scene leads GAP-TV by so little.
+            # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
             first = self._decoded_better(first, sparsely=True) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
@@ -93,9 +93,9 @@ class Attempts:
         return self.fits.settings.motion == "on"
 
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
-        """Fit a still scene once more from a second look, or from rest, where the first path is doubtful.
+        """Fit a still scene once more from a second look, or from rest, if the first path is doubtful.
 
-        Of a first path that is doubtful there is one fit so far: it is held against the leaders of the other attempts.
+        A doubtful first path has one fit so far, which is compared with the leaders of the other attempts.
         """
         if self.fits.halt.asked or not self._may_look_again(first):
             return tried
@@ -112,7 +112,7 @@ class Attempts:
         return self.fits.completed(self._best(attempts, self._residuals(leaders)))
 
     def _rival(self, tried: Attempt) -> Rival:
-        """Return what an attempt's leader has left, for another one to keep up with."""
+        """Return the held-out residuals of an attempt's leader by iteration, to compare another leader with."""
         looks = {point.iteration: point.heldout for point in tried.fits[0].curve if point.heldout is not None}
         return Rival(looks, self.fits.settings.fit.iterations)
 
@@ -120,7 +120,7 @@ class Attempts:
         return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
 
     def _decoded_better(self, first: FirstLook, *, sparsely: bool = False) -> FirstLook:
-        """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
+        """Return a first look with views decoded by similar patches, if they predict the held-out pixels better."""
         schedule = self.fits.settings.long_decode
         if first.decoder == "patches" or schedule is None:
             return first
@@ -131,7 +131,7 @@ class Attempts:
         return longer if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
-        """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""
+        """Test a still scene's residual for motion, and if the test is positive, how much patches reduce it."""
         left = ask(self.fits.jury, still.ensemble.views)
         if not speaks_for_motion(left):
             return MotionQuestion(left)
@@ -140,9 +140,9 @@ class Attempts:
         return MotionQuestion(left, gain, self._is_behind_decode(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
-        """Tell whether the best still scene explains the held-out pixels hardly better than a brief decode.
+        """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
 
-        Whole decodes by patches follow what moves, and may lead any scene.
+        Never so for a whole decode by patches, which follows moving things and may be better than any scene.
         """
         if still.look.decoder == "patches":
             return False
@@ -150,19 +150,19 @@ class Attempts:
         return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
-        """Return by which share a patch decode from these views on leaves less of the held-out pixels."""
+        """Return the share by which a patch decode that starts from these views reduces their held-out residual."""
         before = self.fits.jury.residual_rms(refined)
         after = self.fits.jury.residual_rms(patch_decode_from(self.fits.jury.seen, refined, steps))
         return 0.0 if not before or after is None else 1 - after / before
 
     def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
-        """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
+        """Choose the attempt that predicts the held-out pixels best, and report the residuals of all."""
         tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
         notes = ranking({name: residuals[name] for name in attempts})
         return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
 
     def _clearly_best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
-        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
+        """Choose as `_best` does, but a moving scene only if it is clearly better than the still one."""
         if self._wanted:
             moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
             return self._best(moving or attempts, residuals)
@@ -174,7 +174,7 @@ class Attempts:
         return best if better else still
 
     def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
-        """Return what each attempt's views, [N, H, W, C], leave of the held-out pixels when they are refined."""
+        """Return the held-out residual of each attempt's views, [N, H, W, C], once they are refined."""
         return {name: self.fits.jury.residual_rms(self.fits.refine(one)) for name, one in views.items()}
 
     def _report(
@@ -195,10 +195,10 @@ def _name_of(taken: Attempt, attempts: dict[str, Attempt]) -> str:
 
 
 def ranking(left: Mapping[str, float | None]) -> tuple[Finding, ...]:
-    """Say what attempts leave of the held-out pixels, the least first; nothing of one attempt, or without pixels.
+    """Report the held-out residuals of attempts, smallest first; nothing for a single attempt, or without such pixels.
 
     Args:
-        left: Root mean square by the attempt's name.
+        left: Root mean square of the held-out residual, by the attempt's name.
     """
     known = {name: rms for name, rms in left.items() if rms is not None and math.isfinite(rms)}
     if len(known) < 2:

@@ -1,8 +1,8 @@
 """The fits of one reconstruction: what they share, and all that is done with them.
 
-Here: `Fits`: their beginnings, one fit, an attempt's fits and their mean, fits that begin to move, fits that settle the
-order of depth, fits that a budget allows, the fine stage. Not here: in which order these are asked for (`pipeline`),
-which attempts are made and taken (`choice.py`), what a fit is (`fit/coarse.py`).
+Here: `Fits`: where they start, one fit, an attempt's fits and their mean, still fits continued with motion, fits that
+settle the order of depth, fits within a budget, the fine stage. Not here: the order of these steps (`pipeline`), which
+attempts are made and chosen (`choice.py`), what a fit is (`fit/coarse.py`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -40,7 +40,7 @@ from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
-# By so many iterations, and a look, the fits that fit into a budget are chosen.
+# So many iterations, and one look at the held-out pixels, are timed to choose the fits that a budget allows.
 _TIMED_ITERATIONS: Final = 6
 
 
@@ -50,16 +50,16 @@ class Fits:
 
     Args:
         jury: The measurement, and its held-out pixels.
-        fitted: The same with its holes filled, to which fits are held.
+        fitted: The same with its holes filled, to which scenes are fitted.
         lens: Through which it was taken, unless it is a pinhole.
         settings: Of every stage.
-        refine: What will be done to the views of fits.
+        refine: Adds the decoded residual to the views of fits.
         progress: Receives every stage and step.
         clock: Of the stages.
         score: Of views, for the curve.
-        halt: Once it is asked, fits end.
-        mask_moments: The moments within masks; None where each mask has one.
-        pace: What a budget leaves to the fits; None is their settings' number of iterations.
+        halt: A request to end early, which stops the fits.
+        mask_moments: The moments within masks; None if one moment for each mask is enough.
+        pace: Ends the fits within a budget; None: they run for their settings' number of iterations.
     """
 
     jury: Jury
@@ -75,9 +75,9 @@ class Fits:
     pace: Pace | None = None
 
     def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
-        """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
+        """Settle the order of depth by short fits if the first look leaves it open; if hurried, only report the doubt.
 
-        A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
+        Poses given by a stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported.
         """
         geometry, settings = first.geometry, self.settings
         if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
@@ -102,7 +102,7 @@ class Fits:
         return replace(first, geometry=geometry)
 
     def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
-        """Return the same with fits for which a budget suffices, by a few timed iterations, at the pace that they keep.
+        """Return the same with the fits that a budget allows, chosen by timing a few iterations.
 
         Without a budget nothing is changed.
         """
@@ -120,7 +120,7 @@ class Fits:
         return replace(self, settings=settings, pace=pace)
 
     def attempt(self, look: FirstLook, views: F32, how: How) -> Attempt:
-        """Fit from what a look found, with views, [N, H, W, C], to take colours and motion from."""
+        """Fit from the geometry of a look; the first colours and motion come from views, [N, H, W, C]."""
         settings, moving = self.settings, how.moving
         geometry, start = self.beginning(look, views, moving=moving)
         self.clock.lap("geometry")
@@ -131,7 +131,7 @@ class Fits:
         return Attempt(look, geometry, fits, self._mean(fits, "fit"), later)
 
     def completed(self, tried: Attempt) -> Attempt:
-        """Make the fits of an attempt that it has been without so far."""
+        """Make the fits of an attempt that have not been made yet."""
         if not tried.later or self.halt.asked:
             return tried
         try:
@@ -143,7 +143,7 @@ class Fits:
         return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
 
     def release(self, still: Attempt) -> Attempt:
-        """Go on with the fits of a still scene, and let it move."""
+        """Continue the fits of a still scene with motion allowed."""
         freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
         team, paths = [], {}
         for number, fit in enumerate(still.fits):
@@ -173,26 +173,26 @@ class Fits:
         return self._mean(tuple(fined if fit is best else fit for fit in tried.fits), "fine")
 
     def beginning(self, look: FirstLook, views: F32, *, moving: bool = False) -> tuple[Geometry, Gaussians]:
-        """Return poses, and the Gaussians to start from, as far as the settings do not withhold them.
+        """Return the poses and the Gaussians to start from, without what the settings withhold.
 
         Args:
-            look: What was found.
+            look: The first look.
             views: They give the Gaussians their colours, [N, H, W, C].
-            moving: Whether they begin with the motion that the views show.
+            moving: Whether the Gaussians start with the motion that the views show.
         """
         settings, lens = self.settings, self.lens
         geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
         start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
         if moving:
             start = set_moving(start, geometry, views, settings.fit.motion)
-        # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
+        # From here on intrinsics are in pixels of the sensor, no longer of the canvas of straightened views.
         return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
 
     def fit_one(self, geometry: Geometry, rival: Rival | None = None) -> FitOne:
-        """Say how one fit of the ensemble goes; far behind its rival it ends."""
+        """Return the function that makes one fit of the ensemble; the fit stops if it falls far behind its rival."""
 
         def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            # Its buffers serve one at a time.
+            # Each fit needs a backend of its own: its buffers serve one fit at a time.
             backend = load_backend(self.settings.backend, self.settings.raster)
             renderer = ShotRenderer(self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments)
             return fit_coarse(
@@ -217,7 +217,7 @@ class Fits:
         return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
 
     def _mean(self, fits: tuple[CoarseFit, ...], stage: str) -> Ensemble:
-        """Return the mean of fits that end a stage."""
+        """Return the mean of fits, which ends a stage."""
         ensemble = combined(fits, self.jury, self.refine)
         self.clock.lap(stage)
         return ensemble

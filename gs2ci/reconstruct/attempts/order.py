@@ -2,14 +2,17 @@
 
     first geometry ─► (tracks are sure? done) ─► short fits of it and of its reversal, in pairs ─► the better, or open
 
-A scene inside out moves like the right one where the motion is small and the field of view narrow; tracks then cannot
-tell, or err together where the camera model is a little wrong. But near hides far, and a fit that has to hide the wrong
-thing leaves more of the measurement. Fits also differ by luck: by where their path begins. So a geometry is compared
-with its own exact reversal, which shares its luck, and what tracks find the other way round with the reversal of that.
-A reversal is no minimum of its own and leaves a little more for that alone, which cancels between the two. Before any
-pixel is asked, the order in which the camera turns less is the likelier: a stage hardly turns. Here: when to compare,
-how many pairs, what each judge counts, and what follows. Not here: the fits (`order_fits`), the reversal and its turn
-(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
+If the motion is small and the field of view narrow, a scene with its depth order reversed (near and far exchanged)
+moves almost like the right one. Tracks then cannot tell them apart, or all err alike if the camera model is slightly
+wrong. But near things hide far ones, and a fit in which the wrong things are hidden leaves a larger residual. Fits also
+differ by chance, for instance by where their path starts. So a geometry is compared with its own exact reversal, which
+shares its chance errors, and the solution that tracks find in the other order is compared with the reversal of that
+one. A reversal is not a minimum of the tracks' error and leaves a slightly larger residual for this reason alone; the
+effect cancels between the two pairs. Prior knowledge counts a little: the order in which the camera turns less is
+likelier, since a stage hardly turns.
+
+Here: when to compare, how many pairs, how much each kind of evidence counts, and what follows. Not here: the fits
+(`order_fits`), the reversal and its turn (`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
 """
 
 import math
@@ -25,47 +28,49 @@ from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_tr
 from gs2ci.reconstruct.geometry.validity import Criteria
 
 LEAST_SCHEDULE: Final = 150
-"""Iterations of the whole fit below which nothing is tried: it would cost as much again. A draft has fewer."""
-# Of a short fit. With 20 fits had not yet begun to hide one thing by another, and chance turned a told path over.
+"""If the whole fit has fewer iterations, no short fits are made: they would cost as much again. So it is in a draft."""
+# Iterations of a short fit. After 20, things did not yet hide one another, and chance reversed a given path.
 _ITERATIONS: Final = 60
-# Pairs of short fits at most: one from either finding of the tracks, since more of them tell little more of an order
-# that these leave open. A told path has no finding the other way round, and is asked about by them alone.
+# Pairs of short fits at most: one for each of the two solutions of the tracks, since more pairs add little if these
+# leave the order open. A given path has no second solution, and short fits are the only evidence against its sign.
 _MOST_PAIRS: Final = 2
 _MOST_PAIRS_OF_TOLD: Final = 4
-# The standard deviation of a pair's log ratio that is luck, found on pictures of so many pixels, and more in smaller
-# ones; and so many errors that are sure (`python -m tests.benchmarks depth_order`).
+# The standard deviation of a pair's log ratio by chance, measured on pictures of this many pixels and larger in smaller
+# ones; and how many standard errors count as sure (`python -m tests.benchmarks depth_order`).
 _LUCK: Final = 0.08
 _LUCK_PIXELS: Final = 96 * 128
 _SURE: Final = 2.0
-# What pairs of one finding alone count: a reversal leaves up to a tenth more for being one, once three times as much.
+# The factor for pairs of one solution alone: a reversal leaves up to a tenth more because it is no minimum, once three
+# times as much.
 _ONE_FINDING_COUNTS: Final = 1 / 2
-# A told path, a file's, is turned over by no less, and only by several pairs that all say so: short fits of tiny
-# pictures turned over exact ones.
+# A given path (from a file) is reversed only by at least so many errors and by several pairs that all agree: short fits
+# of tiny pictures reversed exact paths.
 _SURE_AGAINST_TOLD: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
-# What tracks say counts a third of what it claims: they err together (`motion.preference`).
+# The tracks' preference counts a third, since their errors are correlated (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
-# So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
-# hand, or a rail whose sensors are shifted, turns as it likes: it decides between orders that pixels and tracks hardly
-# tell apart, and is sure of none that they are not sure of.
+# By how many errors a camera that does not turn is preferred to its reversal, which does. This is a prior, not seen in
+# the picture: a hand-held camera may turn, or one on a rail whose sensors are shifted. It decides between orders that
+# pixels and tracks hardly tell apart, but never makes an order sure.
 _TRAVEL_COUNTS: Final = 1.0
-# What an order is preferred by at least where its travel alone speaks for it.
+# The least preference, in errors, for an order that is preferred only for turning less.
 _BY_TRAVEL_ALONE: Final = 0.05
-# What pixels and tracks say against a travel that speaks by so many errors counts half: one of them errs.
+# If the preference for turning less reaches so many errors and pixels and tracks prefer the other order, their
+# preference counts half: one of the two is wrong.
 _CONTRADICTS: Final = 0.25
 _CONTRADICTED_COUNTS: Final = 1 / 2
 
-# A source of paths that no tracks bear out.
+# The source of paths that no tracks confirm.
 _UNTRACKED: Final = "uniform"
 
 ShortFit = Callable[[Geometry, int], float]
-"""Fits a geometry briefly, with a seed, and returns the mean square that it leaves of the measurement."""
+"""Fits a geometry briefly, with a seed, and returns the mean square of its residual."""
 
 
 def is_open(geometry: Geometry, criteria: Criteria) -> bool:
     """Tell whether the order of a geometry's depths is in question: there is a path, and its tracks are not sure.
 
-    A stage's word is not: points that lie before its cameras would lie behind those of the path reversed.
+    It is not if a stage gave the order: points in front of its cameras would lie behind those of the reversed path.
     """
     if geometry.order_told:
         return False
@@ -74,12 +79,12 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
 
 
 def unsettled(geometry: Geometry) -> Geometry:
-    """Note for a geometry whose order is open that no fits were made."""
+    """Add the note that the order of depth is open and that no short fits were made."""
     return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
 
 
 def shortened(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule of a short fit; its steps stay."""
+    """Return the schedule of a short fit, with unchanged step sizes."""
     return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
 
 
@@ -87,14 +92,14 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     """Choose the order of depth by short fits of both.
 
     Args:
-        geometry: What was found first.
+        geometry: The first estimate.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
         progress: Receives what is done.
-        told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
+        told: Whether a file or a model gave the path: its sign is kept unless pixels clearly contradict it.
 
     Returns:
-        The geometry the right way round as far as anything tells, with a note where it was turned or is open. Its
-        `order_errors` are then those of pixels, tracks and travel together.
+        The geometry in the preferred order, with a note if it was reversed or if the order is open. Its `order_errors`
+        are then those of pixels, tracks and travel together.
     """
     progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
@@ -110,10 +115,11 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
 
 
 def _contested(geometry: Geometry, errors: float) -> Geometry:
-    """Return a motion that was found without tracks as it was found, its order open: pairs prefer the other one.
+    """Keep a motion that was found without tracks, but report its order as open, since the pairs prefer the other one.
 
-    It stands on what it leaves of the whole measurement, less than its reverse and than rest. Where short fits surely
-    say the opposite, one of two judges of the same pixels errs, and no track tells which: that counts for nothing.
+    The motion was chosen because it explains the whole measurement better than its reverse and than rest. If short fits
+    surely say the opposite, one of two judgements of the same pixels is wrong, and no tracks tell which: the number of
+    errors is then 0.
     """
     errors = errors if errors < _SURE else 0.0
     notes = (*geometry.notes, finding(Code.DEPTH_ORDER_OPEN, errors=errors))
@@ -121,15 +127,15 @@ def _contested(geometry: Geometry, errors: float) -> Geometry:
 
 
 def _travel_errors(geometry: Geometry) -> float:
-    """Return by how many errors a geometry is preferred to its reverse for turning less."""
+    """Return by how many errors a geometry is preferred to its reverse because it turns less."""
     other = geometry.reverse or reversed_geometry(geometry)
     return _TRAVEL_COUNTS * (share_with_travel(geometry) - share_with_travel(other))
 
 
 def _with_travel(seen: float, travel: float) -> float:
-    """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel.
+    """Return by how many errors an order is preferred, from what was seen (pixels and tracks) and its travel together.
 
-    Where what was seen is not sure, the sign is that of both, and the errors are those of what was seen.
+    If what was seen is not sure, the sign is that of the sum, and the size is that of what was seen alone.
     """
     both = seen + travel
     sign = math.copysign(1.0, both)
@@ -144,12 +150,12 @@ def _of_pairs(
     """Compare orders by pairs of short fits, until they are sure.
 
     Args:
-        geometry: Compared with its reversal, and so is what tracks found the other way round.
+        geometry: Compared with its reversal; the tracks' solution in the other order, if any, with its own.
         fit_briefly: Fits a geometry briefly.
-        luck: The standard deviation of a pair's log ratio that is luck.
+        luck: The standard deviation of a pair's log ratio by chance.
         tracks: By how many errors tracks prefer the geometry's own order.
-        travel: By how many errors it is preferred for turning less.
-        told: Whether a file or a model told the path.
+        travel: By how many errors it is preferred because it turns less.
+        told: Whether a file or a model gave the path.
 
     Returns:
         The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred in all.
@@ -175,7 +181,7 @@ def _of_pairs(
 
 
 def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, told: bool) -> Geometry:
-    """Return a geometry in the order that was found, and say what there is to say of it."""
+    """Return a geometry in the order that was found, with the notes on it."""
     taken = geometry if not backwards else geometry.reverse or reversed_geometry(geometry)
     return replace(
         taken,
@@ -187,7 +193,7 @@ def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, t
 
 
 def _said(source: str, errors: float, less: float, *, backwards: bool, told: bool) -> tuple[Finding, ...]:
-    """Say what follows from the order that was found, and how sure it is."""
+    """Return the findings on the order that was found and how sure it is."""
     if errors < _SURE and not told:
         return (finding(Code.DEPTH_ORDER_OPEN, errors=errors),)
     if not backwards:
@@ -198,23 +204,23 @@ def _said(source: str, errors: float, less: float, *, backwards: bool, told: boo
 
 
 def _log_ratio(one: float, other: float) -> float:
-    """Return the logarithm of one mean square over another; 0 where either is nothing or not a number."""
+    """Return the logarithm of one mean square over another; 0 if either is not a positive finite number."""
     if not (math.isfinite(one) and math.isfinite(other) and one > 0 and other > 0):
         return 0.0
     return math.log(one / other)
 
 
 def _less(ratios: Sequence[float]) -> float:
-    """Return by which share the order that short fits prefer leaves less."""
+    """Return the share by which the mean square is smaller in the order that short fits prefer."""
     return -math.expm1(-abs(sum(ratios) / len(ratios)))
 
 
 def _errors(ratios: Sequence[float], luck: float) -> float:
-    """Return by how many standard errors the mean of pairs' log ratios differs from nothing.
+    """Return by how many standard errors the mean of pairs' log ratios differs from zero.
 
     Args:
         ratios: One or more.
-        luck: The least standard deviation that they may have.
+        luck: A lower bound on their standard deviation.
     """
     mean = sum(ratios) / len(ratios)
     spread = math.sqrt(sum((ratio - mean) ** 2 for ratio in ratios) / (len(ratios) - 1)) if len(ratios) > 1 else 0.0

@@ -1,6 +1,6 @@
-"""The short fits that tell near from far: what a geometry leaves of the measurement after so many iterations.
+"""The short fits that tell near from far by the residual of a geometry after a fixed number of iterations.
 
-Here: these fits, and what they leave. Not here: what follows (`order`).
+Here: these fits and their residuals. Not here: what follows from them (`order`).
 """
 
 import math
@@ -28,8 +28,8 @@ class OrderFits:
     Args:
         jury: The measurement, and the pixels that fits do not see.
         settings: Of the reconstruction.
-        begin: Returns the geometry as it is fitted, and the first Gaussians of it.
-        fit_one: Says how a geometry's fits go, by these settings.
+        begin: Returns the geometry at the start of a fit, and its first Gaussians.
+        fit_one: Returns the function that makes one fit of a geometry by given settings.
     """
 
     jury: Jury
@@ -39,11 +39,11 @@ class OrderFits:
     _begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = field(default_factory=dict)
 
     def brief(self, geometry: Geometry, number: int) -> float:
-        """Fit a geometry briefly, with a seed, and return the mean square that it leaves of the measurement.
+        """Fit a geometry briefly, with a seed, and return the mean square of its residual.
 
-        Infinite where its numbers run away. The same object must be given each time for the same geometry.
+        Infinite if the fit diverges. The same object must be given each time for the same geometry.
         """
-        # By the measurement alone: views of either order show surfaces that bear it out.
+        # The measurement alone judges: surfaces estimated from the views of either order would confirm that order.
         settings = replace(shortened(self.settings.fit), surfaces=None, relief=None)
         at, start = self._beginning(geometry)
         member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
@@ -54,13 +54,13 @@ class OrderFits:
 
     def _beginning(self, geometry: Geometry) -> tuple[Geometry, Gaussians]:
         if id(geometry) not in self._begun:
-            # The geometry is kept beside, so that no other one gets its number.
+            # The geometry is stored too: while it lives, no other object gets its id.
             self._begun[id(geometry)] = geometry, self.begin(geometry)
         return self._begun[id(geometry)][1]
 
 
 def mean_square(jury: Jury, views: F32) -> float:
-    """Return the mean square that views, [N, H, W, C], leave of the readings that can be trusted."""
+    """Return the mean square of the residual that views, [N, H, W, C], leave at lit pixels that are not saturated."""
     asked = jury.shot.lit
     if jury.shot.saturated is not None:
         asked = asked & ~jury.shot.saturated

@@ -1,10 +1,11 @@
-"""A doubtful first path, sought once more in the views of a fit.
+"""A doubtful first path, estimated once more from the views of a fit.
 
     first look ─► fits ─► second look ─► fits ─► the better of both
 
-Decoded views are poor where masks are many or light is little, and so is a path that is found in them. The views of a
-fit, refined by its residual, are far better: in them points can be followed that the decode had drowned. Here: when to
-look again, and what is found. Not here: the fits (`fits`), the choice between them (`choice`).
+With many masks or little light, decoded views are poor, and so is a path estimated from them. The views of a fit,
+refined by its residual, are far better: points can be tracked in them that are lost in the decode.
+
+Here: when to look again, and the second estimate. Not here: the fits (`fits`), the choice between them (`choice`).
 """
 
 from dataclasses import replace
@@ -24,20 +25,20 @@ from gs2ci.reconstruct.settings import Settings
 
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
-    """Tell whether a first geometry is worth a second look: it found a path, which nothing bears out."""
+    """Tell whether a first geometry is worth a second look: it has a path, which nothing confirms."""
     return first.verdict == "full" and is_doubtful(first, settings.criteria)
 
 
 def second_look(
     first: FirstLook, views: F32, lens: Lens | None, settings: Settings, progress: Progress
 ) -> FirstLook | None:
-    """Find the geometry again in fitted views; None where they show none.
+    """Estimate the geometry again from fitted views; None if they show no path.
 
-    Whatever tracks say of such views, they say of a scene that was fitted along the first path: that halves of them
-    agree proves nothing. So the doubts of the first path stay.
+    Such views show a scene that was fitted along the first path, so agreement between halves of their tracks proves
+    nothing. The doubts about the first path are therefore kept.
 
     Args:
-        first: What was found in the decoded views.
+        first: The first look, from the decoded views.
         views: Those of a fit, refined, [N, H, W, C].
         lens: Through which the measurement was taken, unless it is a pinhole.
         settings: Of the stages before a fit.
@@ -49,7 +50,7 @@ def second_look(
     if found.verdict != "full":
         return None
     if _covariance(found.inverse_depth, before.inverse_depth) < 0:
-        # Which order of depth is right was settled before; tracks alone may not turn it over.
+        # The order of depth was settled before; tracks alone may not reverse it.
         found = found.reverse or reversed_geometry(found)
     geometry = replace(
         found,

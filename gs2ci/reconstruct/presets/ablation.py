@@ -1,7 +1,7 @@
 """The components of the method, each of which can be switched off by name (paper, Table VII).
 
-Here: the names, and what switching off does to the settings. Not here: what a component is (its stage's own file), nor
-the table (`gs2ci tables ablation`).
+Here: the names, and how switching off changes the settings. Not here: what a component is (its stage's own file), the
+table (`gs2ci tables ablation`).
 """
 
 from collections.abc import Callable, Iterable
@@ -41,7 +41,7 @@ def _without_opacity_regulation(settings: Settings) -> Settings:
 
 
 def _without_count_cap(settings: Settings) -> Settings:
-    # The paper's own runs without it ran out of memory: here the guard ends them with an error.
+    # The paper's own runs without the cap ran out of memory; here the memory guard ends them with an error.
     most = settings.fit.most_gaussians or MOST_GAUSSIANS
     return replace(settings, fit=replace(settings.fit, cap_from=None, gaussians_per_pixel=None, most_gaussians=most))
 
@@ -58,7 +58,7 @@ COMPONENTS: Final[dict[str, Callable[[Settings], Settings]]] = {
     "count-cap": _without_count_cap,
     "pose-refinement": _without_pose_refinement,
 }
-"""What returns settings without the component of that name, in the order of the paper's table."""
+"""By component, in the order of the paper's table: the function that returns settings without it."""
 
 
 def without(settings: Settings, names: Iterable[str]) -> Settings:

@@ -1,12 +1,12 @@
-"""The best result within a number of seconds: what is left after decode and geometry goes to the fit.
+"""The best result within a number of seconds: the time left after decode and geometry is given to the fit.
 
     registration, decode, geometry ─► a few iterations, timed ─► how many fits, how large ─► fits that watch the clock
 
-Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest way
-to fit is taken for which enough iterations are left to be worth its price. The fit rescales its schedule to the pace
-that it turns out to have (`fit/pace.py`), so that errors of this estimate cancel.
+Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest
+preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its schedule to its measured
+pace (`fit/pace.py`), which corrects errors of this estimate.
 
-Here: the ways to fit, the choice, and what is said of it. Not here: the timing and the fits (`fits`),
+Here: the presets to choose from, the choice, and the sentence about it. Not here: the timing and the fits (`fits`),
 reading `60s` (`gs2ci.core.durations`).
 """
 
@@ -28,24 +28,24 @@ from gs2ci.reconstruct.settings import Settings
 
 @dataclass(frozen=True)
 class Rung:
-    """A preset's fits, the fewest iterations for which they are worth their price, and the most they have a use for."""
+    """A preset, the fewest iterations with which its fits are worthwhile, and the most that they are given."""
 
     preset: PresetName
     least: int
     most: int
 
 
-# From the costliest. `paper` is none of them: it is there to be faithful, and has nothing to be judged by.
+# Costliest first. `paper` is not among them: it reproduces the paper, and holds out no pixels by which to judge it.
 LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 80, 800), Rung("draft", 20, 600))
-# Seconds are promised to a tenth; this share is kept back for what nothing measured.
+# A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
-# Closing files, printing, the interpreter's end.
+# For closing files, printing and ending the interpreter.
 _ENDING_S: Final = 0.5
-# Writing a run folder: drawing takes so many seconds of a processor whatever the size, pictures and figures as long as
-# so many looks at the held-out pixels.
+# For writing a run folder: drawing takes so many processor seconds at any size; pictures and figures take as long as
+# this many looks at the held-out pixels.
 _DRAWING_S: Final = 1.5
 _REPORT_LOOKS: Final = 4
-# A population grows while it is fitted, and its iterations get dearer, by as much in the end.
+# The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
 _GROWS_BY: Final = 1.0
 
 
@@ -54,9 +54,9 @@ class Budget:
     """A number of seconds for everything.
 
     Args:
-        seconds: Allowed in all.
-        began_s: When they began, on `clock`.
-        adapt: Brings what no preset decides (seed, density rule, number of fits) into the settings of one.
+        seconds: Allowed in total.
+        began_s: When the budget began, on `clock`.
+        adapt: Sets what presets do not decide (seed, density rule, number of fits) in the settings of a preset.
         clock: The time in seconds; never decreases.
     """
 
@@ -70,20 +70,20 @@ class Budget:
 
         Args:
             settings: Of the stages that are done.
-            timed: What iterations and a look of one fit of `settings` took, with all threads.
+            timed: How long the iterations and a look of one fit of `settings` took, with all threads.
 
         Returns:
             The settings of the fits, the pace that ends them in time, and a sentence for the user.
 
         Raises:
-            InputError: Not even the cheapest ends in time; says how many seconds would do.
+            InputError: Not even the cheapest fit ends in time; the error says how many seconds would suffice.
         """
         now_s = self.clock()
         afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s
         until_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
-            # The fine stage and the last decode keep to no deadline: the coarse stage gets their time.
+            # The fine stage and the last decode know no deadline: they are skipped, the coarse stage gets their time.
             chosen = replace(
                 settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=None
             )
@@ -114,7 +114,7 @@ class Budget:
         )
 
     def _too_little_time(self, now_s: float, afterwards_s: float, timed: Timed) -> InputError:
-        """Say what the cheapest way would need."""
+        """Return the error that says how much time the cheapest fit would need."""
         spent_s = now_s - self.began_s
         shortest_s = 2 * LADDER[-1].least * timed.iteration_s + 2 * (LOOKS_AFTERWARDS + 1) * timed.look_s
         needed_s = (spent_s + shortest_s + afterwards_s) / (1 - KEPT_BACK)
@@ -128,5 +128,5 @@ class Budget:
 
 
 def _population(settings: Settings) -> float:
-    """Return how many Gaussians there are at most, for each pixel of a view; 1 where nothing bounds them."""
+    """Return the largest number of Gaussians for each pixel of a view; 1 if there is no bound."""
     return settings.fit.gaussians_per_pixel or 1.0

@@ -1,7 +1,7 @@
-"""The named settings: how far a reconstruction goes. Data alone; no stage asks for a preset's name.
+"""The presets: settings by name, from quick to accurate. Data alone; no stage reads the name of a preset.
 
 Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
-stage's own file), the paper's constants (`paper`), nor which preset suits a number of seconds (`budget`).
+stage's own file), the paper's constants (`paper`), which preset suits a number of seconds (`budget`).
 """
 
 from dataclasses import replace
@@ -22,8 +22,8 @@ _FINE_ITERATIONS: Final = 600
 def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
     """Return the same fit on a schedule of another length.
 
-    Looks, turns of the density rule and patience keep their places in the schedule within sensible bounds; steps grow
-    as a shorter schedule asks (`StepSizes.of_schedule`).
+    Looks at the held-out pixels, applications of the density rule and patience scale with the schedule, within bounds;
+    a shorter schedule gets larger steps (`StepSizes.of_schedule`).
     """
     look_every = min(50, max(10, iterations // 8))
     return replace(
@@ -36,7 +36,7 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps and planes, no patches at the end, one fit of fewer iterations and Gaussians."""
+    """A quick result: fewer decode steps and planes, no decode by patches, one short fit of fewer Gaussians."""
     base = Settings()
     return replace(
         base,
@@ -50,7 +50,7 @@ def _draft() -> Settings:
 
 
 def _fine() -> Settings:
-    """The best known: four long fits, more Gaussians from the first iteration on; then the fine stage for the best."""
+    """The most accurate: four long fits with more Gaussians from the start, then the fine stage for the best fit."""
     base = Settings()
     fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.4), _FINE_ITERATIONS)
     return replace(base, stride_px=2, fit=fit, fits=4, fine=FineSettings())

@@ -1,9 +1,9 @@
 """The settings of the paper: GS2CI, sections III and IV-A and the supplement, constant by constant.
 
-Here: what the paper states, and nothing of ours where it states something. Where it states nothing, what its trainer
-(nerfstudio's splatfacto on gsplat) does by default. docs/paper-preset.md lists every constant with its section, and
-every deviation with its reason; `tests/reconstruct/fit/test_paper_preset.py` holds this file to that page. Not here:
-what the settings mean (each stage's own file), the other presets (`named`).
+Here: the paper's values wherever it states them; otherwise the defaults of its trainer (nerfstudio's splatfacto on
+gsplat). docs/paper-preset.md lists every constant with its section, and every deviation with its reason;
+`tests/reconstruct/fit/test_paper_preset.py` checks this file against that page. Not here: what the settings mean (each
+stage's own file), the other presets (`named`).
 """
 
 from dataclasses import replace
@@ -24,9 +24,9 @@ from gs2ci.render.settings import RasterSettings
 
 _ITERATIONS: Final = 20_000
 MOST_GAUSSIANS: Final = 2_000_000
-"""The memory guard. The paper bounds the population by what it is at iteration 7,000 and by nothing before, and reports
-that runs without a bound exhaust the memory of a graphics card. Here such a run ends with an error. The optimiser holds
-two million Gaussians in 450 MB, a rendering of eight views of them in a few times that."""
+"""The memory guard. The paper bounds the number of Gaussians by their number at iteration 7,000, without a bound before
+that, and reports that runs without a bound exhaust the memory of a graphics card. Here such a run ends with an error.
+For two million Gaussians the optimiser needs 450 MB, and a rendering of eight views a few times as much."""
 
 
 def paper_settings() -> Settings:
