@@ -1,7 +1,7 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
-Here: the loop, its bookkeeping and its safety net. Not here: what an iteration changes (`coarse_state.py`), the
-settings (`coarse_settings.py`), nor the initial scene (`reconstruct.geometry`).
+Here: the loop, its bookkeeping, and the return to the last good state. Not here: what an iteration changes
+(`coarse_state.py`), the settings (`coarse_settings.py`), the initial scene (`reconstruct.geometry`).
 """
 
 import time
@@ -24,15 +24,15 @@ from gs2ci.render.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class CoarseFit:
-    """What the coarse stage found.
+    """The result of the coarse stage.
 
     Args:
         scene: The Gaussians.
         world_to_camera: Refined poses, [N, 4, 4].
-        views: The scene as each mask saw it from there while it was on show, [N, H, W, C] float32, not clamped.
-        curve: How it came about.
+        views: The scene as each mask saw it while it was displayed, [N, H, W, C] float32, not clamped.
+        curve: The looks at the fit while it ran.
         stopped: Why it ended.
-        notes: What the user should know besides: each time that numbers ran away.
+        notes: Other findings: each time that the fit diverged and was set back.
     """
 
     scene: Gaussians
@@ -43,11 +43,12 @@ class CoarseFit:
     notes: tuple[Finding, ...]
 
 
-# Each halves the step: what runs away with an eighth of it does not do so for its length.
+# Each rollback halves the step. A fit that still diverges with an eighth of the step does not do so because of its
+# length.
 MAX_ROLLBACKS = 3
-# A loss so many times the least one since the population last changed, and at least this share of the first, is a step
-# that exploded, however finite: the scene has left the frame, or its colours the range of light. (A density rule may
-# raise the loss as much, which no step does.)
+# A step has exploded, even if all numbers are finite, if its loss is so many times the smallest one since the density
+# rule was last applied and at least this share of the first: the scene has left the frame, or colours are far out of
+# range. (The density rule may raise the loss as much; a sound step never does.)
 EXPLODED = 3.0
 EXPLODED_SHARE_OF_FIRST = 0.3
 
@@ -66,7 +67,7 @@ def fit_coarse(
     """Fit Gaussians and poses to the measurement.
 
     Args:
-        jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
+        jury: The measurement (its truth is not read), and its pixels that the loss may not see.
         renderer: Renders for this shot, with the geometry's camera matrix.
         start: Initial Gaussians.
         geometry: Initial poses.
@@ -74,15 +75,15 @@ def fit_coarse(
         seed: For the density rule's draws.
         monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
-        rival: Another fit; this one ends at a look at which it is far behind.
+        rival: Another fit; this one ends at the first look at which it is far behind.
 
     Returns:
-        The state with the best held-out residual.
+        The state with the smallest held-out residual.
 
     Raises:
         InputError: The settings make no sense.
         NumericsError: The very first iteration is not finite.
-        ResourceError: The population outgrew the memory guard.
+        ResourceError: The population exceeds the memory guard.
     """
     settings.check()
     fit = FitState(jury, renderer, start, geometry, settings, seed)
@@ -102,7 +103,7 @@ def fit_coarse(
 
 
 class _Loop:
-    """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
+    """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
 
     def __init__(
         self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, rival: Rival | None, *, judged: bool
@@ -123,14 +124,14 @@ class _Loop:
         self._least_loss = float("inf")
 
     def run(self) -> Finding:
-        """Iterate until something says stop; return what."""
+        """Iterate until the fit ends; return why it ended."""
         total = self._pace.total(0)
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
             if self.fit.find_surfaces(iteration / total, self._looks.refine):
-                # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
-                # as well, but not where things are.
+                # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
+                # one may predict the held-out pixels as well, but its depth is worse.
                 self._watch.begin_again(iteration)
             loss = self.fit.backward(iteration / total, iteration)
             ran_away = self._how_it_ran_away(iteration, loss)
@@ -161,7 +162,7 @@ class _Loop:
         return finding(code, iterations=iteration, best=self._watch.best_iteration)
 
     def _is_behind(self, iteration: int) -> bool:
-        """Tell whether another fit is so far ahead at the look just taken that this one is given up."""
+        """Tell whether another fit is so far ahead at the last look that this one should stop."""
         return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _step(self, iteration: int, total: int) -> None:
@@ -177,7 +178,7 @@ class _Loop:
                 self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
-        """Judge the views as they would be handed over now, and remember the state if it is the best."""
+        """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
         began_s = time.monotonic()
         heldout = self._looks.take(self.fit.views(), iteration, loss, len(self.fit.optimiser.scene))
         if self._watch.note(heldout, iteration):
@@ -185,14 +186,14 @@ class _Loop:
         self._pace.looked(time.monotonic() - began_s)
 
     def _figures(self) -> dict[str, float | int]:
-        """Return what the last look found, for the display."""
+        """Return the figures of the last look, for the display."""
         curve = self._looks.curve
         found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
         known = {name: figure for name, figure in found.items() if figure is not None}
         return {**known, "gaussians": len(self.fit.optimiser.scene)}
 
     def _how_it_ran_away(self, iteration: int, loss: float) -> Finding | None:
-        """Say what is wrong with the present iteration; None if it may be taken."""
+        """Return why the present iteration must not be used; None if it may."""
         best = self.best.iteration
         if not self.fit.is_finite(loss):
             return finding(Code.ROLLED_BACK_NOT_FINITE, iteration=iteration, best=best)

@@ -1,4 +1,4 @@
-"""The settings of the coarse stage: its schedule, and those of all that it is made of.
+"""The settings of the coarse stage: its schedule, and the settings of its parts.
 
 Here: `CoarseSettings` and its check. Not here: the stage (`coarse.py`), presets of it (`gs2ci.reconstruct.presets`).
 """
@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
 
 STANDARD_ITERATIONS: Final = 400
-"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time
+"""Of the default schedule. Half as many take 0.7 of the time and lose up to 1 dB
 (docs/decisions/0051-shorter-schedule.md)."""
 
 
@@ -29,17 +29,19 @@ class CoarseSettings:
 
     Args:
         iterations: At most this many.
-        densify_every: Iterations between turns of the density rule.
-        densify_from: Share of the schedule before its first turn.
-        densify_until: Share of the schedule after its last turn.
-        gaussians_per_pixel: Population cap, as a share of the pixels of one view; None for none.
-        most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
-        cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
-        surfaces: How light is gathered on surfaces; None leaves that to the measurement.
-        relief: How turning is exchanged for travel where neither a stage nor a file gave the path; None never does.
-        per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
-            that thresholds found on photographs hold (`gathering.py`).
-        motion: How Gaussians may move that begin with a motion.
+        densify_every: Iterations between applications of the density rule.
+        densify_from: Share of the schedule done before the density rule is first applied.
+        densify_until: Share of the schedule after which it is no longer applied.
+        gaussians_per_pixel: Largest number of Gaussians (the population), as a share of the pixels of one view; None:
+            unbounded.
+        most_gaussians: Population at which the fit ends with an error, before memory runs out; None: no such guard.
+        cap_from: Share of the schedule from which on the population may no longer grow; None: never.
+        surfaces: How light is drawn to surfaces that the views show; None: only the measurement places it.
+        relief: How turning of the cameras is exchanged for travel if neither a stage nor a file gave the path; None:
+            never.
+        per_open_share: Whether the gradients that density rules receive are divided by the masks' share of open pixels,
+            so that thresholds found on photographs hold (`gathering.py`).
+        motion: How Gaussians that start with a motion may move.
         colours: How far colours may change with the direction of sight.
     """
 
@@ -65,8 +67,8 @@ class CoarseSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel between
-                steps of the poses, or the loss's window or hold-out settings out of range.
+            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel with poses
+                that do not step at every iteration, or the loss's window or hold-out settings out of range.
         """
         if self.iterations < 1 or self.densify_every < 1:
             raise InputError(

@@ -1,7 +1,7 @@
-"""What the iterations of the coarse stage change: Gaussians, poses, surfaces, and what density rules decide on.
+"""The state that iterations of the coarse stage change: Gaussians, poses, surfaces, and statistics for density rules.
 
-Here: the state, its gradients, its steps, and copies of it to go back to. Not here: when each is due (`coarse.py`), nor
-what a step is made of (losses, optimiser, poses, density rules: one file each).
+Here: the state, its gradients, its steps, and copies of it to go back to. Not here: when each is due (`coarse.py`), the
+parts of a step (losses, optimiser, poses, density rules: one file each).
 """
 
 import sys
@@ -46,7 +46,7 @@ class FitState:
     """The state of one fit between iterations.
 
     Args:
-        jury: The measurement, and the pixels of it that the loss may not see.
+        jury: The measurement, and its pixels that the loss may not see.
         renderer: Renders for this shot.
         start: Initial Gaussians.
         geometry: Initial poses.
@@ -66,19 +66,19 @@ class FitState:
         shot = jury.shot
         self._seed = seed
         self._jury = jury
-        # Where no parallax was found, views show no depth.
+        # Without parallax, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self._exchange: Exchange | None = None
-        # A stage or a file tells how the camera turned; and what moves in a scene looks like depth.
+        # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._renderer = renderer
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
-        # At a depth of 1, which is the scene's median.
+        # At depth 1, which is the scene's median depth.
         self._px_per_length = float(geometry.intrinsics[0, 0])
         self._pixels = shot.size[0] * shot.size[1]
         self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
@@ -92,18 +92,18 @@ class FitState:
         self.generator = torch.Generator().manual_seed(seed)
 
     def views(self) -> F32:
-        """Render what each mask saw, [N, H, W, C] float32, not clamped."""
+        """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""
         return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
 
     def backward(self, share: float, iteration: int) -> float:
         """Accumulate gradients of the objective.
 
         Args:
-            share: Of the schedule that is done.
-            iteration: How many are.
+            share: Share of the schedule that is done.
+            iteration: Number of iterations done.
 
         Returns:
-            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
+            The loss without the terms of surfaces and motion; NaN if a parameter is not finite.
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
@@ -116,7 +116,7 @@ class FitState:
         for further in (self.settings.motion.penalty(scene, self._px_per_length, self._pixels), self.poses.penalty()):
             if isinstance(further, Tensor):
                 further.backward()  # type: ignore[no-untyped-call]
-        # Before the surfaces' term: they move with an exchange, and do not influence it.
+        # Before the surfaces' term: an exchange moves the surfaces too, so that their gradients must not influence it.
         self._exchange = self._exchange_wanted(poses, share)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
@@ -126,14 +126,14 @@ class FitState:
 
     @property
     def awaits_surfaces(self) -> bool:
-        """Get whether surfaces are yet to be looked for."""
+        """Get whether a search for surfaces is still to come."""
         return bool(self._searches)
 
     def find_surfaces(self, share: float, refine: Refine) -> bool:
-        """Look for surfaces when it is time to, and tell whether some were found now.
+        """Search for surfaces if a search is due, and tell whether some were found now.
 
-        The views are swept as they would be handed over, with their residual put back: a sweep of the final ones is
-        nearer the truth than the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
+        The plane sweep uses the views as they would be delivered, with their residual added: its depth is nearer the
+        truth than that of the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
         """
         settings = self.settings.surfaces
         if settings is None or not self._searches or share < self._searches[0].begins:
@@ -147,7 +147,7 @@ class FitState:
         return found is not None
 
     def _readings(self) -> Readings | None:
-        """Return the measurement as plain areas are asked by it; None where they cannot be."""
+        """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
         shot, renderer = self._jury.shot, self._renderer
         if renderer.lens is not None or renderer.moments_per_mask > 1 or self.optimiser.scene.motion is not None:
             return None
@@ -160,11 +160,11 @@ class FitState:
         )
 
     def is_finite(self, loss: float) -> bool:
-        """Tell whether this iteration may be taken into the parameters."""
+        """Tell whether the loss and all gradients are finite, so that a step may be made."""
         return np.isfinite(loss) and self.optimiser.gradient_is_finite() and self.poses.gradient_is_finite()
 
     def step(self, share: float, damping: float) -> None:
-        """Take the gradients into the parameters, and let the density rule shake the Gaussians."""
+        """Step the parameters by their gradients, and let the density rule shake the Gaussians."""
         exchange = self._exchange
         self.optimiser.step(share, damping)
         self.poses.step(share)
@@ -179,23 +179,23 @@ class FitState:
             self.optimiser.shift(moves)
 
     def _exchange_wanted(self, poses: Tensor, share: float) -> Exchange | None:
-        """Choose how much turning becomes travel, by the present gradients; None where that is not wanted."""
+        """Choose by the present gradients how much turning becomes travel; None if this fit exchanges nothing."""
         gradient = self.poses.gradient()
         if self._relief is None or gradient is None:
             return None
         return self._relief.step(self.optimiser.scene, poses, gradient, share)
 
     def bound_population(self) -> None:
-        """Let the population grow no larger than it is at the first call (paper, supplement II)."""
+        """Bound the population by its size at the first call (paper, supplement II)."""
         if not self._bounded:
             self.cap = min(self.cap, len(self.optimiser.scene))
             self._bounded = True
 
     def densify(self, iteration: int) -> bool:
-        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does.
+        """Apply the density rule; return whether it set the fit back on purpose, as a reset does.
 
         Raises:
-            ResourceError: It wants more Gaussians than the memory guard allows.
+            ResourceError: The rule wants more Gaussians than the memory guard allows.
         """
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
         evidence = self._gathering.evidence(
@@ -210,12 +210,12 @@ class FitState:
         return bool(change.forget)
 
     def _meet_others(self) -> None:
-        """Forget what was seen of the Gaussians and what their renderings shared: they are others now."""
+        """Discard the statistics of the Gaussians and what their renderings share, since the Gaussians are new now."""
         self._gathering.start_again(len(self.optimiser.scene))
         self._reuse = self._renderer.reuse()
 
     def _dissimilarity(self) -> Tensor:
-        """Return what is wrong with the present prediction, [H, W]."""
+        """Return the dissimilarity of the present prediction and the measurement, [H, W]."""
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
         predicted, _ = self._renderer.measurement_with_pull(scene, poses, self._reuse)
         return torch.from_numpy(self.data_term.dissimilarity(predicted))
@@ -229,7 +229,7 @@ class FitState:
         """Go back to a state."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
-        # Found once, they stay; but they have moved with the path.
+        # Surfaces are kept once they are found; those of the state fit its path, which later exchanges moved.
         self._surfaces = state.surfaces or self._surfaces
         self._meet_others()
 
@@ -238,7 +238,7 @@ _UNBOUNDED: Final = sys.maxsize
 
 
 def _guard_memory(count: int, most: int | None, iteration: int) -> None:
-    """Refuse a population that the memory guard does not allow."""
+    """Raise an error if the population exceeds the memory guard."""
     if most is not None and count > most:
         raise ResourceError(
             f"the density rule wants {count:,} Gaussians at iteration {iteration}",

@@ -1,27 +1,27 @@
-"""Views combined of several: the convex combination that is expected to err least.
+"""Views combined from several candidates: the convex combination with the smallest expected error.
 
-A scene errs where the world is not as its model says, a decode where the masks leave it blind; where both err as much,
-the mean of the two errs less than either. What each errs by is told by pixels that none of them saw. But what is handed
-over is found from all pixels, and differs there: with its own reading known, a view no longer errs along that
-pixel's masks, and takes over that reading's noise. So the held-out pixels' residual, and by how much they change once
-they are seen, give the error of the views as they are handed over.
+A scene errs where the world differs from its model, a decode where the masks pass no information; if their errors are
+about equal and independent, the mean of the two errs less than either. The error of each candidate is estimated at
+pixels that none of them saw. But the delivered views are computed from all pixels, and differ there: with its own
+reading known, a pixel no longer errs along its masks, but takes over the noise of that reading. So the error of the
+delivered views follows from the residuals at the held-out pixels and from how much the views change there once these
+pixels are seen.
 
 With e_j = truth − blind views of candidate j at a held-out pixel, [N], its residual r_j = M·e_j + noise, and
 d_j = full − blind views there, the errors of full views have the expected products
 
     ⟨(e_j − d_j)·(e_k − d_k)⟩ ≈ ⟨ N r_j r_k − r_j (M·d_k) − r_k (M·d_j) + (a_j + a_k) σ² ⟩ / |M|² + ⟨d_j·d_k⟩,
 
-where errors are taken to be alike and independent in all views (e·d ≈ (M·e)(M·d)/|M|²), a_k is the share of its own
-reading's residual that candidate k takes over, and σ² is the power of the noise; N σ²/|M|² is left out, being the same
-for all.
+where errors are assumed to be equally large and independent in all views (e·d ≈ (M·e)(M·d)/|M|²), a_k is the share of
+its own reading's residual that candidate k takes over, and σ² is the power of the noise; N σ²/|M|² is left out, since
+it is the same for all.
 
-A scene that is fitted to a sum of views in which things move otherwise than it can follow shows the sum rightly and the
-views wrongly: its errors cancel along the views, and leave less of a held-out pixel than they are worth. With
-covariance 1 − 11ᵀ/N along the views, r² stands for |M|² − (Σ M)²/N instead of |M|²: half of it behind masks of which
-half is open. The residuals of such candidates are taken √(|M|²/(|M|² − (Σ M)²/N)) times as large, and the noise in them
-no larger than it is.
+If things move in a way that a scene cannot follow, its fit reproduces the sum of the views but not each view: its
+errors cancel along the views, and the held-out residual is smaller than these errors warrant. With covariance
+1 − 11ᵀ/N along the views, r² measures |M|² − (Σ M)²/N instead of |M|²: half of it behind masks that are half open. The
+residuals of such candidates are therefore scaled by √(|M|²/(|M|² − (Σ M)²/N)), without scaling the noise in them.
 
-Here: these products, the shares and the sum. Not here: the candidates (`reconstruct.handing_over`).
+Here: these products, the weights (called shares) and the sum. Not here: the candidates (`reconstruct.handing_over`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,25 +36,26 @@ from gs2ci.reconstruct.measurement.jury import Jury
 
 Name = TypeVar("Name", bound=str)
 
-# Where all masks are about as open, next to nothing of such errors is seen, and no residual tells how large they are.
+# If all masks are about equally open at a pixel, the residual hardly shows such errors and cannot tell their size: this
+# bounds the correction.
 _LEAST_SHOWN: Final = 0.25
-# A share that is smaller than this is chance.
+# Smaller shares are chance, and set to 0.
 _LEAST_SHARE: Final = 0.05
-# A fit follows some of the noise, so that less is left of it where the fit has seen it.
+# A fit follows some of the noise at the pixels that it sees, so that the noise there is larger than the residual shows.
 _FOLLOWED: Final = 1.1
-# Half of all normal deviates are smaller than this. The median residual tells the noise, since a model that is wrong in
-# places leaves much in those places only.
+# The median of the absolute value of a standard normal deviate. The noise is estimated from the median residual, which
+# a model that is wrong only in places hardly changes.
 _MEDIAN_DEVIATE: Final = 0.6745
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Views that may be handed over, [N, H, W, C] each.
+    """A candidate for the delivered views, [N, H, W, C] each.
 
     Args:
-        blind: Found without the held-out pixels.
-        full: Found in the same way from all pixels.
-        cancels: Whether its errors cancel along the views, as those of a scene that cannot follow what moves.
+        blind: Computed without the held-out pixels.
+        full: Computed in the same way from all pixels.
+        cancels: Whether its errors cancel along the views, as those of a scene that cannot follow moving things.
     """
 
     blind: F32
@@ -63,14 +64,14 @@ class Candidate:
 
 
 def noise_power(jury: Jury, views: F32) -> float:
-    """Return the power of the measurement's noise, at most, told by what views of a scene leave of pixels they saw.
+    """Return an upper bound on the power of the measurement's noise, from a scene's residual at pixels that it saw.
 
     Args:
         jury: The measurement.
         views: Of a scene, which cannot follow the noise of single pixels, [N, H, W, C].
 
     Returns:
-        In squared units of the measurement; 0 where no pixel can tell.
+        In squared units of the measurement; 0 if there is no usable pixel.
     """
     asked = jury.shot.lit & ~jury.heldout
     if jury.shot.saturated is not None:
@@ -87,7 +88,7 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     Args:
         jury: The measurement, and its held-out pixels, of which there is at least one.
         candidates: J of them.
-        noise: Power of the measurement's noise; bounded by what the candidates leave of pixels that none has seen.
+        noise: Power of the measurement's noise; it is bounded here by the candidates' residuals at held-out pixels.
 
     Returns:
         Summed over the views, per pixel and channel.
@@ -102,7 +103,7 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     residuals = [residual * factor[:, None] for residual, factor in zip(residuals, worth, strict=True)]
     changes = [(one.full - one.blind)[:, heldout].astype(np.float64) for one in candidates]
     coded = [_at(jury, jury.coded(one.full - one.blind)) for one in candidates]
-    # Behind a colour filter array one of three channels is read, and changes by its own reading.
+    # With a colour filter array each pixel reads one of three channels, and only that one changes by its own reading.
     read = residuals[0].shape[1] / changes[0].shape[2]
     taken = [_share_taken(change, residual) for change, residual in zip(coded, residuals, strict=True)]
 
@@ -117,19 +118,19 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
 
 
 def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
-    """Return by how much views are expected to err, root mean square over all pixels, views and channels.
+    """Return the expected error of views, root mean square over all pixels, views and channels.
 
-    As above with what is the same for all: N σ²/|M|². A pixel that no mask opens has no reading to be known by, and
-    errs like one whose reading was held out. Fits follow noise, of which too little is then taken off: about right
-    where there is little of it, and too much where there is more.
+    It is the expected product above plus the term N σ²/|M|² left out there. A pixel that no mask opens has no reading,
+    and is taken to err like one whose reading was held out. Fits follow noise, so too little noise is subtracted: the
+    result is about right if there is little noise, and too large if there is more.
 
     Args:
         jury: The measurement, and its held-out pixels.
-        views: Those that are handed over.
+        views: The delivered views.
         noise: Power of the measurement's noise, as by `noise_power`.
 
     Returns:
-        In full scales of one view; None where no pixel was held out, or the views are not finite.
+        In full scales of one view; None if no pixel was held out, or the views are not finite.
     """
     if not jury.heldout.any() or not _is_finite(views):
         return None
@@ -143,7 +144,7 @@ def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
 
 
 def _hidden(weighted: F64) -> F64:
-    """Return by how much less errors that cancel along the views leave of pixels, [K], whose masks are [N, K]."""
+    """Return by what factor residuals at pixels, [K], understate errors that cancel along the views; masks: [N, K]."""
     light = (weighted**2).sum(axis=0)
     shown = light - weighted.sum(axis=0) ** 2 / len(weighted)
     hidden: F64 = np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
@@ -156,7 +157,7 @@ def _at(jury: Jury, image: F32) -> F64:
 
 
 def _share_taken(coded: F64, residual: F64) -> float:
-    """Return which share of its own reading's residual a candidate takes over."""
+    """Return the share of its own reading's residual that a candidate takes over once it sees that reading."""
     power = float((residual**2).sum())
     return float(np.clip((coded * residual).sum() / power, 0, 1)) if power > 0 else 0.0
 
@@ -164,8 +165,8 @@ def _share_taken(coded: F64, residual: F64) -> float:
 def least_on_simplex(products: F64) -> F64:
     """Return the shares, [J], not negative and of sum 1, with the smallest expected error a·Q·a.
 
-    Every set of candidates is tried: the smallest of the stationary points of all faces is the smallest of all, also
-    where chance has made the products indefinite.
+    Every subset of candidates is tried: the smallest of the stationary points of all faces is the global minimum, even
+    if chance has made the matrix of products indefinite.
 
     Args:
         products: Q, [J, J], symmetric.
@@ -189,15 +190,15 @@ def least_on_simplex(products: F64) -> F64:
 
 
 def shares(jury: Jury, candidates: Mapping[Name, Candidate], noise: float) -> dict[Name, float]:
-    """Return the share of each candidate in the combination that is expected to err least.
+    """Return the share of each candidate in the combination with the smallest expected error.
 
     Args:
         jury: The measurement, and its held-out pixels.
-        candidates: By name; those that are not finite get no share. The first stands alone where no pixel was held out.
+        candidates: By name; those that are not finite get share 0. If no pixel was held out, the first gets share 1.
         noise: Power of the measurement's noise, as by `noise_power`.
 
     Returns:
-        Shares from 0 to 1 that add up to 1; small ones are 0.
+        Shares from 0 to 1 with sum 1; small ones are set to 0.
     """
     names = list(candidates)
     usable = [name for name in names if _is_finite(candidates[name])]
@@ -214,7 +215,7 @@ def _is_finite(candidate: Candidate) -> bool:
 
 
 def combined(candidates: Mapping[Name, F32], parts: Mapping[Name, float]) -> F32:
-    """Return the sum of candidates, [N, H, W, C] each, by their shares; those without a share need not be there."""
+    """Return the sum of candidates, [N, H, W, C] each, weighted by their shares; those of share 0 may be missing."""
     (first, share), *others = ((name, share) for name, share in parts.items() if share > 0)
     total: F32 = np.float32(share) * candidates[first]
     for name, share in others:

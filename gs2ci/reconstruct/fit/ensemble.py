@@ -1,11 +1,11 @@
-"""Several fits to one measurement, side by side, and the mean of what they show.
+"""Several fits to one measurement, side by side, and the mean of their views.
 
-One coded measurement does not determine N views: what no mask let through is filled in by the fit, and a fit that
-begins a little differently fills it in differently. What fits agree on is in the measurement; where they differ, their
+One coded measurement does not determine N views: a fit fills in what no mask let through, and fits with slightly
+different starts fill it in differently. Where fits agree, the measurement determines them; where they differ, their
 mean is nearer the truth than any of them (the mean of posterior samples has the least expected squared error).
 
-Here: how fits are made to differ, that they run at the same time, and what is handed over in the end. Not here: a
-fit (`coarse.py`).
+Here: how fits are made to differ, how they run at the same time, and how their views are combined. Not here: a fit
+(`coarse.py`).
 """
 
 import threading
@@ -33,24 +33,24 @@ from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
-_STREAM: Final = 0x3A7E  # keeps these draws apart from every other one of the same seed
+_STREAM: Final = 0x3A7E  # makes these random draws independent of all others of the same seed
 _SCATTER: Final = 0.5
-"""How far the first Gaussians of a companion stand from the leader's, in their own standard deviations: enough to
-make fits differ from the first iteration on, too little to spoil what the geometry found."""
+"""How far the first Gaussians of a companion are displaced from the leader's, in their own standard deviations: enough
+to make fits differ from the first iteration on, too little to spoil the geometry's estimate."""
 
 
 _NEIGHBOURHOOD_PX: Final = 1.0
-"""That a few fits agree in one pixel is often chance; over a few pixels it tells more of the error."""
+"""A few fits often agree in one pixel by chance; their disagreement over a few pixels predicts the error better."""
 
 
 @dataclass(frozen=True)
 class Member:
-    """What makes one fit differ from the others.
+    """One fit of an ensemble: the inputs in which it differs from the others.
 
     Args:
         start: First Gaussians.
         density: Its density rule.
-        seed: Of its draws.
+        seed: Of its random draws.
     """
 
     start: Gaussians
@@ -62,11 +62,11 @@ FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
 
 
 def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: int) -> tuple[Member, ...]:
-    """Return so many beginnings: the first as it is, the others scattered about it.
+    """Return the members of an ensemble: the first with the given start, the others scattered about it.
 
     Args:
         start: First Gaussians.
-        rules: Density rules, taken in turn: what errs in different ways averages better.
+        rules: Density rules, used in turn: fits whose errors differ average better.
         count: How many.
         seed: Of every draw.
     """
@@ -75,7 +75,7 @@ def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: in
         own = int(np.random.SeedSequence([seed, _STREAM, number]).generate_state(1, np.uint64)[0] >> 1)
         draw = torch.Generator().manual_seed(own)
         scattered = start.map(lambda tensor: tensor.clone())
-        # First Gaussians are spheres, so that their axes need no turning.
+        # First Gaussians are spheres, so that their orientation does not matter.
         scattered.means = start.means + _SCATTER * start.log_scales.exp() * torch.randn(
             start.means.shape, generator=draw
         )
@@ -90,16 +90,16 @@ def fit_together(
     pace: Pace | None,
     halt: Halt | None = None,
 ) -> tuple[CoarseFit, ...]:
-    """Run all fits at the same time, each on its share of the threads; the first one leads.
+    """Run all fits at the same time, each on its share of the threads; the first one is the leader.
 
-    They share processors better than one fit uses all of them, and what each does depends on none of the others.
+    Several fits use the processors better than one fit on all threads, and no fit depends on another.
 
     Args:
         fit_one: Runs one.
         beginnings: One for each.
-        progress: Receives the leader.
-        pace: Of the leader; companions have one beside it.
-        halt: Which the fits look at; where they run in turn, none begins after it was asked.
+        progress: Receives the leader's steps.
+        pace: Of the leader; each companion gets one derived from it.
+        halt: A request to end early, which the fits heed; if they run in turn, none starts after it was made.
 
     Returns:
         The leader's fit, then those of its companions in their order, without any whose numbers were not finite.
@@ -135,17 +135,17 @@ def fit_together(
 
 
 def _kernels_run_in_threads() -> bool:
-    """Tell whether kernels may run in several threads at once: Numba's own work queue ends the process then."""
+    """Tell whether kernels may be called from several threads at once; Numba's own work queue would end the process."""
     try:
         return bool(numba.threading_layer() != "workqueue")
-    except ValueError:  # no kernel has run yet, so nobody knows
+    except ValueError:  # no kernel has run yet, so the layer is not known
         return False
 
 
 def _one_after_another(
     fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None, halt: Halt
 ) -> tuple[CoarseFit, ...]:
-    """Run the fits in turn; with a deadline, which one fit fills, the leader alone."""
+    """Run the fits in turn; with a deadline only the leader, which uses all the time."""
     if pace is not None:
         beginnings = beginnings[:1]
         progress.say("Without OpenMP, fits cannot run side by side: within a budget there is one.")
@@ -157,12 +157,12 @@ def _one_after_another(
 
 
 def _until(halt: Halt, beginnings: Iterable[Member]) -> Iterator[Member]:
-    """Give them one by one, until it is asked to halt."""
+    """Yield them one by one until a halt is requested."""
     return takewhile(lambda _: not halt.asked, beginnings)
 
 
 def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) -> list[CoarseFit]:
-    """Return what companions give, run here or waited for; leave out those whose numbers were not finite."""
+    """Return the fits of companions, run here or waited for, without those whose numbers were not finite."""
     found = []
     for companion in companions:
         try:
@@ -172,22 +172,22 @@ def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) ->
     return found
 
 
-class _Stopped(Exception):  # noqa: N818 - the end of a thread that nobody waits for, not an error
-    """The leader failed, or the user has had enough."""
+class _Stopped(Exception):  # noqa: N818 - ends a thread whose result is no longer wanted; not an error
+    """The leader failed, or the user interrupted the run."""
 
 
 class _Until(Silent):
-    """A listener that ends its fit when it is told to."""
+    """A progress listener that ends its fit when an event is set."""
 
     def __init__(self, stop: threading.Event) -> None:
         super().__init__()
         self._stop = stop
 
     def step(self, done: int, **figures: float | int | str) -> None:
-        """Go on, or end.
+        """Do nothing, or end the fit.
 
         Raises:
-            _Stopped: It is time.
+            _Stopped: The event is set.
         """
         if self._stop.is_set():
             raise _Stopped
@@ -198,9 +198,9 @@ class Ensemble:
     """Fits to one measurement.
 
     Args:
-        best: The one whose refined views explain the held-out pixels best: its scene and its cameras are handed over.
-        views: The mean of all fits' views, [N, H, W, C]; those of the best alone where held-out pixels say that it
-            is better.
+        best: The one whose refined views explain the held-out pixels best; its scene and cameras are the result.
+        views: The mean of all fits' views, [N, H, W, C]; those of the best alone if they surely explain the held-out
+            pixels better.
         averaged: How many fits the views are the mean of.
         disagreement: How far the fits' views are from their mean, root-mean-square over fits and colours and a few
             neighbouring pixels, [N, H, W] float32 in full scales; None with one fit.
@@ -215,7 +215,7 @@ class Ensemble:
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """Get what happened to each fit, and whether their mean was refused."""
+        """Get the findings of each fit, and whether their mean was rejected."""
         beside = (
             finding(Code.OF_ANOTHER_FIT, sentence=note.sentence, code=note.code)
             for fit in self.others
@@ -226,7 +226,7 @@ class Ensemble:
         return (*self.best.notes, *beside, *doubt)
 
     def summary(self) -> dict[str, float | int | None]:
-        """Return what a report says of it; `spread` is the root-mean-square disagreement."""
+        """Return the figures for the report; `spread` is the root-mean-square disagreement."""
         spread = None if self.disagreement is None else float(np.sqrt(np.mean(self.disagreement**2, dtype=np.float64)))
         return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": spread}
 
@@ -237,7 +237,7 @@ def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensembl
     Args:
         fits: At least one.
         jury: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
-        refine: What will be done to the views before they are handed over.
+        refine: Adds the decoded residual to views, as before delivery.
     """
     if len(fits) == 1:
         return Ensemble(fits[0], fits[0].views)
@@ -255,7 +255,7 @@ def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensembl
 def _mean(fits: tuple[CoarseFit, ...]) -> tuple[F32, F32]:
     """Return the mean of the fits' views, [N, H, W, C], and how far they are from it, [N, H, W].
 
-    View by view: in float64, all views of all fits would not fit beside those of a large shot.
+    View by view, since the float64 views of all fits to a large shot might not fit into memory at once.
     """
     together = np.empty(fits[0].views.shape, np.float32)
     disagreement = np.empty(together.shape[:3], np.float32)

@@ -1,7 +1,7 @@
-"""The looks at a running fit: what its views would be worth if they were handed over now, and the curve of it.
+"""The looks at a running fit: how good its views would be if they were delivered now, and the curve of that.
 
 Here: a look, its point of the curve, and the record of what a fit calls while it runs (`Monitoring`). Not here: when a
-fit looks (`coarse.py`, `fine.py`), and when it ends (`stopping.py`).
+fit looks (`coarse.py`, `fine.py`), when it ends (`stopping.py`).
 """
 
 import time
@@ -23,11 +23,11 @@ class Monitoring:
     """What a fit calls while it runs, and what may interrupt it.
 
     Args:
-        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
+        refine: Adds the decoded residual to the scene's views, [N, H, W, C], as before delivery.
         progress: Called at every iteration.
         score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
         since_s: `time.monotonic()` from which the curve's seconds count, as of the whole reconstruction; None: now.
-        halt: Ends the fit after the iteration in which it is set.
+        halt: A request to end early; the fit ends after the iteration in which it is made.
     """
 
     refine: Refine
@@ -38,7 +38,7 @@ class Monitoring:
 
 
 class Looks:
-    """Judges a fit's views, and keeps what came out.
+    """Judges a fit's views, and keeps the curve of the results.
 
     Args:
         jury: The measurement and its held-out pixels.
@@ -53,7 +53,7 @@ class Looks:
         self._since_s = time.monotonic() if monitoring.since_s is None else monitoring.since_s
 
     def take(self, views: F32, iteration: int, loss: float, gaussians: int) -> float | None:
-        """Enter one look; return the held-out residual of the refined views, None where no pixel is held out.
+        """Record one look; return the held-out residual of the refined views, None if no pixel is held out.
 
         Args:
             views: The scene's, [N, H, W, C].

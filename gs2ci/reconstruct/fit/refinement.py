@@ -1,12 +1,13 @@
-"""What the residual decodes to, put back into a scene's views as far as the held-out pixels bear it out.
+"""Refinement: the residual of a scene is decoded into views, and a share of them is added to the scene's views.
 
-Here: how much of it. Not here: the decode (`decode.residual`), nor the choice between the refined views, the scene's
-and the decode's (`pipeline`).
+Here: the share. Not here: the decode (`decode.residual`), the choice between the refined views, the scene's and the
+decode's (`handing_over`).
 
-Without noise the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
-what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.
-Pixels that were seen know more of their residual than those, and a few pixels say little: so it is the largest share
-that they do not surely speak against. Where that is still too much, the choice between the candidates finds it out.
+Without noise the residual is mostly detail that the scene lacks; in a noisy measurement it is mostly noise. How much of
+the decoded residual is added is one number, found by least squares at the held-out pixels. That estimate is too small
+for pixels that the decode sees, since their own readings are known, and it is uncertain, since these pixels are few.
+So the largest share is taken that the held-out pixels do not surely contradict. If that is still too large, the
+combination of the candidates corrects it.
 """
 
 import numpy as np
@@ -17,11 +18,11 @@ from gs2ci.reconstruct.measurement.jury import SURE, Jury
 
 
 class Refinement:
-    """Adds to views what their residual decodes to.
+    """Adds the decoded residual of views to them.
 
     Args:
-        jury: The measurement, and the pixels of it that no decode may see.
-        settings: How the residual is decoded; None puts nothing back.
+        jury: The measurement, and its pixels that no decode may see.
+        settings: How the residual is decoded; None: nothing is added.
 
     Raises:
         InputError: The settings make no sense.
@@ -35,11 +36,11 @@ class Refinement:
         self._settings = settings
 
     def __call__(self, views: F32) -> F32:
-        """Refine views, [N, H, W, C] float32; the held-out pixels stay unseen, so that they may judge the result."""
+        """Refine views, [N, H, W, C] float32, without the held-out pixels, so that these may judge the result."""
         return self.with_share(views)[0]
 
     def with_share(self, views: F32) -> tuple[F32, float]:
-        """Refine views, [N, H, W, C] float32; tell as well which share was put back, from 0 to 1."""
+        """Refine views, [N, H, W, C] float32; also return the share that was added, from 0 to 1."""
         if self._settings is None:
             return views, 0.0
         added = decode_residual(self._seen, views, self._settings)
@@ -47,10 +48,11 @@ class Refinement:
         return _plus(views, share, added), share
 
     def in_full(self, views: F32) -> F32:
-        """Refine views, [N, H, W, C] float32, by all that their residual decodes to.
+        """Refine views, [N, H, W, C] float32, by the whole decoded residual.
 
-        So a fit is watched: a share that makes up for what an early scene lacks would hide how the scene improves, and
-        ended a fit of photographs (`fern_photos_wide`) at its first look.
+        Running fits are judged by these views. With a fitted share, which compensates for what an early scene lacks,
+        the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`) at its first
+        look.
         """
         if self._settings is None:
             return views
@@ -65,16 +67,16 @@ class Refinement:
         return in_full, _plus(views, self.share(views, added), added)
 
     def by_all_pixels(self, views: F32, share: float) -> F32:
-        """Refine views, [N, H, W, C] float32, by this share of what the whole measurement's residual decodes to.
+        """Refine views, [N, H, W, C] float32, by this share of the residual decoded from all pixels.
 
-        For the end, where nothing is left to judge; the share is that of the pixels that were seen (`with_share`).
+        For the final views, which the held-out pixels no longer judge; the share is that of `with_share`.
         """
         if self._settings is None:
             return views
         return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:
-        """Return how much of `added` belongs into `views`, [N, H, W, C], from 0 to 1; 1 where no pixel is held out."""
+        """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""
         heldout = self._jury.heldout
         if not heldout.any():
             return 1.0
@@ -89,7 +91,7 @@ class Refinement:
 
 
 def _plus(views: F32, share: float, added: F32) -> F32:
-    """Return views + share * added; `added` is used up, as large shots have no room for copies."""
+    """Return views + share * added, computed in `added`, since memory may not hold copies of a large shot."""
     added *= np.float32(share)
     added += views
     return added

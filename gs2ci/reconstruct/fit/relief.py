@@ -1,20 +1,20 @@
-"""The one combination of path and scene that a fit hardly sees, as a parameter of its own.
+"""The bas-relief ambiguity of camera path and scene, as one parameter of the fit.
 
-Add a constant to all inverse depths, turn each camera by what that shifts its picture, and the views stay nearly as
-they were: a camera that turns a little looks like one that travels past something a little nearer. (The bas-relief
-ambiguity; Belhumeur, Kriegman and Yuille 1999; for motion, Daniilidis and Spetsakis 1997.) What tells the two apart is
-perspective at the rims, a few tenths of a pixel. Poses and Gaussians that step one by one do not follow so shallow a
-valley in a few hundred iterations, since every Gaussian would have to move with every camera: one step along it moves
-all of them together.
+If a constant is added to all inverse depths and each camera is turned to undo the shift of its picture, the views
+hardly change: a camera that turns a little looks like one that travels past something a little nearer (Belhumeur,
+Kriegman and Yuille 1999; for motion, Daniilidis and Spetsakis 1997). Only perspective at the borders of the picture, a
+few tenths of a pixel, tells the two apart. Poses and Gaussians with separate steps do not follow so shallow a valley in
+a few hundred iterations, since every Gaussian would have to move with every camera. A step of this parameter moves all
+of them together.
 
 With the reference camera as the frame, X = z (u, v, 1), translations t_i of the others and e the direction across the
 image in which most of them lie, the step by beta is, to first order,
 
     1/z  ->  1/z + beta (1 + ((u, v) . e)^2),       camera i turns by beta (t_y, -t_x, 0),
 
-where the square takes up what a turn shifts, beyond a constant, along the path. What is left is a shift by
--beta (t . u) across the path, in px times the focal length: zero in the middle of the picture, and what decides. All
-is then scaled so that the median depth stays.
+where the square compensates the part of a turn's shift along the path that is not constant. What remains is a shift by
+-beta (t . u) across the path, in px times the focal length: it is zero in the middle of the picture, and by it the
+measurement decides. Everything is then scaled so that the median depth stays the same.
 
 Here: the direction, and its steps. Not here: the gradients (`coarse.py`), the poses (`poses.py`).
 """
@@ -33,9 +33,9 @@ from gs2ci.reconstruct.fit.relief_kernels import derivative_along, step_of_gauss
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
-# Of (u, v) along the path: a field of view of 90 degrees.
+# Bound on (u, v) along the path: a field of view of 90 degrees.
 _WIDEST: Final = 1.0
-# Of a distance, as a share of itself, in one step: with inverse depths near 0 the first order ends there.
+# Bound on the relative growth of a distance in one step: with inverse depths near 0, the first order no longer holds.
 _MOST_GROWTH: Final = 0.25
 
 
@@ -44,7 +44,7 @@ class ReliefSettings:
     """How inverse depth and turning are exchanged.
 
     Args:
-        begins: Share of the schedule before the first step: first Gaussians are faint, and lead the wrong way.
+        begins: Share of the schedule before the first step: the first Gaussians are faint, and their gradients mislead.
         rate: Adam's step at the start of the schedule, in units of inverse depth, whose median is about 1.
         final_rate: At its end; exponential in between.
     """
@@ -66,14 +66,14 @@ class ReliefSettings:
 
 @dataclass(frozen=True)
 class ReliefStep:
-    """Derivatives by beta of all that moves with it.
+    """Derivatives by beta of everything that moves with it.
 
     Args:
         means: [G, 3].
         log_sizes: Of every axis of each Gaussian, [G].
         twists: Of the cameras, applied after their poses: translation in scene units first, [N, 6].
-        bend: What is added to inverse depth grows off the reference view's axis by the square of the component of
-            (u, v) along this, [2].
+        bend: Direction, [2]: off the reference view's axis, the addition to inverse depth grows by the square of the
+            component of (u, v) along it.
         shrink: The share by which inverse depths are divided afterwards.
     """
 
@@ -90,7 +90,7 @@ def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> Re
     Args:
         scene: The Gaussians.
         world_to_camera: Poses, [N, 4, 4].
-        reference: The view whose centre stays.
+        reference: The view whose centre stays in place.
     """
     poses = world_to_camera.detach().double().numpy()
     own = poses[reference]
@@ -112,11 +112,11 @@ def _main_direction(vectors: F64) -> F64:
 
 
 class Relief:
-    """Steps along that direction by Adam, on the gradients that scene and poses have at the time.
+    """Steps along that direction by Adam, from the present gradients of scene and poses.
 
     Args:
         settings: Of the steps.
-        reference: The view whose centre stays.
+        reference: The view whose centre stays in place.
     """
 
     def __init__(self, settings: ReliefSettings, reference: int) -> None:
@@ -133,10 +133,10 @@ class Relief:
     def step(
         self, scene: Gaussians, world_to_camera: Tensor, twist_gradient: Tensor, progress: float
     ) -> "Exchange | None":
-        """Choose a step by the present gradients; taking it is up to the caller.
+        """Choose a step by the present gradients; the caller applies it.
 
-        None before it is time, where a gradient is not finite, and where the camera goes forward more than aside: then
-        no turn looks like travel.
+        None before steps begin, if a gradient is not finite, and if the camera moves forward more than sideways, since
+        then no turn looks like travel.
 
         Args:
             scene: The Gaussians, with their gradients.
@@ -176,7 +176,7 @@ class Exchange:
 
     @property
     def twists(self) -> Tensor:
-        """Get what cameras move by, after their poses: translation in scene units first, [N, 6]."""
+        """Get the cameras' motion, applied after their poses: translation in scene units first, [N, 6]."""
         return self.beta * self.along.twists
 
 

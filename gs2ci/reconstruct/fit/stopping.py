@@ -1,7 +1,7 @@
-"""When a fit ends: how long it waits for the held-out pixels, and the watch that follows what they say.
+"""When a fit ends: how long it waits for the held-out residual to improve.
 
-Here: the settings, the watch that follows what they say, and the rival that a fit has to keep up with. Not here: the
-pixels and their judgement (`gs2ci.reconstruct.measurement.jury`), the loop (`coarse.py`).
+Here: the settings, the watch that follows the residual, and the rival with which a fit is compared. Not here: the
+held-out pixels and their residual (`gs2ci.reconstruct.measurement.jury`), the loop (`coarse.py`).
 """
 
 from collections.abc import Mapping
@@ -14,15 +14,15 @@ from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE
 
 @dataclass(frozen=True)
 class HoldOut:
-    """How much of the measurement is held out, and how long the fit waits for it.
+    """How much of the measurement is held out, and how long a fit waits for its residual to improve.
 
     Args:
         share: Share of the coded pixels that no stage sees.
         look_every: Iterations between looks at them.
         patience: Iterations without improvement after which the fit ends.
         growth_patience: Iterations without improvement after which the population no longer grows: more Gaussians
-            would only fit what the loss sees.
-        improvement: Relative decrease of the residual that counts as one.
+            would only fit the pixels that the loss sees.
+        improvement: Relative decrease of the residual that counts as an improvement.
     """
 
     share: float = HELDOUT_SHARE
@@ -47,19 +47,19 @@ class HoldOut:
         return self
 
 
-# What a fit of a quarter of the schedule leaves tells enough of what it will leave in the end: fits from rest left 1.38
-# times what those along a path left on the real fan, and 1.4 times in the end; 0.99 and 0.99 times on two others, where
-# they ended with 0.6 and 0.97 of it. Earlier the latter had left up to 1.2 times as much.
+# After a quarter of the schedule the residual of a fit predicts its final one well enough. On the real fan the residual
+# of fits from rest was 1.38 times that of fits along a path, and 1.4 times in the end; on two others it was 0.99 times
+# in both, and 0.6 and 0.97 times in the end. Before that quarter it had been up to 1.2 times on these two.
 _FAIR_SHARE: Final = 0.25
 _BEHIND: Final = 1.2
 
 
 @dataclass(frozen=True)
 class Rival:
-    """Another fit of the same schedule to the same measurement, which a fit is not to fall far behind.
+    """Another fit of the same schedule to the same measurement; a fit that falls far behind it is stopped.
 
     Args:
-        heldout: What it left of the held-out pixels, by the number of iterations.
+        heldout: Its held-out residuals, by the number of iterations.
         iterations: Of the schedule.
     """
 
@@ -67,7 +67,7 @@ class Rival:
     iterations: int
 
     def is_out_of_reach(self, residual_rms: float | None, iteration: int) -> bool:
-        """Tell whether a fit that leaves so much after so many iterations is worth going on with no more."""
+        """Tell whether a fit with this held-out residual after so many iterations should stop."""
         other = self.heldout.get(iteration)
         if residual_rms is None or other is None or iteration < _FAIR_SHARE * self.iterations:
             return False
@@ -75,7 +75,7 @@ class Rival:
 
 
 class Watch:
-    """Follows the held-out residual: tells a new best, and when it has stopped improving."""
+    """Follows the held-out residual: recognises a new best, and when it has stopped improving."""
 
     def __init__(self, settings: HoldOut) -> None:
         self._settings = settings
@@ -85,7 +85,7 @@ class Watch:
         self._reference_iteration = 0
 
     def note(self, residual_rms: float | None, iteration: int) -> bool:
-        """Take a look's residual; return True if it is the best so far (always, where nothing is held out)."""
+        """Record a look's residual; return True if it is the best so far (always, if no pixel is held out)."""
         if residual_rms is None:
             self.best_iteration = self._reference_iteration = iteration
             return True
@@ -97,18 +97,18 @@ class Watch:
         return False
 
     def set_back(self, iteration: int) -> None:
-        """Expect the residual to rise now and to recover: improvement counts anew, the best state stays the best."""
+        """Expect the residual to rise now and recover: patience starts anew, the best state so far is kept."""
         self._reference, self._reference_iteration = float("inf"), iteration
 
     def begin_again(self, iteration: int) -> None:
-        """Forget all that was found: what comes now is what is wanted, be its residual larger."""
+        """Forget the best so far: a later state is to become the best even if its residual is larger."""
         self.set_back(iteration)
         self._best = float("inf")
 
     def may_grow(self, iteration: int) -> bool:
-        """Tell whether the residual has improved lately, so that more Gaussians are worth having."""
+        """Tell whether the residual has improved recently, so that more Gaussians help."""
         return iteration - self._reference_iteration <= self._settings.growth_patience
 
     def stalled(self, iteration: int) -> bool:
-        """Tell whether nothing has improved for as long as patience lasts."""
+        """Tell whether the residual has not improved for as long as patience lasts."""
         return iteration - self._reference_iteration >= self._settings.patience

@@ -1,10 +1,10 @@
-"""Where surfaces are, as the views of a running fit show them, and a term that gathers a scene's light there.
+"""Surfaces that the views of a running fit show, and a loss term that draws a scene's light to them.
 
-Views leave open how the Gaussians along a ray share its light: half of a fitted scene is fog that shows the right
-pictures from the right places. The views that it shows are good enough, though, to find depth in by a plane sweep as
-the decode is not. So, once they are, a few of them are swept, what the sweeps agree on is kept, and from then on light
-that is stopped elsewhere costs something. The cost fades, so that the measurement decides in the end, and light that
-has been gathered on surfaces stays there.
+Views do not determine how the Gaussians along a ray share its light: half of a fitted scene may be fog that looks right
+from the positions of the cameras. But unlike the decode, the views of a fit are good enough to find depth in them by a
+plane sweep. So a few of them are swept during the fit, depth on which the sweeps agree is kept, and from then on the
+loss penalises light that is stopped elsewhere. The weight of this term decreases, so that the measurement decides in
+the end; light that has been drawn to surfaces stays there.
 
 Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`).
 """
@@ -37,26 +37,28 @@ from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import MaskSet
 
-# Sweeps that differ by so much parallax along the whole path, px, show the same surface.
+# Sweeps that differ by at most so much parallax along the whole path, px, show the same surface.
 _SAME_PX = 1.5
-# The share of the other sweeps that see a pixel's surface too: at the first the weight is 0, at the second 1.
+# The share of the other sweeps that see a pixel's surface too: up to the first value its weight is 0, from the second
+# on 1.
 _AGREEMENT = (0.3, 0.8)
-# The planes' range: the scene's own, between these quantiles of inverse depth, with room beyond both ends.
+# The planes' range: that of the scene between these quantiles of inverse depth, widened at both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
 _BEYOND = (0.5, 1.25)
-# Below this distance the cost is a parabola, so that it has a gradient at its end.
+# Below this distance the cost is a parabola, so that its gradient is defined at zero.
 _ROUND_PX = 0.1
 
 
 @dataclass(frozen=True)
 class Search:
-    """When surfaces are looked for, and how strongly light is drawn to what was found until the next search.
+    """One search for surfaces, and how strongly light is drawn to them until the next search.
 
     Args:
-        begins: Share of the schedule that is done then.
-        weight: Of the mean distance in px of parallax along the whole path, at first; where the term counts.
+        begins: Share of the schedule that is done when it starts.
+        weight: Weight of the term (the mean distance in px of parallax along the whole path) when the search starts, in
+            the iterations in which the term counts.
         final_weight: At the end of the schedule; exponential in between.
-        asks_measurement: Whether the measurement itself is asked where plain areas are.
+        asks_measurement: Whether the depth of plain areas is estimated from the measurement itself.
     """
 
     begins: float
@@ -65,7 +67,7 @@ class Search:
     asks_measurement: bool = False
 
     def weight_at(self, share: float) -> float:
-        """Return the weight when a share of the schedule is done."""
+        """Return the weight after a share of the schedule."""
         gone = (share - self.begins) / max(1 - self.begins, 1e-9)
         return float(self.weight * (self.final_weight / self.weight) ** min(max(gone, 0.0), 1.0))
 
@@ -75,12 +77,12 @@ class SurfaceSettings:
     """How light is drawn to surfaces.
 
     Args:
-        searches: In order. The first keeps an early scene from becoming fog, the last sees views that are nearly those
-            that are handed over, and finds depth in them that the scene has not yet.
-        every: Iterations between those in which the term counts.
-        views: How many are, spread over the path.
+        searches: In order. The first keeps an early scene from becoming fog; the last uses views that are nearly the
+            final ones, and finds depth in them that the scene does not have yet.
+        every: The term counts once in so many iterations.
+        views: How many views are swept, spread over the path.
         others: With how many others each is compared at most, spread over the path.
-        pixel_share: Share of the pixels that the term looks at.
+        pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
     """
 
@@ -121,13 +123,13 @@ class Surfaces:
 
     Args:
         settings: Of the term.
-        search: That found them.
+        search: The search that found them.
         views: Which views were swept, [K].
-        inverse_depth: Of what they see, [K, H, W] float32.
+        inverse_depth: Of the surfaces seen in them, [K, H, W] float32.
         trust: Its weight, [K, H, W] float32 in [0, 1].
-        parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
-        rays: Of the pixels, where the camera has z = 1, [H, W, 2] float32.
-        pixels: Where the term looks in each view.
+        parallax_px: The parallax along the whole path at an inverse depth of 1, px.
+        rays: Of the pixels, at z = 1 in camera coordinates, [H, W, 2] float32.
+        pixels: The pixels of each view that the term uses.
     """
 
     settings: SurfaceSettings
@@ -149,16 +151,16 @@ class Surfaces:
     def draw(
         self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float
     ) -> float:
-        """Return the mean distance of one view's light from its surfaces, px of parallax.
+        """Add the term's gradient for one view; return the mean distance of its light from surfaces, px of parallax.
 
-        Of a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, it is the root of
-        sum_i w_i (p_i - p)^2: the root, so that what lies far off does not outvote all.
+        For a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, the distance is the root of
+        sum_i w_i (p_i - p)^2: the root, so that light far off does not dominate.
 
         Args:
             renderer: Of the shot.
             scene: The Gaussians; `weight` times the gradient is added to theirs.
             world_to_camera: Poses of all views, [N, 4, 4]; they get no gradient.
-            turn: Views are looked at in turn.
+            turn: Counts the calls; views are used in turn.
             weight: Of the term.
         """
         k = turn % len(self.views)
@@ -174,10 +176,10 @@ class Surfaces:
         return distance
 
     def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float:
-        """Do so for the view that was swept k-th, of a scene that stands still."""
+        """Do so for the k-th swept view, of a scene that stands still."""
         pixels = self.pixels[k]
         means, ray = scene.means.detach().numpy(), pose[2].numpy()
-        # About the middle of what is wanted, so that the squares do not cancel.
+        # Distances are taken from the median surface, so that the squares do not cancel numerically.
         at = (NEAR, self.parallax_px)
         middle = self.parallax_px * pixels.middle
         moments = torch.empty(len(scene), 3)
@@ -209,7 +211,7 @@ def _all(scene: Gaussians) -> list[Tensor]:
 
 @dataclass(frozen=True)
 class Pixels:
-    """Where the term looks in one view.
+    """The pixels of one view that the term uses.
 
     Args:
         mask_set: As the renderer prepared it.
@@ -232,21 +234,21 @@ def find_surfaces(
     search: Search | None = None,
     readings: Readings | None = None,
 ) -> Surfaces | None:
-    """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
+    """Sweep a few views of a fit, and keep the depth on which the sweeps agree; None if they agree nowhere.
 
     Args:
         renderer: Of the shot, with its lens.
         scene: The Gaussians; their depths are the range that is swept.
         world_to_camera: Poses, [N, 4, 4].
-        views: What is seen from there, [N, H, W, C].
-        settings: How many, how finely.
+        views: The views from these poses, [N, H, W, C].
+        settings: How many views, how finely.
         seed: Of the choice of pixels.
-        search: Of the settings' searches; the first if None.
-        readings: The measurement, by which plain areas are asked for their depth; None leaves them to the sweeps.
+        search: One of the settings' searches; the first if None.
+        readings: The measurement, from which the depth of plain areas is estimated; None leaves them to the sweeps.
     """
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
-    # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
+    # The depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
     span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
@@ -295,16 +297,16 @@ def _with_planes(
     swept: list[list[int]],
     range_of: tuple[tuple[float, float], float],
 ) -> list[F32]:
-    """Return maps with their plain areas where the measurement says that they are.
+    """Return maps with their plain areas at the depth that the measurement prefers.
 
     Args:
         readings: The measurement.
-        maps: Of the first of each list of views, [H, W] each.
+        maps: Inverse depth of the first view of each list in `swept`, [H, W] each.
         views: [N, H, W, C].
         world_to_camera: Poses, [N, 4, 4].
         intrinsics: [3, 3], px.
-        swept: The views that each map was found in.
-        range_of: Farthest and nearest inverse depth, and parallax along the path at one of 1, px.
+        swept: The views from which each map was estimated.
+        range_of: Farthest and nearest inverse depth, and parallax along the path at an inverse depth of 1, px.
     """
     middle = len(swept) // 2
     reference = swept[middle][0]
@@ -318,15 +320,15 @@ def _with_planes(
 
 
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
-    """Tell how far several maps of inverse depth bear each other out, [K, H, W] in [0, 1].
+    """Return weights by how far several maps of inverse depth agree, [K, H, W] in [0, 1].
 
-    Each pixel's point is looked for in the other maps. A single map, or a point that no other sees, gets no weight.
+    Each pixel's point is compared with the other maps. A single map, or a point that no other map sees, gets weight 0.
 
     Args:
         inverse_depth: [K, H, W].
         world_to_camera: Their poses, [K, 4, 4].
         intrinsics: [3, 3], px.
-        parallax_px: What parallax along the whole path is at an inverse depth of 1.
+        parallax_px: The parallax along the whole path at an inverse depth of 1.
     """
     count, height, width = inverse_depth.shape
     rays = rays_through((height, width), intrinsics)
@@ -353,7 +355,7 @@ def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, paralla
 
 
 def _span(depth: F32) -> tuple[float, float] | None:
-    """Choose the farthest and the nearest plane from a scene's depths, [N, H, W]; None where there are none."""
+    """Choose the farthest and the nearest plane from a scene's depths, [N, H, W]; None if there is no depth."""
     seen = depth[depth > 0]
     if not seen.size:
         return None
@@ -367,7 +369,7 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
 
 
 def pixel_rays(renderer: ShotRenderer) -> F32:
-    """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
+    """Return the rays of the sensor's pixels, at z = 1, [H, W, 2]."""
     lens = renderer.lens
     height, width = renderer.size
     rows, columns = np.mgrid[:height, :width] + 0.5
@@ -378,7 +380,7 @@ def pixel_rays(renderer: ShotRenderer) -> F32:
 
 
 def _on_sensor(maps: F32, lens: Lens | None) -> F32:
-    """Show maps of the canvas, [K, Hc, Wc], where the sensor's pixels look; nothing is mixed across edges."""
+    """Sample maps of the canvas, [K, Hc, Wc], along the rays of the sensor's pixels, without mixing across edges."""
     if lens is None:
         return maps
     x, y = ((lens.sampling.places[..., axis] - 0.5).astype(np.float32) for axis in (0, 1))
