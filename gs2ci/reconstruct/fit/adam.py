@@ -1,8 +1,8 @@
 """Adam (Kingma and Ba 2015), step by step for one tensor.
 
-Here: the moments of one parameter and its step. Torch has the same as a class for many tensors, but to make one imports
-its compiler, which takes three seconds of a run that may have eight. Not here: rates, and which parameters there are
-(`optimiser.py`, `poses.py`).
+Here: the moments of one parameter and its step. Torch's class for many tensors does the same, but creating one imports
+torch's compiler, which takes three seconds of a run that may have eight. Not here: rates, and which parameters there
+are (`optimiser.py`, `poses.py`).
 """
 
 from typing import Final
@@ -15,7 +15,7 @@ from gs2ci.reconstruct.fit.gaussian_kernels import adam_step
 
 _DECAY: Final = 0.9
 _SQUARE_DECAY: Final = 0.999
-# Gradients of a mean over pixels reach 1e-9 per Gaussian, and the usual 1e-8 would stall them.
+# Gradients of a mean over pixels are as small as 1e-9 per Gaussian; with the usual 1e-8 the steps would vanish.
 _EPSILON: Final = 1e-15
 
 
@@ -28,7 +28,7 @@ class Adam:
         self._square: Tensor | None = None
 
     def step(self, parameter: Tensor, rate: float) -> None:
-        """Move a parameter along its gradient, in place; without one it stays.
+        """Move a parameter against its gradient, in place; without a gradient it stays.
 
         Args:
             parameter: Any shape, in one piece of memory; of the same one each time, except for `follow`.
@@ -50,16 +50,16 @@ class Adam:
         adam_step(flat, gradient, *moments, np.array(constants, flat.dtype))
 
     def widen(self, columns: int) -> None:
-        """Go on with so many columns of a parameter [G, columns, ...]; the moments of those added begin at zero."""
+        """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""
         if self._mean is not None and self._square is not None:
             self._mean, self._square = (_columns(one, columns) for one in (self._mean, self._square))
 
     def follow(self, source: Tensor, *, forget: bool) -> None:
-        """Go on with other rows of the parameter.
+        """Continue with other rows of the parameter.
 
         Args:
-            source: [G'] int64: which of the present rows each new one continues, or -1 where its moments begin at zero.
-            forget: Whether all begin at zero.
+            source: [G'] int64: which of the present rows each new one continues, or -1 if its moments start at zero.
+            forget: Whether all moments start at zero.
         """
         kept = source >= 0
         if self._mean is not None and self._square is not None:

@@ -1,7 +1,7 @@
-"""How far colours may change with the direction of sight while Gaussians are fitted: degree by degree.
+"""Direction-dependent colours during a fit: spherical harmonics are added degree by degree.
 
-A Gaussian begins with one colour. Harmonics of a further degree come in at zero once the lower ones have had their
-time, so that what places and shapes can explain is not first explained by colours (Kerbl et al. 2023, section 7.1).
+A Gaussian starts with one colour. Harmonics of higher degree are added later, starting at zero, so that colours do not
+explain what positions and shapes can explain (Kerbl et al. 2023, section 7.1).
 
 Here: the settings. Not here: the harmonics (`gs2ci.render.harmonics`), their step (`optimiser.py`).
 """
@@ -12,17 +12,17 @@ from dataclasses import dataclass
 from gs2ci.core.errors import InputError
 from gs2ci.render.harmonics import DEGREE_MAX
 
-# A share of a schedule is a quotient of integers, and so is its quotient by another one, but for rounding.
+# Tolerance for rounding: the quotient of two shares of a schedule may be a whole number up to rounding.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class ColourSettings:
-    """Which spherical harmonics there are, and from when.
+    """Which spherical harmonics are fitted, and from when.
 
     Args:
-        degree: The highest; 0 is one colour for each Gaussian, whoever sees it.
-        every: Share of the schedule between degrees: degree 1 comes in after it, degree 2 after twice as much.
+        degree: The highest; 0 is one colour for each Gaussian in all directions.
+        every: Share of the schedule between degrees: degree 1 is added after it, degree 2 after twice as much.
     """
 
     degree: int = 0
@@ -42,5 +42,5 @@ class ColourSettings:
         return self
 
     def at(self, share: float) -> int:
-        """Return the degree that colours have when a share of the schedule is done."""
+        """Return the degree of colours after a share of the schedule."""
         return min(self.degree, math.floor(share / self.every + _ROUNDING))

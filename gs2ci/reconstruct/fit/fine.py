@@ -1,11 +1,11 @@
-"""The fine stage: views from beside the cameras are held to what a frozen prior says of them (paper, section III-D).
+"""The fine stage: pseudo-views from beside the cameras are fitted to images of a frozen prior (paper, section III-D).
 
-Here: the loss on pseudo-views (eqs. 10 and 11), the loop, and the gate: what it makes is kept only if the held-out
-pixels of the measurement agree with it at least as well as before. Not here: the poses and weights (`pseudo_views`),
-the priors (`reconstruct.priors2d`), the coarse stage.
+Here: the loss on pseudo-views (eqs. 10 and 11), the loop, and the gate: the result is kept only if it predicts the
+held-out pixels at least as well as the coarse fit. Not here: the poses and weights (`pseudo_views`), the priors
+(`reconstruct.priors2d`), the coarse stage.
 
-The sum over all pseudo-views is estimated by one of them in each iteration, in an order that takes each once before
-any comes again: its mean is the paper's, at a fraction of its price.
+The sum over all pseudo-views is estimated by one of them in each iteration; each is used once before any is used again.
+The mean of this estimate is the paper's sum, at a fraction of the cost.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, SeenViews
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
 
-# Keeps the weighted mean defined where no pixel has any weight (ε of eq. 10); weights sum to thousands.
+# Keeps the weighted mean defined if no pixel has any weight (ε of eq. 10); weights sum to thousands.
 _EPSILON = 1e-6
 
 
@@ -43,21 +43,21 @@ class FineSettings:
     """The schedule and the weights of the fine stage. The weights are the paper's (section IV-A).
 
     Args:
-        prior: Says what pseudo-views should look like: "consistent", "nlm", "difix", "onnx:FILE" or
-            "difix-or-consistent" (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations
-            alone are worth.
-        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model;
+        prior: Makes the target images of pseudo-views: "consistent", "nlm", "difix", "onnx:FILE" or
+            "difix-or-consistent" (`priors2d.choose`); "none" skips pseudo-views, to measure what the iterations alone
+            are worth.
+        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" if the user has such a model;
             "lpips-or-structure".
-        iterations: At most so many. The paper takes 3000; the coarse stage's schedule is shortened by as much.
-        steps: Step sizes: the literature's, which are small; the means' as they are after a third of its schedule.
-        damping: Factor on all of them: a fresh Adam steps at full size whatever the gradient.
+        iterations: At most so many. The paper has 3000; the coarse stage's schedule is shortened by the same factor.
+        steps: Step sizes: the literature's, which are small; that of the means after a third of its schedule.
+        damping: Factor on all of them: a new Adam steps at full size whatever the gradient.
         between: Pseudo-views between each two cameras.
         pseudo_weight: Of all pseudo-views together, λ_syn.
         l1: Of their ℓ1 term.
         perceptual: Of their perceptual term.
         support: Weight of their pixels.
-        hold_out: How long the stage waits for the held-out pixels.
-        gated: Whether they decide what is kept; if not, it is the last state, as in the paper.
+        hold_out: How long the stage waits for the held-out residual to improve.
+        gated: Whether the held-out residual decides which state is kept; if not, it is the last one, as in the paper.
     """
 
     prior: str = "consistent"
@@ -79,11 +79,11 @@ class FineSettings:
 
     @classmethod
     def of_the_paper(cls, coarse: StepSizes) -> "FineSettings":
-        """Return the stage as the paper has it: 3,000 iterations, the last state kept, whatever held-out pixels say.
+        """Return the stage as in the paper: 3,000 iterations, the last state kept, whatever its held-out residual.
 
         Args:
-            coarse: Step sizes of the coarse stage. The paper says nothing of the fine stage's: the means go on with
-                what they had at the end of theirs, all others with what they had all along. (Ours.)
+            coarse: Step sizes of the coarse stage. The paper does not state those of the fine stage. We continue with
+                the means' step at the end of the coarse stage, and with the constant steps of all others.
         """
         iterations = 3000
         means = coarse.means * coarse.means_final_share
@@ -123,10 +123,10 @@ class Fine:
 
     Args:
         settings: The schedule and the weights.
-        loss: Weights of the terms that stay from the coarse stage.
-        prior: None leaves pseudo-views out.
+        loss: Weights of the terms kept from the coarse stage.
+        prior: Makes the targets; None skips pseudo-views.
         distance: The perceptual term.
-        notes: Which of them stand in for models of the paper that have not been added.
+        notes: Findings about substitutes for models of the paper that have not been added.
     """
 
     settings: FineSettings
@@ -156,7 +156,7 @@ class Fine:
 
 @dataclass(frozen=True)
 class Pseudo:
-    """Pseudo-views and what they should look like.
+    """Pseudo-views and their target images.
 
     Args:
         poses: World to camera, [V, 4, 4] float32.
@@ -182,7 +182,7 @@ class PseudoLoss:
 
     @property
     def poses(self) -> Tensor:
-        """Get where the pseudo-views are seen from, [V, 4, 4] float32."""
+        """Get the poses of the pseudo-views, [V, 4, 4] float32."""
         return self._pseudo.poses
 
     def __call__(self, view: int, image: Tensor, alpha: Tensor) -> Tensor:
@@ -206,21 +206,21 @@ def fit_fine(
     monitoring: Monitoring,
     detailed: Refine | None = None,
 ) -> CoarseFit:
-    """Refine the Gaussians of a coarse fit with its cameras held fast.
+    """Refine the Gaussians of a coarse fit with fixed cameras.
 
     Args:
-        jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
-        coarse: The fit to go on from.
+        jury: The measurement (its truth is not read), and its pixels that the loss may not see.
+        coarse: The fit to continue.
         renderer: Renders for this shot.
         fine: Settings and models.
         seed: For the order of the pseudo-views.
         monitoring: What is called at looks and iterations, and what may interrupt.
-        detailed: Adds to views, [N, H, W, C], what the residual shows, for priors that want to know; `refine` where the
-            views are handed over with it anyway.
+        detailed: Adds the decoded residual to views, [N, H, W, C], for priors that use them; None: the monitoring's
+            `refine`.
 
     Returns:
-        The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
-        out that could tell, and where the prior or the distance fails. A note says which.
+        The state with the smallest held-out residual; the coarse fit if no state is better, if no pixel is held out, or
+        if the prior or the distance fails. A note says which.
     """
     settings = fine.settings.check()
     refine, progress = monitoring.refine, monitoring.progress
@@ -256,10 +256,10 @@ def fit_fine(
 
 
 def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: Refine) -> PseudoLoss | None:
-    """Prepare the loss on pseudo-views; None where they are left out.
+    """Prepare the loss on pseudo-views; None if they are skipped.
 
     Raises:
-        Gs2ciError: The prior or the distance failed, or there is one camera only.
+        Gs2ciError: The prior or the distance failed, or there is only one camera.
     """
     if fine.prior is None or fine.settings.pseudo_weight == 0:
         return None
@@ -274,7 +274,7 @@ def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: 
 
 
 def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, refine: Refine, between: int) -> Pseudo:
-    """Render pseudo-views of a scene and ask the prior for their targets.
+    """Render pseudo-views of a scene and make their targets by the prior.
 
     Raises:
         Gs2ciError: The prior failed.
@@ -326,7 +326,7 @@ class _Fit:
             coarse.scene, settings.steps, length_of(settings.steps.unit, coarse.world_to_camera)
         )
         self._renderer = renderer
-        self._reuse = renderer.reuse()  # no Gaussian comes or goes in this stage
+        self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
         self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss)
         views = 0 if pseudo_loss is None else len(pseudo_loss)
@@ -344,11 +344,11 @@ class _Fit:
         return float(loss.detach()) + add_regularisers(scene, self._loss)
 
     def is_finite(self, loss: float) -> bool:
-        """Tell whether this iteration may be taken into the parameters."""
+        """Tell whether the loss and all gradients are finite, so that a step may be made."""
         return np.isfinite(loss) and self.optimiser.gradient_is_finite()
 
     def views(self) -> F32:
-        """Render what each mask saw."""
+        """Render the scene as each mask saw it."""
         return self._renderer.exposed(self.optimiser.scene, self.poses)
 
     def snapshot(self) -> Gaussians:
@@ -357,13 +357,13 @@ class _Fit:
 
 
 def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
-    """Name each of `count` views once, in random order, again and again."""
+    """Yield each of `count` views once in random order, repeatedly."""
     while True:
         yield from torch.randperm(count, generator=generator).tolist()
 
 
 class _Loop:
-    """The iterations, counted on from those of the coarse stage: step, look, stop."""
+    """The iterations, numbered after those of the coarse stage: step, look, stop."""
 
     def __init__(self, fit: _Fit, looks: Looks, monitoring: Monitoring, first: int) -> None:
         self.best: Gaussians | None = None
@@ -373,7 +373,7 @@ class _Loop:
         self._first = first
 
     def run(self, before: float | None) -> float | None:
-        """Iterate until something says stop; return the best held-out residual, `before` if none was better."""
+        """Iterate until the stage ends; return the smallest held-out residual, `before` if none was smaller."""
         settings = self._fit.settings
         watch = Watch(settings.hold_out)
         best = before if settings.gated else None
@@ -384,7 +384,7 @@ class _Loop:
             loss = self._fit.backward()
             if not self._fit.is_finite(loss):
                 break
-            # From small to full steps: Adam's first ones are of full size whatever the gradient.
+            # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
             warm = min(1.0, iteration / settings.hold_out.look_every)
             self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
             halted = self._halt.asked

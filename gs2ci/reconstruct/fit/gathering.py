@@ -1,7 +1,7 @@
-"""What a density rule decides on, gathered while the fit runs.
+"""The statistics for density rules, gathered while the fit runs.
 
-Here: the record of the screen between two turns, and the error blended back onto the Gaussians. Not here: what a rule
-makes of it (`density/`).
+Here: the screen statistics since the rule was last applied, and the error attributed to Gaussians. Not here: how rules
+use them (`density/`).
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from gs2ci.render.screen import ScreenStatistics
 
 
 class Gathering:
-    """Keeps the record of the screen, and knows in which unit rules want it.
+    """Gathers the screen statistics, and converts them to the unit that rules expect.
 
     Args:
         renderer: Renders for the shot.
@@ -27,15 +27,15 @@ class Gathering:
     def __init__(self, renderer: ShotRenderer, count: int, *, per_open_share: bool = True) -> None:
         self._renderer = renderer
         masks = renderer.transmissions
-        # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
-        # rules' thresholds were found with, on photographs.
+        # The loss is a mean over all pixels. A view whose mask opens a quarter of them receives a quarter of the
+        # gradient that it would receive as a photograph, for which the rules' thresholds were found.
         open_share = max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
-        # Each moment of a mask has its share of the mask's light.
+        # Each moment of a mask gets its share of the mask's light.
         self._gradient_factor = renderer.moments_per_mask * (1.0 / open_share if per_open_share else 1.0)
         self.screen = ScreenStatistics.empty(count)
 
     def start_again(self, count: int) -> None:
-        """Forget what was seen: the Gaussians are others now."""
+        """Discard the statistics, since the Gaussians are new now."""
         self.screen = ScreenStatistics.empty(count)
 
     def evidence(
@@ -48,12 +48,12 @@ class Gathering:
         cap: int,
         iteration: int,
     ) -> GaussianStatistics:
-        """Return it as a rule takes it.
+        """Return the statistics in the form that a rule takes.
 
         Args:
             scene: The present Gaussians.
             world_to_camera: The present poses, [N, 4, 4].
-            error: Looks up that of each pixel of the predicted measurement, [H, W].
+            error: Returns the error of each pixel of the predicted measurement, [H, W].
             extent: See `GaussianStatistics`.
             cap: See `GaussianStatistics`.
             iteration: See `GaussianStatistics`.
@@ -68,10 +68,10 @@ class Gathering:
         )
 
     def _blended(self, scene: Gaussians, world_to_camera: Tensor, error: Tensor) -> Tensor:
-        """Return each Gaussian's part in the error of the view where that is largest, [G].
+        """Return each Gaussian's part in the error of a view, in the view where it is largest, [G].
 
-        An image is the sum of blending weights times colours, so that the gradient of its product with the error by
-        a Gaussian's colour is that part (Rota Bulò et al. 2024, section 3.1).
+        An image is the sum of blending weights times colours, so this part is the gradient, by the Gaussian's colour,
+        of the product of image and error (Rota Bulò et al. 2024, section 3.1).
         """
         views = len(world_to_camera)
         colours = torch.zeros(views, len(scene), 3, requires_grad=True)

@@ -25,7 +25,7 @@ class LossWeights:
 
     Args:
         similarity: Share of (1 − SSIM) in the data term; the rest is ℓ1 (paper: 0.1).
-        window_px: Side of the window through which SSIM looks.
+        window_px: Side of SSIM's window.
         opacity: Weight of the mean opacity (paper: 0.01).
         size: Weight of the mean standard deviation, in scene units (Kheradmand et al. 2024: 0.01; paper: none).
     """
@@ -48,8 +48,8 @@ class LossWeights:
 class DataTerm:
     """(1 − λ) ℓ1 + λ (1 − SSIM) between a predicted measurement and the measured one.
 
-    Pixels outside `fitted` are set to zero in both, so that they neither count nor leak. Saturated pixels say only
-    «at least»: a prediction above them is not an error.
+    Pixels outside `fitted` are set to zero in both, so that they neither count nor influence their neighbours.
+    Saturated pixels are lower bounds: a prediction above them is not an error.
 
     Args:
         measurement: [H, W, C] float32.
@@ -64,7 +64,7 @@ class DataTerm:
         self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
         self._similarity_weight = weights.similarity
         self._similarity = SimilarityTo(self._target, weights.window_px)
-        # The mean is over the pixels that count, so that the share held out does not change the balance of terms.
+        # The mean is over the pixels that count, so that the balance of terms does not depend on the held-out share.
         self._per_value = 1.0 / max(1.0, float(self._fitted.sum()) * measurement.shape[2])
 
     def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:
@@ -81,7 +81,7 @@ class DataTerm:
         return (1 - weight) * l1 + weight * (1 - similarity), gradient
 
     def _error(self, predicted: F32) -> tuple[F32, NDArray[Any]]:
-        """Return what is wrong with a prediction where that counts, and where it does, [H, W, 1 or C]."""
+        """Return the error of a prediction at the pixels that count, and which pixels count, [H, W, 1 or C]."""
         counted = self._fitted
         if self._saturated is not None:
             counted = counted * ~(self._saturated & (predicted > self._target))
@@ -90,7 +90,7 @@ class DataTerm:
         return error, counted
 
     def dissimilarity(self, predicted: F32) -> F32:
-        """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero where pixels do not count."""
+        """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero at pixels that do not count."""
         error, counted = self._error(predicted)
         result: F32 = self._similarity.dissimilarity(self._target + error) * counted.any(axis=2)
         return result
@@ -114,7 +114,7 @@ class _DataTermFunction(torch.autograd.Function):
 
 
 def add_regularisers(scene: Gaussians, weights: LossWeights) -> float:
-    """Return what weights ask of a scene's mean opacity and mean size, and add its gradient to the scene's."""
+    """Return the weighted mean opacity and mean size of a scene, and add their gradient to the scene's."""
     found = weights.opacity * add_opacity_gradient(*_values(scene.opacity_logits, weights.opacity))
     if weights.size:
         found += weights.size * add_size_gradient(*_values(scene.log_scales, weights.size))

@@ -1,14 +1,14 @@
-"""How the camera moves while one mask is on show: as many moments of each mask as its motion calls for.
+"""Motion of the camera while one mask is displayed: each mask gets as many moments as the motion requires.
 
-A mask is on show for a while, and what it lets through is the mean of what the camera saw meanwhile. Where that moves
-by much of a pixel across what changes from pixel to pixel, one pose for each mask explains the measurement by a blurred
-scene. The path is continuous: from each pose to its neighbours it goes by a twist that is quadratic in time (steady and
-evenly accelerated motion are met exactly), and a mask is the mean of K views along it. K follows from a bound, and is
-one for every mask where nothing is at stake. Nothing is added that a fit would have to find: motion that is quicker
-than the masks' (a vibration of several periods within one) is not seen here.
+A mask is displayed for some time, and transmits the mean of what the camera sees meanwhile. If detail moves by a large
+part of a pixel in that time, a fit with one pose for each mask explains the measurement by a blurred scene. Here a mask
+is the mean of K views along a continuous path: between neighbouring poses the twist is quadratic in time (exact for
+steady and evenly accelerated motion). K follows from a bound on the blur, and is one for every mask if the blur is
+negligible. The fit gets no further parameters; motion quicker than the masks' (a vibration of several periods within
+one) is not modelled.
 
-Here: when masks are open, their moments and poses, the bound. Not here: rendering (`rendering.py`), what is handed
-over (`record`).
+Here: when masks are open, their moments and poses, the bound. Not here: rendering (`rendering.py`), the record of it
+(`record`).
 """
 
 import math
@@ -27,9 +27,9 @@ from gs2ci.reconstruct.choices import WITHIN_MASK, WithinMask
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render import se3
 
-# Pixels of the middle view that are asked how far they move: one in so many along rows and columns.
+# Motion is measured at one in so many pixels of the middle view, along rows and columns.
 _STRIDE_PX: Final = 3
-# One pose alone is no path.
+# A path needs at least two poses.
 LEAST_POSES: Final = 2
 # The mean of |offset| over an interval of length d about its middle is d / 4.
 _MEAN_OFFSET: Final = 0.25
@@ -45,15 +45,16 @@ def mask_times(views: int) -> Tensor:
 
 @dataclass(frozen=True)
 class MaskMomentSettings:
-    """How many moments a mask is given.
+    """How many moments a mask gets.
 
     Args:
-        within_mask: "still": one pose for each mask, as where the camera stands still under each, or was coded in
-            software from still pictures; "moving": it goes on, and masks get the moments that they need. Readings
-            tell the two apart only where the motion is large (docs/decisions), so this is not guessed.
-        tolerance: What motion within a mask may blur a view by at most, in full scales, root mean square over its
-            pixels (`bounds`).
-        most: Moments of one mask.
+        within_mask: "still": one pose for each mask, for a camera that stands still during each mask, or a measurement
+            coded in software from still pictures; "moving": the camera moves on, and masks get the moments that they
+            need. The readings tell the two apart only if the motion is large
+            (docs/decisions/0065-moments-within-masks.md), so this is not guessed.
+        tolerance: Largest blur of a view by motion within a mask, in full scales, root mean square over its pixels
+            (`bounds`).
+        most: Most moments of one mask.
     """
 
     within_mask: WithinMask = "still"
@@ -64,7 +65,7 @@ class MaskMomentSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: No such word, a tolerance that is not above zero, or no moment.
+            InputError: An unknown word, a tolerance that is not above zero, or less than one moment.
         """
         if self.within_mask not in WITHIN_MASK:
             raise InputError(f"a camera that is {self.within_mask!r} within a mask", allowed=", ".join(WITHIN_MASK))
@@ -82,9 +83,9 @@ class MaskMoments:
 
     Args:
         moments: How many, [N], each at least 1.
-        open_share: For which share of its interval each mask is on show, evenly about its middle, [N].
+        open_share: Share of its interval for which each mask is displayed, evenly about its middle, [N].
         motion_px: How far the image moves meanwhile, root mean square, [N].
-        bounds: By what one pose would blur each view at most, in full scales, [N].
+        bounds: Upper bound on the blur of each view with one pose, in full scales, [N].
     """
 
     moments: tuple[int, ...]
@@ -94,13 +95,13 @@ class MaskMoments:
 
     @property
     def count(self) -> int:
-        """Get how many moments there are of all masks, V."""
+        """Get the number of moments of all masks, V."""
         return sum(self.moments)
 
     def offsets(self) -> Tensor:
-        """Return when each moment is, from the middle of its mask, in intervals between masks, [V] float64.
+        """Return the time of each moment, from the middle of its mask, in intervals between masks, [V] float64.
 
-        A mask's moments are the middles of as many equal parts of the time that it is on show.
+        A mask's moments are the middles of equal parts of the time for which it is displayed.
         """
         return torch.tensor(
             [
@@ -112,11 +113,11 @@ class MaskMoments:
         )
 
     def of_mask(self) -> Tensor:
-        """Return to which mask each moment belongs, [V]."""
+        """Return the mask to which each moment belongs, [V]."""
         return torch.repeat_interleave(torch.arange(len(self.moments)), torch.tensor(self.moments))
 
     def times(self) -> Tensor:
-        """Return when each moment is in the unit of the scene's motion, [V] float32 (`mask_times`)."""
+        """Return the time of each moment in the unit of the scene's motion, [V] float32 (`mask_times`)."""
         times = mask_times(len(self.moments))
         between = float(times[1] - times[0]) if len(times) > 1 else 0.0
         return times[self.of_mask()] + between * self.offsets().float()
@@ -127,7 +128,7 @@ class MaskMoments:
         return (transmissions * shares[:, None, None])[self.of_mask()]
 
     def poses(self, world_to_camera: Tensor) -> Tensor:
-        """Return the camera at every moment, [V, 4, 4], from that in the middle of each mask, [N, 4, 4].
+        """Return the pose at every moment, [V, 4, 4], from those in the middle of each mask, [N, 4, 4].
 
         Differentiable; a mask of one moment keeps its pose bit by bit.
         """
@@ -141,23 +142,23 @@ class MaskMoments:
 
     @property
     def note(self) -> Finding:
-        """Get what is to be said of it."""
+        """Get the finding about the moments."""
         return finding(Code.MASKS_HAVE_MOMENTS, motion_px=max(self.motion_px, default=0.0), most=max(self.moments))
 
     def summary(self) -> dict[str, Any]:
-        """Return what the report says."""
+        """Return the figures for the report."""
         return {"moments": list(self.moments), "motion_px": list(self.motion_px), "bounds": list(self.bounds)}
 
 
 def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Tensor:
-    """Return by which twists the camera goes on from a mask's pose, [V, 6].
+    """Return the twists of the camera from a mask's pose to other moments, [V, 6].
 
     Args:
-        world_to_camera: In the middle of each mask, [N, 4, 4], N at least 2.
-        offsets: When, in intervals between masks, [V].
-        of_mask: From which mask on, [V].
+        world_to_camera: Poses in the middle of each mask, [N, 4, 4], N at least 2.
+        offsets: Times from the middle of the mask, in intervals between masks, [V].
+        of_mask: The mask of each, [V].
 
-    Quadratic in time through the poses before and after; at both ends the acceleration is that of their neighbour.
+    Quadratic in time through the poses before and after; at both ends the acceleration is that of the next mask.
     """
     steps = se3.log(world_to_camera[1:] @ _inverse(world_to_camera[:-1]))
     if len(steps) == 1:
@@ -171,12 +172,12 @@ def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Te
 
 
 def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMomentSettings) -> MaskMoments | None:
-    """Return the moments that a path calls for; None where one for each mask is enough.
+    """Return the moments that a path requires; None if one for each mask is enough.
 
     Args:
         geometry: First path and depth.
-        views: Decoded, [N, H, W, C]: the middle one tells what changes from pixel to pixel.
-        open_share: For which share of its interval each mask is on show, [N].
+        views: Decoded, [N, H, W, C]: the gradients of the middle one are used.
+        open_share: Share of its interval for which each mask is displayed, [N].
         settings: What is tolerated.
     """
     path = geometry.world_to_camera
@@ -190,7 +191,7 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
 
 
 def motion_px(geometry: Geometry, world_to_camera: F64, open_share: F64) -> F64:
-    """Return how far the image moves while each mask is on show, the median over its pixels, [N, 2] as (x, y) px.
+    """Return how far the image moves while each mask is displayed, the median over its pixels, [N, 2] as (x, y) px.
 
     Args:
         geometry: Depth of the middle view.
@@ -203,11 +204,11 @@ def motion_px(geometry: Geometry, world_to_camera: F64, open_share: F64) -> F64:
 
 
 def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64) -> tuple[F64, F64]:
-    """Bound what motion within each mask blurs, root mean square over the pixels.
+    """Bound the blur by motion within each mask, root mean square over the pixels.
 
-    A pixel's light is the mean over the time that the mask is on show; where the image moves by d across a slope of g
-    per pixel, a mean differs from its middle by the mean of |offset| g = d g / 4 at most (a ramp, which averages out,
-    does not; the two sides of an edge do). K moments leave a K-th of it.
+    A pixel's light is the mean over the time for which the mask is displayed. If the image moves by d across a slope of
+    g per pixel, this mean differs from the value in the middle by the mean of |offset| g = d g / 4 at most (a ramp
+    averages out, the two sides of an edge do not). With K moments the bound is K times smaller.
 
     Args:
         geometry: Depth of the middle view.
@@ -232,7 +233,7 @@ def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64)
 def _within_masks(
     geometry: Geometry, world_to_camera: F64, open_share: F64
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], list[F64]]:
-    """Return rows and columns of some pixels, [P], and how far each mask moves them, [P, 2] px; NaN behind a camera."""
+    """Return rows and columns of some pixels, [P], and their motion in each mask, [P, 2] px; NaN behind a camera."""
     height, width = geometry.inverse_depth.shape
     rows, columns = np.mgrid[1 : height - 1 : _STRIDE_PX, 1 : width - 1 : _STRIDE_PX].reshape(2, -1)
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)

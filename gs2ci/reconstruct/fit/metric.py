@@ -1,7 +1,7 @@
 """Lengths in the unit of the poses that a stage or a file gave: millimetres, on a bench.
 
-Here: the way back from the scale that the stages of a reconstruction work at, where the tracked points' median depth is
-1 and every epsilon is made for it. Not here: that scale (`geometry.telemetry`).
+Here: the conversion from the scale of the stages of a reconstruction, in which the tracked points' median depth is 1
+and for which all epsilons are chosen. Not here: that scale (`geometry.telemetry`).
 """
 
 import math
@@ -15,17 +15,18 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.geometry.initialise import Geometry
 
-# What a median depth of 1 may become. Nearer, the renderer's near plane would cut into the scene (`NEAR` is 0.01);
-# farther, sixth powers of lengths, as in determinants of covariances, near the end of float32.
+# The allowed unit, in which a median depth of 1 is then measured. If it is smaller, the renderer's near plane cuts into
+# the scene (`NEAR` is 0.01); if it is larger, sixth powers of lengths, as in determinants of covariances, approach the
+# limit of float32.
 _RANGE: Final = (0.1, 1e5)
 
 
 def in_given_unit(geometry: Geometry, ensemble: Ensemble) -> tuple[Geometry, Ensemble]:
     """Return geometry and best fit with lengths in the unit of the given poses.
 
-    A fit that refines poses lets path and scene grow or shrink together, which no view shows; so the refined path is
-    made as long as the given one. As they are where no poses were given, or where their unit would put the scene beyond
-    what can be rendered: the geometry's `unit` is None then.
+    While a fit refines poses, path and scene may grow or shrink together, which no view shows; so they are scaled until
+    the refined path is as long as the given one. Both are unchanged, with the geometry's `unit` None, if no poses were
+    given or if their unit would put the scene beyond what can be rendered.
     """
     best = ensemble.best
     before, after = _spread(geometry.world_to_camera), _spread(best.world_to_camera)
@@ -42,7 +43,7 @@ def in_given_unit(geometry: Geometry, ensemble: Ensemble) -> tuple[Geometry, Ens
 
 
 def _spread(world_to_camera: F64) -> float:
-    """Return how far the cameras are from their mean, root mean square."""
+    """Return the distance of the cameras from their mean, root mean square."""
     centres = camera_centres(world_to_camera)
     return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
 

@@ -1,12 +1,12 @@
-"""Gaussians that move, and which of them: where their motion begins, and what takes it from those that need none.
+"""Gaussians that move: their first motion, and the cost that keeps the others at rest.
 
-A motion is a polynomial of time for each centre (`gs2ci.render.gaussians`). It begins at the velocity that optical flow
-shows beyond the camera's, and whatever the flow missed, the fit may give: its rows are parameters as the centres are.
-Each row costs something by its length, so that it stays with those that need it: what moves by a pixel has to explain
-so much more of the measurement for it. Where nothing is to be seen, in the dark and in even surfaces, nothing moves.
+A motion is a polynomial of time for each centre (`gs2ci.render.gaussians`). It starts with the velocity of the optical
+flow that remains after the camera's motion is removed; the fit corrects it, since its rows are parameters like the
+centres. Each row costs something in proportion to its length, so that only Gaussians that need a motion keep one: one
+that moves by a pixel has to explain that much more of the measurement. In dark and uniform areas nothing moves.
 
-Here: the settings, the beginning, and the figures of what moves. Not here: the step (`optimiser.py`), when a scene is
-let move (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
+Here: the settings, the start, and the share that moves. Not here: the step (`optimiser.py`), when moving scenes are
+fitted (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
 """
 
 from dataclasses import dataclass, replace
@@ -24,10 +24,10 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians
 
 MOST_ROWS: Final = 4
-# What moves less than this between the middle of the exposure and its end begins at rest, px: flow in decoded views is
-# no better.
+# What moves less than this between the middle of the exposure and its end starts at rest, px: flow in decoded views is
+# not more accurate.
 _LEAST_FLOW_PX: Final = 0.3
-# Below this length the cost is a parabola, so that it has a gradient at its end.
+# Below this length the cost is a parabola, so that its gradient is defined at zero.
 _ROUND_PX: Final = 0.01
 
 
@@ -37,7 +37,7 @@ class ObjectMotionSettings:
 
     Args:
         rows: Degree of the polynomial: 1 is a velocity, 2 a velocity that changes evenly.
-        cost: What a Gaussian that moves by 1 px in half the exposure has to explain for it: absolute error in full
+        cost: How much a Gaussian that moves by 1 px in half the exposure has to reduce the absolute error, in full
             scales, summed over the pixels.
     """
 
@@ -58,12 +58,12 @@ class ObjectMotionSettings:
         return self
 
     def penalty(self, scene: Gaussians, px_per_length: float, pixels: int) -> Tensor | float:
-        """Return what a scene's motion costs, in the unit of the mean absolute error; 0 where nothing can move.
+        """Return the cost of a scene's motion, in the unit of the mean absolute error; 0 for a still scene.
 
         Args:
             scene: The Gaussians.
-            px_per_length: How far a scene unit is in the picture, px.
-            pixels: How many the picture has.
+            px_per_length: The length of a scene unit in the picture, px.
+            pixels: Number of pixels of the picture.
         """
         if scene.motion is None or not self.cost:
             return 0.0
@@ -75,10 +75,10 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Objec
     """Return first Gaussians with the motion that the views show of them.
 
     Args:
-        start: Where they stand in the reference view.
+        start: The Gaussians, at their positions in the reference view.
         geometry: Poses and depth.
-        views: Views to see motion in, [N, H, W, C].
-        settings: How many rows there are; all but the first begin at zero.
+        views: Views from which the motion is estimated, [N, H, W, C].
+        settings: How many rows there are; all but the first start at zero.
     """
     times = mask_times(len(views)).double().numpy()
     seen = velocity(views, geometry, times)
@@ -93,20 +93,20 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Objec
     rates = np.where(inside[:, None], seen[row, column], 0) / geometry.intrinsics.diagonal()[:2] * depth[:, None]
     motion = torch.zeros(len(start), settings.rows, 3)
     motion[:, 0] = torch.from_numpy(np.concatenate([rates, np.zeros((len(rates), 1))], axis=1) @ pose[:3, :3])
-    # The motion counts from the middle of the exposure.
+    # A scene's positions are those at the middle of the exposure, where its motion is zero.
     means = start.means - motion[:, 0] * float(times[geometry.reference])
     return replace(start, means=means, motion=motion)
 
 
 def at_rest_until_moved(scene: Gaussians, settings: ObjectMotionSettings) -> Gaussians:
-    """Return Gaussians that may move and do not yet."""
+    """Return Gaussians that may move, with a motion of zero."""
     return replace(scene.detach(), motion=torch.zeros(len(scene), settings.rows, 3))
 
 
 def of_degree(scene: Gaussians, number: int) -> Gaussians:
-    """Return Gaussians with all rows of their motion for every second of several fits, and the first for the others.
+    """Return Gaussians with all rows of their motion for every second fit, and with the first row for the others.
 
-    What errs in different ways averages better: a velocity has too little freedom, a change of it too much.
+    Fits whose errors differ average better: a velocity has too little freedom, a changing velocity too much.
     """
     return scene if scene.motion is None or number % 2 else replace(scene, motion=scene.motion[:, :1])
 

@@ -8,10 +8,10 @@ import torch
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Keep torch on one thread; the kernels that take the time have Numba's.
+    """Run torch on one thread; the kernels, which take most of the time, run on Numba's threads.
 
-    Torch deals its elements out by the number of threads, and with that the last bits of sums, products and sigmoids
-    change. Besides, its pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
+    Torch divides elements among its threads, so that the last bits of sums, products and sigmoids would depend on their
+    number. Besides, its thread pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -1,7 +1,7 @@
 """Adam over the parameters of a changing set of Gaussians.
 
-Here: step sizes and their schedule, and the surgery that keeps Adam's moments with their Gaussians when some are
-added or removed. Not here: the decision which (`density/`).
+Here: step sizes and their schedule, and the bookkeeping that keeps Adam's moments with their Gaussians when some are
+added or removed. Not here: which are added or removed (`density/`).
 """
 
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.render.gaussians import Gaussians, all_finite
 from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
 
-# Adam's steps below are those of a schedule of so many iterations; a shorter one has to cover as much in fewer, which
-# takes longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
-# half times as much again; longer ones were not tried.
+# Adam's steps below are those of a schedule of so many iterations; a shorter schedule has to cover the same distance in
+# fewer, longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
+# half times the step gains as much again; longer steps were not tried.
 NATURAL_ITERATIONS: Final = 600
 LARGEST_STRIDE: Final = 3.5
 _STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion", "harmonics")
-# What is measured in units of the scene's extent.
+# Parameters measured in units of the scene's extent.
 _LENGTHS: Final = ("means", "motion")
 
 
@@ -29,18 +29,18 @@ _LENGTHS: Final = ("means", "motion")
 class StepSizes:
     """Adam's step sizes per parameter; those of a schedule of `NATURAL_ITERATIONS`, unless others are given.
 
-    Adam moves a parameter by at most its step in an iteration, so that a schedule of 600 instead of 30,000 has to
-    stride: places eighty times as far as the literature's, shapes five to nine times, opacities and colours one and a
-    half times (docs/decisions/0019-long-steps-for-short-schedules.md).
+    Adam moves a parameter by at most its step in an iteration, so a schedule of 600 iterations instead of 30,000 needs
+    longer steps: eighty times the literature's for positions, five to nine times for shapes, one and a half times for
+    opacities and colours (docs/decisions/0019-long-steps-for-short-schedules.md).
 
     Args:
         means: In `unit`, at the start.
         means_final_share: The share of it left at the end; exponential in between.
-        unit: Of lengths: the means' step, and the sizes that density rules go by.
+        unit: Of lengths: of the means' step, and of the sizes that density rules judge.
         motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
             left at the end.
-        harmonics: Of what of the colours changes with direction: a twentieth of the step of the colours, both as
-            coefficients of harmonics, as with Kerbl et al. (2023).
+        harmonics: Of the direction-dependent part of colours: a twentieth of the colours' step, both as coefficients of
+            harmonics, as in Kerbl et al. (2023).
     """
 
     means: float = 1.28e-2
@@ -57,7 +57,7 @@ class StepSizes:
     def of_schedule(cls, iterations: int) -> "StepSizes":
         """Return the steps of a schedule of so many iterations.
 
-        They grow as the square root of what it lacks of `NATURAL_ITERATIONS`, up to `LARGEST_STRIDE`.
+        They grow with the square root of the ratio of `NATURAL_ITERATIONS` to its length, up to `LARGEST_STRIDE`.
         """
         stride = min(LARGEST_STRIDE, max(1.0, (NATURAL_ITERATIONS / iterations) ** 0.5))
         natural = cls()
@@ -65,9 +65,9 @@ class StepSizes:
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
-        """Return the steps of 30,000 iterations (Kerbl et al. 2023, appendix B).
+        """Return the steps of a schedule of 30,000 iterations (Kerbl et al. 2023, appendix B).
 
-        Theirs step the coefficients of the constant harmonic, of which our colours are `SH_DC` times as much.
+        Their colour step is for coefficients of the constant harmonic; our colours are `SH_DC` times these.
         """
         return cls(
             unit=unit,
@@ -124,7 +124,7 @@ class GaussianOptimiser:
         self.forget_gradient()
 
     def forget_gradient(self) -> None:
-        """Drop the gradients."""
+        """Discard the gradients."""
         for tensor in self.scene.parameters().values():
             tensor.grad = None
 
@@ -137,7 +137,7 @@ class GaussianOptimiser:
         return all(all_finite(tensor.detach()) for tensor in self.scene.parameters().values())
 
     def let_colours_vary(self, degree: int) -> None:
-        """Let colours change with direction up to a degree; what they could not show before begins at zero."""
+        """Let colours change with direction up to a degree; new coefficients start at zero."""
         present = degree_of(self.scene)
         if degree <= present:
             return
@@ -148,17 +148,17 @@ class GaussianOptimiser:
         self._adam.setdefault("harmonics", Adam()).widen(columns)
 
     def shift(self, means: Tensor) -> None:
-        """Move the means by so much, [G, 3], past Adam and its moments."""
+        """Move the means by so much, [G, 3], without changing Adam's moments."""
         with torch.no_grad():
             self.scene.means.add_(means)
 
     def replace(self, scene: Gaussians, source: Tensor, forget: frozenset[str] = frozenset()) -> None:
-        """Go on with other Gaussians.
+        """Continue with other Gaussians.
 
         Args:
             scene: The new Gaussians, G'.
-            source: [G'] int64: which of the present ones each of them continues (its moments go along), or -1 for
-                a newcomer (whose moments start at zero).
+            source: [G'] int64: which of the present ones each of them continues (its moments are kept), or -1 for
+                a new one (whose moments start at zero).
             forget: Names of parameters whose moments start at zero for all.
         """
         for name, adam in self._adam.items():

@@ -1,7 +1,7 @@
-"""How many iterations a fit has: a number given beforehand, or as many as fit before a moment in time.
+"""How many iterations a fit has: a given number, or as many as end before a deadline.
 
-Here: the two paces, and one that times a few iterations. Not here: the loop that keeps to them (`coarse.py`), nor where
-a deadline comes from (`gs2ci.reconstruct.presets.budget`).
+Here: the two paces, and one that times a few iterations. Not here: the loop that follows them (`coarse.py`), the choice
+of a deadline (`gs2ci.reconstruct.presets.budget`).
 """
 
 import time
@@ -13,13 +13,13 @@ import numpy as np
 # Seconds of an iteration, by the share of the schedule that is done.
 Costs = Callable[[float], float]
 
-# After the last look all that follows takes about as long as this many: the views of two fits and their mean refined by
-# the pixels that were seen, then by all of them, the scene rendered for views and for depth.
+# Everything after the last look takes about as long as this many looks: the views of two fits and of their mean are
+# refined without the held-out pixels, then with all pixels, and the scene is rendered for views and for depth.
 LOOKS_AFTERWARDS: Final = 4
 _REVIEW_EVERY: Final = 10
-# What of an iteration more threads do not make quicker: two take 0.65 of one's time.
+# The share of an iteration that further threads do not speed up: two threads take 0.65 of the time of one.
 _ON_ONE_THREAD: Final = 0.3
-# The latest iterations know the machine's load, all before them are the surer mean.
+# The latest iterations show the machine's present load; the mean of all earlier ones is less noisy.
 _TRUST_IN_THE_LATEST: Final = 0.5
 _SAMPLES: Final = (np.arange(16) + 0.5) / 16
 
@@ -28,20 +28,20 @@ class Pace(Protocol):
     """Tells the fit how long its schedule is."""
 
     def total(self, done: int) -> int:
-        """Return how many iterations the schedule has now that `done` are done; no more than these: stop."""
+        """Return the length of the schedule after `done` iterations; the fit ends if this is not above `done`."""
 
     def looked(self, seconds: float) -> None:
-        """Take note of how long a look at the held-out pixels took."""
+        """Record how long a look at the held-out pixels took."""
 
     def is_late(self, done: int) -> bool:
-        """Tell whether it was the time, and not the number of iterations, that ended the schedule."""
+        """Tell whether the deadline, and not the number of iterations, ended the schedule."""
 
     def beside(self) -> "Pace":
         """Return a pace for another fit that runs at the same time."""
 
 
 class Fixed:
-    """A number of iterations, whatever they take: the same seed gives the same result."""
+    """A number of iterations, whatever time they take: the same seed gives the same result."""
 
     def __init__(self, iterations: int) -> None:
         self._iterations = iterations
@@ -63,7 +63,7 @@ class Fixed:
 
 
 class Timed:
-    """A few iterations, for what they take.
+    """A few iterations, to time them.
 
     Attributes:
         look_s: Seconds of the latest look.
@@ -77,12 +77,12 @@ class Timed:
 
     @property
     def waiting(self) -> float:
-        """Get how many seconds one second of a processor took here: 1 unless others had the processors too."""
+        """Get wall-clock seconds per processor second: 1 unless other programs used the processors too."""
         return max(1.0, float(np.ptp(self._moments_s) / max(np.ptp(self._processor_s), 1e-3)))
 
     @property
     def iteration_s(self) -> float:
-        """Get the seconds of an iteration: the median of all but the first, which makes room for the others."""
+        """Get the seconds of an iteration: the median of all but the first, which also allocates memory."""
         return float(np.median(np.diff(self._moments_s)[1:]))
 
     def total(self, done: int) -> int:
@@ -92,7 +92,7 @@ class Timed:
         return self._iterations
 
     def looked(self, seconds: float) -> None:
-        """Take note of how long a look took."""
+        """Record how long a look took."""
         self.look_s = seconds
 
     def is_late(self, done: int) -> bool:
@@ -113,14 +113,14 @@ def slower_beside(fits: int, threads: int) -> float:
 
 
 class Deadline:
-    """As many iterations as fit before a moment; their number follows the speed that the fit turns out to have.
+    """As many iterations as end before a deadline; their number follows the measured speed of the fit.
 
-    The schedule is stretched and shortened as a whole: step sizes and densification follow the share of it that is
-    done, so that a fit which ends by the clock has been through all of it. The result then depends on the machine.
+    The schedule is stretched or shortened as a whole: step sizes and densification follow the share of it that is
+    done, so that a fit that ends by the clock has been through all of it. The result then depends on the machine.
 
     Args:
-        most: Never more iterations than these.
-        until_s: When the views must have been handed over, on `clock`.
+        most: Largest number of iterations.
+        until_s: When the views must have been delivered, on `clock`.
         costs: Expected seconds of an iteration without looks; only the shape counts once the fit runs.
         look_s: Expected seconds of a look.
         look_every: Iterations between looks.
@@ -150,7 +150,7 @@ class Deadline:
         self._total = most
 
     def total(self, done: int) -> int:
-        """Return the length of the schedule by what is known now; `done` if another iteration would be too late."""
+        """Return the present estimate of the schedule's length; `done` if another iteration would be too late."""
         now_s = self._clock()
         if done == 0:
             self._reviewed_s = now_s
@@ -161,13 +161,13 @@ class Deadline:
         return self._total
 
     def looked(self, seconds: float) -> None:
-        """Take note of how long a look took: the first expectation gives way to the mean of the latest three."""
+        """Record how long a look took: the mean of the latest three replaces the first expectation."""
         self._looks += 1
         self._looking_s += seconds
         self._look_s += (seconds - self._look_s) / min(self._looks, 3)
 
     def is_late(self, done: int) -> bool:
-        """Tell whether the time was up before all iterations were done."""
+        """Tell whether the deadline came before all iterations were done."""
         return done < self._most
 
     def beside(self) -> "Deadline":
@@ -196,6 +196,6 @@ class Deadline:
         return low
 
     def _expected_s(self, begin: int, end: int, total: int) -> float:
-        """Return what the iterations from `begin` to `end` of a schedule of `total` are expected to take."""
+        """Return the expected seconds of the iterations from `begin` to `end` of a schedule of `total`."""
         shares = (begin + (end - begin) * _SAMPLES) / max(total, 1)
         return (end - begin) * float(np.mean([self._costs(float(share)) for share in shares]))

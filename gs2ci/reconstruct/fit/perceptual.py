@@ -1,7 +1,7 @@
 """How unlike two images look: the unweighted term of the pseudo-view loss (paper, eq. 10, D_per).
 
-Here: the interface, and the stand-in that needs no weights: 1 − SSIM, averaged over three scales. It is not LPIPS and
-is never called so. Not here: learned distances (`learned/lpips.py`), the loss around them (`fine.py`).
+Here: the interface, and the substitute that needs no weights: 1 − SSIM, averaged over three scales. It is not LPIPS,
+and no report calls it so. Not here: learned distances (`learned/lpips.py`), the loss around them (`fine.py`).
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class PerceptualDistance(Protocol):
 
     @property
     def name(self) -> str:
-        """Get the name that reports call it by."""
+        """Get its name in reports."""
 
     def __call__(self, image: Tensor, target: Tensor) -> Tensor:
         """Return the distance of images [H, W, 3], full scale 1, as a scalar; the gradient reaches `image` only."""
@@ -32,10 +32,10 @@ class PerceptualDistance(Protocol):
 
 @dataclass(frozen=True)
 class StructuralDissimilarity:
-    """1 − SSIM, averaged over an image and its halvings: the stand-in where no learned distance is at hand.
+    """1 − SSIM, averaged over an image and its halvings: the substitute if no learned distance is available.
 
     Args:
-        scales: How many sizes, the full one included; fewer where a side would fall below one pixel.
+        scales: How many sizes, the full one included; fewer if a side would fall below one pixel.
     """
 
     scales: int = 3
@@ -61,7 +61,7 @@ def load_distance(name: str) -> PerceptualDistance:
 
     Args:
         name: "structure", which needs no weights; "lpips", the model added under that name; "lpips:FILE"; or
-            "lpips-or-structure", the former where it has been added.
+            "lpips-or-structure", the former if it has been added.
 
     Raises:
         InputError: No such name, or the model file cannot be used.

@@ -1,4 +1,4 @@
-"""Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
+"""Camera poses as corrections in se(3) of their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
 Here: the parameters, their optimiser and its schedule, the lengths that step sizes are measured in, and the prior on
 given poses. Not here: the initial poses, and the standard errors of given ones (`reconstruct.geometry`).
@@ -19,13 +19,13 @@ from gs2ci.reconstruct.geometry.telemetry import PoseErrors
 from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
-"""What lengths are measured in. "path cube" is the unit of nerfstudio, on which the paper builds: its parser scales
-camera positions, their mean taken off, into a cube of side two, so that the largest coordinate is one."""
+"""The unit of lengths. "path cube" is the unit of nerfstudio, on which the paper builds: its parser subtracts the mean
+of the camera positions and scales them into a cube of side two, so that the largest coordinate is one."""
 
-# A camera that hardly moves: depths are about one (`geometry` normalises them), so this is 2 % of the depth. Without it
-# nothing could move along a ray when the path is short.
+# A floor for cameras that hardly move: depths are about one (`geometry` normalises them), so this is 2 % of the depth.
+# Without it nothing could move along a ray when the path is short.
 _LEAST_EXTENT = 0.02
-# The first steps of told poses, in their standard errors.
+# The first steps of given poses, in their standard errors.
 _STEP_IN_ERRORS = 0.2
 
 
@@ -40,10 +40,10 @@ class PoseSettings:
         rate: Initial step size of Adam, in radians and in `unit`.
         final_rate: Step size at the end; exponential in between.
         unit: Of translations.
-        told_weight: What a correction by one standard error costs where poses were told with an error, in the unit of
-            the loss, mean over views and components: the penalty of a normal prior; 0 for none. With half of it and
-            an error of 1 % of the path, exact poses of four scenes moved by 0.1 to 0.5 % of it, with a twentieth of
-            it by 0.6 % of one, without by 1 to 6 % (`python -m tests.benchmarks told_poses`).
+        told_weight: Cost of a correction by one standard error of poses that were given with an error, in the unit of
+            the loss, mean over views and components: the penalty of a normal prior; 0 for none. With half of it and an
+            error of 1 % of the path, exact poses of four scenes moved by 0.1 to 0.5 % of the path, with a twentieth of
+            it by 0.6 % in one, without it by 1 to 6 % (`python -m tests.benchmarks told_poses`).
     """
 
     refine: bool = True
@@ -74,7 +74,7 @@ class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
     def __init__(self, world_to_camera: F64, settings: PoseSettings, told: PoseErrors | None = None) -> None:
-        """Begin at given poses, [N, 4, 4]; `told` gives their standard errors, None where these are unknown."""
+        """Start at given poses, [N, 4, 4]; `told` gives their standard errors, None if these are unknown."""
         self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
@@ -82,7 +82,7 @@ class PoseCorrections:
         self._errors: Tensor | None = None
         if told is not None and settings.told_weight > 0:
             errors = torch.tensor([told.position] * 3 + [told.rotation] * 3, dtype=torch.float32)
-            # Steps are short beside the errors: else the poses would scatter further than they are let.
+            # Steps are small compared with the errors; otherwise poses would scatter further than the prior allows.
             self._units = torch.minimum(self._units, errors * (_STEP_IN_ERRORS / settings.rate))
             self._errors = errors / self._units
         self._settings = settings
@@ -99,11 +99,11 @@ class PoseCorrections:
         return found
 
     def pull(self, world_to_camera: Tensor, gradient: F32) -> None:
-        """Accumulate the gradient by the twists that a gradient by the poses, [N, 4, 4], comes to.
+        """Accumulate the gradient by the twists, from a gradient by the poses, [N, 4, 4].
 
         Args:
-            world_to_camera: The poses that it was taken at, as they are now.
-            gradient: Those by their last rows do not count.
+            world_to_camera: The present poses, at which the gradient was taken.
+            gradient: By the poses; their last rows are ignored.
         """
         if self._adam is None:
             return
@@ -117,13 +117,13 @@ class PoseCorrections:
         return self._twists.detach().numpy(), self._units.numpy()
 
     def penalty(self) -> Tensor | float:
-        """Return what the corrections cost that told poses make unlikely, [] (see `PoseSettings.told_weight`)."""
+        """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.told_weight`)."""
         if self._errors is None or self._adam is None:
             return 0.0
         return self._settings.told_weight * ((self._twists / self._errors) ** 2).mean()
 
     def step(self, progress: float) -> None:
-        """Take note of one more accumulated gradient, and step when it is time.
+        """Count one more accumulated gradient, and step if a step is due.
 
         Args:
             progress: Share of the schedule that is done, in [0, 1]: sets the step size.
@@ -139,16 +139,16 @@ class PoseCorrections:
         self.forget_gradient()
 
     def gradient(self) -> Tensor | None:
-        """Return what has been accumulated, by twists in scene units, [N, 6]; None where poses are not refined."""
+        """Return the accumulated gradient by twists in scene units, [N, 6]; None if poses are not refined."""
         return None if self._twists.grad is None else self._twists.grad / self._units
 
     def shift(self, twists: Tensor) -> None:
-        """Move the cameras by small twists after their poses, in scene units, [N, 6], past Adam and its moments."""
+        """Move the cameras by small twists after their poses, in scene units, [N, 6]; Adam's moments stay."""
         with torch.no_grad():
             self._twists.add_(twists / self._units)
 
     def forget_gradient(self) -> None:
-        """Drop what has been accumulated."""
+        """Discard the accumulated gradient."""
         self._twists.grad = None
         self._accumulated = 0
 

@@ -1,7 +1,7 @@
-"""Where the fine stage looks from beside the recovered cameras, and the weight of what it sees there.
+"""The pseudo-views of the fine stage: poses beside the recovered cameras, and the weights of their pixels.
 
-Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight (eq. 9). Not here: what the views
-there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`).
+Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight (eq. 9). Not here: the target images of
+these views (`reconstruct.priors2d`), the loss and the loop (`fine.py`).
 """
 
 import itertools
@@ -21,9 +21,9 @@ class SupportSettings:
     """The weight of a pixel of a pseudo-view, by the light that the Gaussians stop there (paper: IV-A).
 
     Args:
-        threshold: Alpha at which belief is half-way, τ_v.
+        threshold: Alpha at which the weight is half-way, τ_v.
         softness: Width of the transition, β_v.
-        least: Weight that is left where nothing stops the light, w_min.
+        least: Weight of a pixel whose light nothing stops, w_min.
     """
 
     threshold: float = 0.25
@@ -50,10 +50,10 @@ def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:
 
     Returns:
         [(N − 1) · between + 2, 4, 4]: those between, then the one before the first and the one after the last; none
-        where there is only one camera.
+        if there is only one camera.
 
     Raises:
-        InputError: Fewer than none are requested.
+        InputError: `between` is negative.
     """
     if between < 0:
         raise InputError(f"{between} poses between two cameras", allowed="0 or more")
@@ -72,7 +72,7 @@ def interpolated(a: Tensor, b: Tensor, share: Tensor | float) -> Tensor:
 
     Args:
         a: World to camera, [4, 4].
-        b: World to camera, [4, 4]; at 180° from `a` either way round is as short, and one of them is taken.
+        b: World to camera, [4, 4]; at 180° from `a` both directions are equally short, and one of them is taken.
         share: α; 0 gives `a`, 1 gives `b`.
     """
     pose = a.clone()

@@ -1,8 +1,9 @@
-"""The order in which Gaussians lie in memory: that in which a picture is rendered.
+"""The order of Gaussians in memory: that in which a picture is rendered.
 
-Cells of neighbouring pixels are blended one after the other, and share most of their Gaussians: where these lie beside
-each other, they are still in the cache. First Gaussians are made in this order, and every turn of a density rule puts
-its newcomers at the end. Here: the order. Not here: the cells (`gs2ci.render.cpu.layout`), turns (`coarse.py`).
+Cells of neighbouring pixels are blended one after the other, and share most of their Gaussians: if these are adjacent
+in memory, they are still in the cache. First Gaussians are made in this order, but a density rule appends new ones at
+the end, so they are sorted again. Here: the order. Not here: the cells (`gs2ci.render.cpu.layout`), when they are
+sorted (`coarse_state.py`).
 """
 
 from typing import Final
@@ -12,12 +13,12 @@ from torch import Tensor
 
 from gs2ci.render.conventions import NEAR
 
-# About as many rows as a strip of cells has where a quarter of the pixels is open.
+# About the height in rows of a strip of cells if a quarter of the pixels is open.
 _STRIP_PX: Final = 8
 
 
 def raster_order(means: Tensor, world_to_camera: Tensor, intrinsics: Tensor) -> Tensor:
-    """Return the indices of points as one camera sees them, strip by strip, in each from left to right; [G] int64.
+    """Return the indices of points in the order of a camera's picture, [G] int64: by strips, in each left to right.
 
     Args:
         means: [G, 3].

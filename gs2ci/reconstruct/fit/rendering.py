@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
-Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), a camera matrix and
-a lens. Not here: when each mask was open (`mask_moments.py`), any fitting.
+Here: the renderer with a shot's sensor (masks, weights, mono or mosaic), a camera matrix and a lens. Not here: when
+each mask was open (`mask_moments.py`), any fitting.
 """
 
 import numpy as np
@@ -25,10 +25,10 @@ class ShotRenderer:
 
     Args:
         shot: The measurement; of its masks and weights, `transmissions` are the products wᵢ Mᵢ, [N, H, W].
-        intrinsics: Camera matrix in px, [3, 3]; of the pinhole in the sensor's pixels, behind a lens.
+        intrinsics: Camera matrix in px, [3, 3]; with a lens, that of the pinhole model in the sensor's pixels.
         backend: The renderer.
-        lens: Through which the shot was taken, unless it is a pinhole: every image is then the sensor's.
-        mask_moments: The moments of each mask; None where one for each is enough.
+        lens: The lens of the camera; None for a pinhole. With a lens, every image is rendered as the sensor sees it.
+        mask_moments: The moments of each mask; None if one for each is enough.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class ShotRenderer:
         return 1.0 if self._mask_moments is None else self._mask_moments.count / len(self.transmissions)
 
     def reuse(self) -> Reuse:
-        """Return what the renderings of a population may share from now on."""
+        """Return a new object that holds what renderings of the same Gaussians may share."""
         return self._backend.reuse()
 
     def measurement(
@@ -72,7 +72,7 @@ class ShotRenderer:
     ) -> Tensor:
         """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable.
 
-        What may be shared with other renderings, and who records what the screen saw: see `Backend.coded`.
+        For `reuse` and `screen` see `Backend.coded`.
         """
         poses, times = self._moments(world_to_camera)
         image = self._backend.coded(scene, poses, self.intrinsics, self._mask_set, screen, reuse, times)
@@ -87,9 +87,10 @@ class ShotRenderer:
         reuse: Reuse | None = None,
         screen: ScreenStatistics | None = None,
     ) -> tuple[F32, Pull]:
-        """Render the coded measurement, [H, W, C], and how its gradient comes to scene and poses, [N, 4, 4].
+        """Render the coded measurement, [H, W, C]; also return the function that propagates its gradient back.
 
-        Arguments as for `measurement`.
+        The function adds the gradient to the scene's, and returns that by the poses, [N, 4, 4]. Arguments as for
+        `measurement`.
         """
         moments, times = world_to_camera.detach(), self.times
         if self._mask_moments is not None:
@@ -116,13 +117,13 @@ class ShotRenderer:
         return coded_with_pull(self._backend, scene, world_to_camera, self.intrinsics, mask_set)
 
     def _to_channels(self, image: F32) -> F32:
-        """Return what the sensor sees of a colour image, [H, W, 3]: [H, W, C]."""
+        """Return a colour image, [H, W, 3], as the sensor sees it, [H, W, C]."""
         if self._channels is not None:
             return np.take_along_axis(image, self._channels.numpy()[..., None], axis=2)
         return image.mean(axis=2, keepdims=True) if self._mono else image
 
     def _to_colours(self, gradient: F32) -> F32:
-        """Return the gradient by a colour image, [H, W, 3], of that by what the sensor sees, [H, W, C]."""
+        """Return the gradient by a colour image, [H, W, 3], from that by the sensor's image, [H, W, C]."""
         if self._channels is not None:
             spread = np.zeros((*gradient.shape[:2], 3), np.float32)
             np.put_along_axis(spread, self._channels.numpy()[..., None], gradient, axis=2)
@@ -143,9 +144,9 @@ class ShotRenderer:
         return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
 
     def exposed(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
-        """Render what each mask saw while it was on show, the mean of its moments: [N, H, W, C], as `views`.
+        """Render what each mask saw while it was displayed, the mean of its moments: [N, H, W, C], as `views`.
 
-        Coded, these are the measurement; `views` show the middle of each mask.
+        The measurement codes these; `views` show the middle of each mask's time.
         """
         if self._mask_moments is None:
             return self.views(scene, world_to_camera)
@@ -171,7 +172,7 @@ class ShotRenderer:
     ) -> tuple[Tensor, Tensor]:
         """Render images [V, H, W, 3] and alphas [V, H, W] from any poses [V, 4, 4]; differentiable.
 
-        `colours`, [V, G, 3], stand for the scene's own where they are given; `times` as for `views`.
+        `colours`, [V, G, 3], replace the scene's own if given; `times` as for `views`.
         """
         when = self._when(scene, times)
         return self._backend.views(
@@ -182,12 +183,12 @@ class ShotRenderer:
         return self.times if times is None and scene.motion is not None else times
 
     def stopped_light(self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None) -> StoppedLight:
-        """Find where the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
+        """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
         poses = torch.from_numpy(np.asarray(world_to_camera)).float()
         scene = scene.detach()
         when = self._when(scene, times)
         return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
-        """Render depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
+        """Render depths along the optical axis, [V, H, W]; zero at pixels where less than half of the light stops."""
         return self.stopped_light(scene, world_to_camera).surface().numpy()

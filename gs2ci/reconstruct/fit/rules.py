@@ -41,9 +41,9 @@ RULE_GROUP: Final = "gs2ci.density_rules"
 
 
 def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
-    """Return settings with the density rule of a name, unless they have it already.
+    """Return settings with the density rule of a name; the same settings if they have it already.
 
-    The comparison of the paper's Table VIII is made with this: everything else stays as it is.
+    The comparison of the paper's Table VIII uses this: everything else is unchanged.
 
     Raises:
         InputError: There is no rule of that name, or a plug-in's cannot be used.

@@ -1,9 +1,10 @@
-"""Whether views look as where the camera goes on while a mask is on show: fine detail across its motion, none along it.
+"""A test for views smeared by a camera that moves during each mask: fine detail across its motion, none along it.
 
-A mask lets through the mean of what the camera saw meanwhile. Over d pixels of steady motion that takes nearly all of
-the detail along it that is finer than d, and none across. A scene whose own detail differs by so much between two
-directions is rare but there is such (a fence, a blind, the sea), so that this is a doubt and no measurement.
-Here: the test. Not here: how far the image moves, and what moments of a mask give back (`mask_moments`).
+A mask transmits the mean of what the camera sees while it is displayed. Over d pixels of steady motion, this mean
+removes nearly all detail along the motion that is finer than d, and none across it. Scenes whose own detail differs as
+much between two directions are rare but exist (a fence, a blind, the sea), so the test gives a doubt, not a
+measurement. Here: the test. Not here: how far the image moves, and how moments of a mask recover the detail
+(`mask_moments`).
 """
 
 from typing import Final
@@ -13,26 +14,28 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 
-# Less motion than this leaves too narrow a band of detail that it takes away.
+# With less motion, the band of frequencies that it removes is too narrow to test.
 _LEAST_PX: Final = 3.0
-# A mean over d pixels passes the frequency 1 / d not at all, and beyond it up to a fifth. Near a half, detail is noise.
+# A mean over d pixels removes the frequency 1 / d entirely, and passes up to a fifth of higher ones. Near a frequency
+# of 1/2, detail is noise.
 _BAND_FROM: Final = 1.2
 _HIGHEST: Final = 0.45
-# Frequencies count as along or across within so many degrees.
+# Frequencies within so many degrees count as along or across the motion.
 _WEDGE_DEG: Final = 30.0
-# Of a picture of a few pixels so few frequencies are in the band that chance decides.
+# In a picture of a few pixels, the band has too few frequencies to tell.
 _LEAST_PLACES: Final = 16
-# Amplitude along the motion, against that across it: 0.2 where planes were exposed on the move, by 5 px a mask; 0.67 to
-# 2.4 in sharp pictures whose motion is level, and 0.42 in one of a tower that would move upright (`test_smear.py`).
+# Ratio of the amplitude along the motion to that across it: 0.2 for planes that moved by 5 px during each mask; 0.67 to
+# 2.4 for sharp pictures with an assumed horizontal motion, 0.42 for one of a tower with a vertical one
+# (`test_smear.py`).
 _SMEARED: Final = 0.35
 
 
 def smeared_views(views: F32, motion_px: F64) -> tuple[Finding, ...]:
-    """Say that views hold little fine detail along the camera's motion within a mask, where that is so.
+    """Report views that hold little fine detail along the camera's motion within a mask.
 
     Args:
         views: Of one pose for each mask, [N, H, W, C].
-        motion_px: How far the image moves while each mask is on show, [N, 2] as (x, y).
+        motion_px: How far the image moves while each mask is displayed, [N, 2] as (x, y).
     """
     longest = float(np.linalg.norm(motion_px, axis=1).max(initial=0.0))
     share = detail_along(views, motion_px)
@@ -42,7 +45,7 @@ def smeared_views(views: F32, motion_px: F64) -> tuple[Finding, ...]:
 
 
 def detail_along(views: F32, motion_px: F64) -> float | None:
-    """Return how much fine detail views hold along a motion, as a share of that across it; None where nothing tells.
+    """Return the fine detail of views along a motion, as a share of that across it; None if it cannot be measured.
 
     Args:
         views: [N, H, W, C].

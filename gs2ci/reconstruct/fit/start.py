@@ -1,6 +1,6 @@
 """The first Gaussians, on the points that the geometry stage found.
 
-Here: their sizes, opacities and orientations. Not here: where they stand (`geometry.points`).
+Here: their sizes, opacities and orientations. Not here: their positions (`geometry.points`).
 """
 
 from typing import Final
@@ -14,17 +14,18 @@ from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.render.gaussians import Gaussians, logit
 
 INITIAL_OPACITY: Final = 0.3
-"""Three times that of Kerbl et al. 2023 (section 5.1), whose first points are sparse and unsure: those of a plane sweep
-lie on one surface, and a short schedule has no time to make it opaque."""
+"""Three times that of Kerbl et al. 2023 (section 5.1), whose first points are sparse and uncertain: the points of a
+plane sweep lie on one surface, and a short schedule has no time to make it opaque."""
 _NEIGHBOURS: Final = 3  # as there: the mean distance to the three nearest
-# As large as the distance, first Gaussians blur what the decode shows, and each is blended into twice as many pixels.
+# First Gaussians as large as the distance would blur the decode, and each would be blended into twice as many pixels.
 _SIZE_PER_DISTANCE: Final = 0.7
-# Duplicate points have no distance, and log 0 no end: nothing starts smaller than this share of the grid's spacing.
+# Duplicate points have distance 0, whose logarithm is infinite: no Gaussian starts smaller than this share of the
+# grid's spacing.
 _LEAST_SHARE_OF_SPACING: Final = 0.1
 
 
 def first_gaussians(seeds: Seeds) -> Gaussians:
-    """Put an isotropic, translucent Gaussian on every point, nearly as large as its neighbours are far.
+    """Put an isotropic, translucent Gaussian on every point, sized by the distance to its neighbours.
 
     Args:
         seeds: Points, [P, 3], with colours, [P, C], and spacing, [P]; a mono scene gets three equal channels.
@@ -46,7 +47,7 @@ def first_gaussians(seeds: Seeds) -> Gaussians:
 
 
 def _neighbour_distance(positions: F32) -> F32:
-    """Return the mean distance to the nearest others, [P]; zero where there are none."""
+    """Return the mean distance to the nearest others, [P]; zero if there are none."""
     neighbours = min(_NEIGHBOURS, len(positions) - 1)
     if neighbours < 1:
         return np.zeros(len(positions), np.float32)

@@ -1,6 +1,6 @@
-"""A fit that is not told what the geometry stage found, to show what knowing it is worth (paper, Table VII).
+"""Fits without the poses or points of the geometry stage, to measure what these are worth (paper, Table VII).
 
-Here: first poses and first points that know nothing. Not here: the geometry (`reconstruct.geometry`), nor the other
+Here: first poses and first points without that knowledge. Not here: the geometry (`reconstruct.geometry`), the other
 components that can be switched off (`reconstruct.presets.ablation`).
 """
 
@@ -15,16 +15,16 @@ from gs2ci.reconstruct.geometry.points import Seeds, seed_points
 
 _NEAREST: Final = 0.5
 _FARTHEST: Final = 2.0
-"""Where points of no known depth are put, in units of the median depth: a factor of two about it either way."""
-_STREAM: Final = 0x5EED  # keeps these draws apart from every other one of the same seed
+"""Points without a known depth are put within this factor of the median depth, nearer or farther."""
+_STREAM: Final = 0x5EED  # makes these random draws independent of all others of the same seed
 
 
 @dataclass(frozen=True)
 class Withheld:
-    """What of the geometry the fit does not get.
+    """The part of the geometry that is withheld from the fit.
 
     Args:
-        points: Points are strewn over what the reference view sees, in random colours.
+        points: Points are scattered at random over what the reference view sees, in random colours.
         poses: All poses are that of the reference view.
     """
 
@@ -33,7 +33,7 @@ class Withheld:
 
 
 def first_poses(geometry: Geometry, withheld: Withheld) -> Geometry:
-    """Return the geometry, its poses all alike if they are withheld."""
+    """Return the geometry, with all poses the same if they are withheld."""
     if not withheld.poses:
         return geometry
     own = geometry.world_to_camera[geometry.reference]
@@ -48,8 +48,8 @@ def first_points(geometry: Geometry, views: F32, stride: int, withheld: Withheld
         geometry: Poses and depth.
         views: Decoded views, [N, H, W, C].
         stride: Step between pixels, along rows and columns.
-        withheld: What the fit does not get.
-        seed: Of the random ones.
+        withheld: What is withheld.
+        seed: Of the random points.
     """
     seeds = seed_points(geometry, views, stride)
     if not withheld.points:

@@ -1,4 +1,4 @@
-"""Adaptive density control, as 3D Gaussian splatting came with it (Kerbl et al. 2023, section 5.2; gsplat's defaults).
+"""Adaptive density control of 3D Gaussian splatting (Kerbl et al. 2023, section 5.2; gsplat's defaults).
 
 Here: the rule, put together from `classic.py`.
 """
@@ -14,7 +14,7 @@ from gs2ci.render.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class Adc:
-    """Split what is large, duplicate what is small, where the gradient is high; remove what is faint or huge.
+    """Split large and duplicate small Gaussians whose gradient is high; remove those that are faint or huge.
 
     Copies and children keep the opacity of the one they come from, as in the original.
 

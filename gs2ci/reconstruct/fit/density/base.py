@@ -1,8 +1,8 @@
-"""What a density rule is: where, from what has been seen since its last turn, Gaussians are added and removed.
+"""The interface of density rules, which decide where Gaussians are added and removed.
 
-Here: the evidence that rules decide on, the change they return, and the operations they share (duplicate, split).
-Not here: any rule; each has a file of its own (`osgr`, `adc`, `revised`, `mcmc`), nor the criteria that the first
-three share (`classic.py`).
+Here: the statistics on which rules decide, the change they return, and the operations they share (duplicate, split).
+Not here: any rule, each of which has its own file (`osgr`, `adc`, `revised`, `mcmc`); the criteria that the first three
+share (`classic.py`).
 """
 
 import math
@@ -18,20 +18,20 @@ from gs2ci.render.gaussians import Gaussians, rotation_matrices, transmittance_p
 SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
 
 Preserving = Literal["both", "duplicates", "neither"]
-"""Of what the transmittance stays: duplicates and splits, duplicates only, or neither."""
+"""Which operations preserve the transmittance: duplicates and splits, duplicates only, or neither."""
 
 
 @dataclass(frozen=True)
 class GaussianStatistics:
-    """What the fit has seen since the rule's last turn.
+    """Statistics since the rule was last applied.
 
     Args:
-        screen_gradient: Mean over the sightings of the norm of the gradient of the loss by each Gaussian's position
-            on the screen, [G], in half image sizes (`gs2ci.render.screen`).
+        screen_gradient: Norm of the gradient of the loss by each Gaussian's position on the screen, mean over the
+            renderings that show it, [G], in half image sizes (`gs2ci.render.screen`).
         screen_radius: Largest radius seen, [G], as a share of the longer side of the image.
         blended_error: Looks up each Gaussian's part in the present error: its blending weights times the error of
             the pixels, summed over a view, in the view where that is largest, [G]. Costs a rendering.
-        extent: The diameter of the camera path, in scene units: what «large» is measured by.
+        extent: The diameter of the camera path, in scene units: the unit in which sizes are judged.
         cap: The largest population allowed.
         iteration: How many iterations are done.
     """
@@ -46,12 +46,12 @@ class GaussianStatistics:
 
 @dataclass(frozen=True)
 class PopulationChange:
-    """What a rule wants.
+    """The change that a rule returns.
 
     Args:
         scene: The new Gaussians.
         source: For each the index of the old one that it continues, or -1, [G'] int64.
-        forget: Names of the parameters in which the optimiser forgets where it was heading.
+        forget: Names of the parameters whose moments the optimiser resets.
     """
 
     scene: Gaussians
@@ -64,10 +64,10 @@ class DensityRule(Protocol):
 
     @property
     def name(self) -> str:
-        """Get the name under which settings and reports know it."""
+        """Get its name in settings and reports."""
 
     def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
-        """Return the population that the fit goes on with."""
+        """Return the Gaussians with which the fit continues."""
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> Tensor | None:
         """Return by how much to move the means after an iteration, [G, 3]; None for not at all.
@@ -90,9 +90,9 @@ def grow(
 ) -> PopulationChange:
     """Duplicate and split Gaussians, by default without changing what a ray sees through them.
 
-    Where the transmittance stays, both copies or children get the opacity 1 − √(1 − α), so that the two in a row let
-    through what the one did (Rota Bulò et al. 2024 for duplicates; the paper extends it to splits, section IV-A).
-    Where it does not, they keep the opacity of the one (Kerbl et al. 2023).
+    To preserve the transmittance, both copies or children get the opacity 1 − √(1 − α), so that the two in a row
+    transmit as much as the one did (Rota Bulò et al. 2024 for duplicates; the paper extends it to splits, section
+    IV-A). Otherwise they keep the opacity of the one (Kerbl et al. 2023).
 
     Args:
         scene: The present Gaussians, G.
@@ -100,7 +100,7 @@ def grow(
         duplicate: Those that get a copy, [G] bool, a part of `keep`.
         split: Those replaced by two smaller children drawn from their own density, [G] bool, apart from `keep`.
         generator: For the children's places.
-        preserving: Which of them get that opacity.
+        preserving: Which of them preserve the transmittance.
 
     Returns:
         The kept, then the copies, then the children.

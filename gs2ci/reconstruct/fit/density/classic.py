@@ -1,7 +1,7 @@
 """The criteria of adaptive density control that `adc`, `revised` and `osgr` share (Kerbl et al. 2023, section 5.2).
 
-Here: which Gaussians are in want of company, which of them are split, which are removed, and the reset of opacities.
-Not here: the rules that put them together.
+Here: which Gaussians are to be split or duplicated, which of them are split, which are removed, and the reset of
+opacities. Not here: the rules that put them together.
 """
 
 from dataclasses import dataclass, replace
@@ -15,23 +15,22 @@ from gs2ci.render.gaussians import Gaussians, logit
 
 @dataclass(frozen=True)
 class Classic:
-    """Thresholds, with the defaults that gsplat and Nerfstudio's trainer give to those of the original.
+    """Thresholds of the original, with the default values of gsplat and Nerfstudio's trainer.
 
     Args:
         gradient: Screen gradient above which a Gaussian is split or duplicated.
         large: Size above which it is split rather than duplicated, in units of the camera path's diameter.
         large_on_screen: Radius above which it is split whatever its gradient, as a share of the longer image side;
-            None for none (gsplat's default, where Nerfstudio has 0.05).
+            None: never (gsplat's default; Nerfstudio has 0.05).
         transparent: Opacity below which it is removed.
         huge: Size above which it is removed, in units of the path's diameter or of the median depth, whichever is
-            longer: the original's unit is the size of a scene that cameras go round, and a short path says nothing
-            about that.
+            longer: the original's unit is the size of a scene that cameras surround, which a short path does not show.
         huge_on_screen: Radius above which it is removed, as a share of the longer image side.
         screen_until: Iteration from which on radii no longer count.
-        reset_every: Iterations between resets of all opacities; None for never. Sizes remove nothing before the first.
-        reset_to: Opacity that a reset leaves at most: twice the removal's, so that what is needed can recover.
-        pause_after_reset: Iterations after a reset in which nothing is added or removed: until opacities have
-            recovered, neither they nor the gradients tell anything.
+        reset_every: Iterations between resets of all opacities; None: never. Sizes remove nothing before the first.
+        reset_to: Largest opacity after a reset: twice that of removal, so that needed Gaussians can recover.
+        pause_after_reset: Iterations after a reset in which nothing is added or removed: neither opacities nor
+            gradients are meaningful until opacities have recovered.
     """
 
     gradient: float = 2e-4
@@ -51,7 +50,7 @@ class Classic:
 
         They differ from the original's in that Gaussians are removed below an opacity of 0.1, not of 0.005, and that
         a reset is followed by a pause. Its gradient threshold, 8e-4, is for norms of absolute gradients; here the
-        one of 2e-4 that gsplat gives for plain ones. «Huge» stays in this project's unit.
+        threshold is 2e-4, which gsplat gives for plain gradients. `huge` stays in this project's unit.
         """
         return cls(transparent=0.1, reset_to=0.2, pause_after_reset=101)
 
@@ -62,13 +61,13 @@ class Classic:
         return evidence.iteration % self.reset_every < self.pause_after_reset
 
     def wanting(self, evidence: GaussianStatistics) -> Tensor:
-        """Return those that the loss pulls at, [G] bool."""
+        """Return those whose screen gradient is above the threshold, [G] bool."""
         return evidence.screen_gradient > self.gradient
 
     def divide(self, scene: Gaussians, evidence: GaussianStatistics, wanting: Tensor) -> tuple[Tensor, Tensor]:
-        """Divide those in want of company into splits and duplicates, [G] bool each.
+        """Divide Gaussians that need more detail into splits and duplicates, [G] bool each.
 
-        Among the splits are also those whose radius alone asks for it.
+        The splits include those whose radius alone is above its threshold.
         """
         split = wanting & (_sizes(scene) > self.large * evidence.extent)
         duplicate = wanting & ~split
@@ -87,7 +86,7 @@ class Classic:
         return torch.zeros_like(remove) if bool(remove.all()) else remove
 
     def reset(self, change: PopulationChange, evidence: GaussianStatistics) -> PopulationChange:
-        """Bound all opacities if it is time for that; the optimiser forgets where they were heading."""
+        """Bound all opacities if a reset is due; the optimiser then resets their moments."""
         if not self.reset_every or evidence.iteration == 0 or evidence.iteration % self.reset_every:
             return change
         scene = change.scene.map(lambda tensor: tensor)

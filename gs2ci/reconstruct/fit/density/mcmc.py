@@ -1,8 +1,9 @@
 """3DGS-MCMC: a population of a given size that moves to where it is needed (Kheradmand et al. 2024).
 
-Here: the rule. The faint are relocated into the opaque, newcomers are placed among them, and after every iteration
-the faint are shaken, the more the larger they are. Not here: the arithmetic of sharing a place (`sharing.py`), nor
-its two regularisers, mean opacity and mean size, which are weights of the loss (`fit/losses.py`).
+Here: the rule. Faint Gaussians are relocated to the places of opaque ones, new ones are placed there too, and after
+every iteration faint ones are shaken, the more the larger they are. Not here: opacities and sizes of Gaussians that
+share a place (`sharing.py`); the two regularisers, mean opacity and mean size, which are weights of the loss
+(`fit/losses.py`).
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationCha
 from gs2ci.reconstruct.fit.density.sharing import most_copies, share_out
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 
-_STEEPNESS: Final = 100.0  # of the fall of the shaking with opacity (Kheradmand et al. 2024, section 4.2)
+_STEEPNESS: Final = 100.0  # with which shaking decreases with opacity (Kheradmand et al. 2024, section 4.2)
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Mcmc:
         return self._move(present, faint, self._affordable(present, chosen))
 
     def _affordable(self, scene: Gaussians, chosen: Tensor) -> Tensor:
-        """Leave out of the choices those that would make a place's shares faint themselves: all would be lost."""
+        """Drop choices that would divide a Gaussian into parts that are faint themselves and would be relocated."""
         order = torch.argsort(chosen, stable=True)
         first = torch.searchsorted(chosen[order], chosen[order])
         rank = torch.empty_like(chosen)
@@ -56,7 +57,7 @@ class Mcmc:
         return chosen[rank < room]
 
     def _move(self, scene: Gaussians, faint: Tensor, chosen: Tensor) -> PopulationChange:
-        """Let each choice be shared with one of the faint, and with a newcomer when none of them is left."""
+        """Share each choice with one of the faint Gaussians, or with a new one when none of these is left."""
         copies = 1 + torch.bincount(chosen, minlength=len(scene))
         shared = copies > 1
         logits, log_scales = scene.opacity_logits.clone(), scene.log_scales.clone()
@@ -68,7 +69,7 @@ class Mcmc:
         kept = torch.arange(len(row))
         kept[len(scene) :] = -1
         kept[moved] = -1
-        # Those who share their place start anew as well: where they were heading was meant for the whole.
+        # Those that share their place start with new moments too: the old moments belong to the undivided Gaussian.
         kept[: len(scene)][shared] = -1
         whole = scene.map(lambda tensor: tensor)
         whole.opacity_logits, whole.log_scales = logits, log_scales

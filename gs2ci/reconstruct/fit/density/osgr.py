@@ -18,20 +18,20 @@ from gs2ci.render.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class Osgr:
-    """Split where the gradient is high and the Gaussian large, or where its opacity stands out of its neighbours'.
+    """Split Gaussians that are large with a high gradient, or whose opacity exceeds that of their neighbours.
 
     Args:
         criteria: Thresholds of the conventional criteria, and the reset of opacities.
-        opacity_splits: Whether opacity alone may ask for a split.
+        opacity_splits: Whether opacity alone may cause a split.
         neighbours: Nearest neighbours whose opacities its own is compared with (supplement II: three).
         extra_splits: Budget for splits by opacity alone, as a share of the population (supplement II: 5 %).
-        ranked_first: Whether all Gaussians are ranked by opacity before the conventional candidates are added, as
-            supplement II has it, so that those wanted by both count once. If not, the budget is for those that nothing
-            else asks for.
-        shared_room: Whether a population near its cap shares the room out among the kinds of candidates by their
-            numbers. If not, those with the largest gradient come first, and those that only their opacity or their
-            radius asks for never come.
-        preserving: Of what the transmittance stays (supplement II: of copies and of children).
+        ranked_first: Whether all Gaussians are ranked by opacity before the conventional candidates are added, as in
+            supplement II, so that candidates of both criteria count once. If not, the budget is only for those that no
+            other criterion selects.
+        shared_room: Whether a population near its cap divides the remaining room among the kinds of candidates by their
+            numbers. If not, those with the largest gradient come first, and those selected only by their opacity or
+            their radius get no room.
+        preserving: Which operations preserve the transmittance (supplement II: copies and children).
     """
 
     criteria: Classic = field(default_factory=Classic)
@@ -45,23 +45,23 @@ class Osgr:
 
     @classmethod
     def of_the_paper(cls) -> "Osgr":
-        """Return the rule as the paper has it, on nerfstudio's thresholds."""
+        """Return the rule as in the paper, with nerfstudio's thresholds."""
         return cls(criteria=Classic.of_nerfstudio(), ranked_first=True, shared_room=True)
 
     @classmethod
     def sparing(cls) -> "Osgr":
         """Return the rule with criteria for a fit of about a thousand iterations to one noisy measurement.
 
-        There, splits by radius alone fill smooth regions with Gaussians that fit noise. Without them, and with the
-        threshold that gsplat gives for gradients whose norms are summed, half as many Gaussians show the
-        renderings of a fitted Gaussian scene better by 0.4 to 0.5 dB and simulated scenes worse by 0.2 to 0.6 dB
-        (docs/decisions/0016-the-default-splits-less.md has the figures, and on which data they were taken).
+        There, splits by radius alone fill smooth regions with Gaussians that fit noise. Without them, and with gsplat's
+        threshold for gradients whose norms are summed, half as many Gaussians reproduce the renderings of a fitted
+        Gaussian scene better by 0.4 to 0.5 dB and simulated scenes worse by 0.2 to 0.6 dB
+        (docs/decisions/0016-the-default-splits-less.md has the figures and the data).
         """
         return cls(criteria=Classic(gradient=8e-4, large_on_screen=None))
 
     @classmethod
     def generous(cls) -> "Osgr":
-        """Return the sparing rule with splits by radius: the other way to err, for fits that are averaged."""
+        """Return the sparing rule with splits by radius: its errors differ, which helps the mean of several fits."""
         return cls(criteria=Classic(gradient=8e-4))
 
     def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
@@ -73,7 +73,7 @@ class Osgr:
         wanting = self.criteria.wanting(evidence)
         split, duplicate = self.criteria.divide(scene, evidence, wanting)
         excess = self._excess(scene) if self.opacity_splits else torch.zeros(len(scene))
-        # The rule of duplication stays as it was: who gets a copy is not split as well.
+        # Duplication is unchanged: a Gaussian that gets a copy is not split as well.
         peaks = self._peaks(excess, exclude=None if self.ranked_first else split | duplicate) & ~(split | duplicate)
         split, duplicate = (split | peaks) & ~remove, duplicate & ~remove
         room = evidence.cap - (len(scene) - int(remove.sum()))
@@ -96,7 +96,8 @@ class Osgr:
             return torch.zeros(count)
         means = scene.means.detach().numpy()
         nearest = np.asarray(cKDTree(means).query(means, k=self.neighbours + 1)[1])
-        # Of points in one place the tree lists any first: put each one's own index there, to leave it out.
+        # Among points in the same place the tree may list any one first. Move each point's own index to the front, so
+        # that it can be left out.
         itself_first = np.argsort(nearest != np.arange(count)[:, None], axis=1, kind="stable")
         nearest = np.take_along_axis(nearest, itself_first, axis=1)
         others = opacity[torch.from_numpy(nearest[:, 1:])].sum(dim=1)
@@ -116,10 +117,10 @@ class Osgr:
 
 
 def _fair(*kinds: tuple[Tensor, Tensor]) -> Tensor:
-    """Return priorities, [G], by which the first so many hold of each kind a share as large as that of all.
+    """Return priorities, [G], such that any number of the first contains each kind in the proportion of the whole.
 
     Args:
-        kinds: Who is of a kind, [G] bool, and what it is ranked by, [G]; of several kinds one is of the first.
+        kinds: Members of each kind, [G] bool, and their ranking, [G]; a member of several kinds counts for the first.
     """
     priority = torch.zeros(len(kinds[0][0]))
     left = torch.ones(len(priority), dtype=torch.bool)

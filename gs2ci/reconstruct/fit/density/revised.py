@@ -1,8 +1,8 @@
 """Revised densification (Rota Bulò et al. 2024, "Revising densification in Gaussian splatting").
 
 Here: the rule. Candidates are chosen by their part in the error of the pixels instead of by gradients, duplicates
-keep the transmittance (splits do not: that is the paper's, in `osgr.py`), growth is bounded per turn, and opacities
-sink a little at every turn instead of being reset.
+preserve the transmittance (splits do not: `osgr.py` adds that), growth per application is bounded, and each application
+lowers opacities a little instead of resetting them.
 """
 
 from dataclasses import dataclass, field, replace
@@ -16,13 +16,13 @@ from gs2ci.render.gaussians import Gaussians, logit
 
 @dataclass(frozen=True)
 class Revised:
-    """Split or duplicate where blended pixels are wrong, the worst first.
+    """Split or duplicate Gaussians that contribute to wrong pixels, the largest error first.
 
     Args:
         error: Part in the error of one view above which a Gaussian is split or duplicated. The error of a pixel is
-            1 − SSIM; in a coded measurement that of every view which its mask let through.
-        growth: Additions in one turn at most, as a share of the population.
-        sinking: What each opacity loses in a turn.
+            1 − SSIM; a pixel of a coded measurement passes it to every view that its masks let through.
+        growth: Most additions in one application, as a share of the population.
+        sinking: How much each application lowers every opacity.
         criteria: What is large, what is removed. Its gradient threshold and its reset are not used.
     """
 
@@ -43,7 +43,7 @@ class Revised:
 
     def _sink(self, change: PopulationChange) -> PopulationChange:
         scene = change.scene.map(lambda tensor: tensor)
-        # In float64, so that opacities near one do not round to one; below the least float32 nothing is left to sink.
+        # In float64, so that opacities near one do not round to one; the least float32 is the lower bound.
         opacity = torch.sigmoid(scene.opacity_logits.double()) - self.sinking
         floor = torch.finfo(torch.float32).tiny
         scene.opacity_logits = logit(opacity.clamp(min=floor)).to(scene.opacity_logits.dtype)
