@@ -1,7 +1,7 @@
-"""Bundle adjustment of poses, points and, if wanted, one focal length, from given poses; by pycolmap.
+"""Bundle adjustment of poses, points and, on request, one focal length, from given poses; by pycolmap.
 
-Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: the adjustment that starts from nothing
-(`motion`), what the result is worth (`hierarchy`).
+Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: the adjustment without given poses
+(`motion`), the judgement of the result (`hierarchy`).
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from gs2ci.reconstruct.geometry.motion import CameraMotion, rays
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
-# Farther off than this, a track is a mistake and not a measurement (the original's filter before its adjustment).
+# A track with a larger error is wrong, not just inaccurate (the original's filter before its adjustment).
 OUTLIER_PX: Final = 8.0
 _CAMERA: Final = 1
 
@@ -38,13 +38,13 @@ def adjust_bundle(
 
     Args:
         tracks: At least one point.
-        world_to_camera: Where to begin, [N, 4, 4], in any frame and unit.
-        intrinsics: Camera matrix in px, [3, 3]; its principal point stays.
-        huber_px: Residual from which on a sighting counts less.
+        world_to_camera: Where to start, [N, 4, 4], in any frame and unit.
+        intrinsics: Camera matrix in px, [3, 3]; its principal point is fixed.
+        huber_px: Residual from which on an observation counts less.
         refine_focal: Whether the focal length is adjusted as well; its two components keep their ratio.
 
     Returns:
-        The adjusted cameras, the reference view as the world; views that see no point keep their pose.
+        The adjusted cameras, with the reference view as the world frame; views that see no point keep their pose.
 
     Raises:
         GeometryError: The poses put the points behind the camera, or no finite solution was found.
@@ -78,13 +78,13 @@ def adjust_bundle(
     adjusted = intrinsics.astype(np.float64).copy()
     adjusted[0, 0], adjusted[1, 1] = focal, focal * ratio
     relative = poses @ np.linalg.inv(poses[tracks.reference])
-    relative[tracks.reference] = np.eye(4)  # rounding leaves a hair
+    relative[tracks.reference] = np.eye(4)  # exact, without rounding errors
     return AdjustedBundle(relative, adjusted)
 
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Keep the solver's warnings about single steps off the terminal: what comes of them is judged here."""
+    """Keep the solver's warnings about single steps off the terminal, since its result is checked here."""
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     try:

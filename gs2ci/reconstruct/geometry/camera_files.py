@@ -1,10 +1,10 @@
-"""Cameras that another program found: a COLMAP model, or nerfstudio's transforms.json.
+"""Cameras from another program: a COLMAP model, or nerfstudio's transforms.json.
 
 Here: reading them, as world-to-camera matrices with OpenCV axes in the order of the file names. Not here: writing
-(`gs2ci.evaluate.cameras`), what a geometry makes of them (`sources`).
+(`gs2ci.evaluate.cameras`), the geometry from them (`sources`).
 
-Both formats name pictures, and list them in any order; a coded measurement knows views by their number. So views are
-taken in the natural order of the names: view_2 before view_10.
+Both formats list pictures by name in any order; a coded measurement numbers its views. So views are taken in the
+natural order of the names: view_2 before view_10.
 """
 
 import re
@@ -26,12 +26,12 @@ _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
 # In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
 _LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
 _MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
-# The coefficients of one lens agree but for the digits that a text file keeps.
+# The coefficients of one lens agree up to the digits that a text file keeps.
 _COEFFICIENT_TOLERANCE: Final = 1e-5
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
-# Shapes of a sensor and of its reduced pictures agree but for rounding to whole pixels.
+# Aspect ratios of a sensor and of its reduced pictures agree up to rounding to whole pixels.
 _ASPECT_TOLERANCE: Final = 0.02
-# Orthonormal but for the digits that a text file keeps.
+# Rotations are orthonormal up to the digits that a text file keeps.
 _ROTATION_TOLERANCE: Final = 1e-3
 
 
@@ -43,7 +43,7 @@ class CameraFile:
         world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
         intrinsics: One camera matrix for all, [3, 3], in pixels of the measurement.
         distortion: Of their lens: k1 k2 p1 p2 k3 and more, [5 + ...]; zeros for a pinhole.
-        points: Of the scene, [P, 3]; P is 0 where the file has none.
+        points: Of the scene, [P, 3]; P is 0 if the file has none.
         names: Of the pictures, in that order.
     """
 
@@ -61,7 +61,7 @@ def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 
         path: A COLMAP model's folder, or a transforms.json.
         views: How many there must be.
         size: Height and width of the measurement, px; cameras of pictures of another size are scaled.
-        distortion: What is known of the lens, [5]; None: a pinhole.
+        distortion: Known coefficients of the lens, [5]; None: a pinhole.
 
     Raises:
         InputError: No such file, it cannot be read, it holds another number of cameras, several, cameras with another
@@ -87,7 +87,7 @@ def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 
 
 
 def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
-    """Accept a pinhole, whose pictures were undistorted, and the lens that is known."""
+    """Accept a pinhole, for undistorted pictures, and the known lens; refuse any other."""
     expected = np.zeros(len(found)) if known is None else np.pad(known, (0, len(found) - len(known)))
     if not found.any() or np.allclose(found, expected, rtol=0, atol=_COEFFICIENT_TOLERANCE):
         return

@@ -1,13 +1,13 @@
-"""A principal point that may move with the camera, told by a turn that keeps exact pace with the travel.
+"""A principal point that may move with the camera, recognised by a turn exactly proportional to the travel.
 
-Sensors of a light field's cameras may be shifted so that a plane inside the scene stays put: parallel cameras, whose
-principal point moves by s px for each view. No camera model here allows for that. A pinhole shows nearly the same if it
-turns by s / f with each step about a point of that plane; the two differ by s u v at the place (u, v) of a view, in
-units of the focal length: a quarter of a pixel in the corners of a field of view of 20 degrees with s of 8 px. A fit of
-both cannot tell them there, but a turn of that kind can be named: a hand or a stage wobbles, and does not turn in
-step with its travel about a point that lies between near and far. Of the shift, the parallax of what is farthest may be
-missing: scenes and shifts that differ by that look alike. Here: that turn, and when it is worth a word. Not
-here: the path (`motion`, `fit/poses.py`), shifting the views back, which is the user's to do.
+Sensors of a light field's cameras may be shifted so that a plane inside the scene stays at the same pixels: the cameras
+are parallel, and their principal point moves by s px from view to view. No camera model here describes that. A pinhole
+shows nearly the same if it turns by s / f with each step about a point of that plane; the two differ by s u v at (u, v)
+in a view, in units of the focal length: a quarter of a pixel in the corners of a field of view of 20 degrees with s of
+8 px. A fit cannot tell the two apart then, but such a turn can be recognised: a hand or a stage wobbles, and does not
+turn in proportion to its travel about a point between near and far. The recognised shift may be too small by the
+parallax of the farthest point, since scenes and shifts that differ by it look alike. Here: that turn, and when it is
+reported. Not here: the path (`motion`, `fit/poses.py`); shifting the views back, which is left to the user.
 """
 
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 
-# With fewer views any turn is in step with any travel.
+# With fewer views any turn is proportional to any travel.
 _LEAST_VIEWS: Final = 4
-# What travel explains of the turns about axes across the line of sight, at least; and what it may leave, px, root mean
-# square. Wobbles, and the errors of paths that only travelled, left 0.25 px and more.
+# Least share of the turns about axes across the line of sight that travel explains; and the largest residual, px, root
+# mean square. Wobbles, and the errors of paths that only travelled, had residuals of 0.25 px and more.
 _IN_STEP: Final = 0.99
 _WOBBLE_PX: Final = 0.15
-# Of the scene's inverse depths: the point about which the cameras turn lies between these quantiles.
+# The point about which the cameras turn lies between these quantiles of the scene's inverse depth.
 _INSIDE: Final = (0.05, 0.95)
-# A shift between neighbouring views that is worth a word, px.
+# The least shift between neighbouring views that is reported, px.
 _LEAST_SHIFT_PX: Final = 0.25
-# Views that differ by more than this in their corners are told apart by the fit: the cameras did turn.
+# If the two models differ by more than this in the corners of views, the fit tells them apart: the cameras did turn.
 _TOLD_APART_PX: Final = 1.0
 
 
@@ -38,11 +38,11 @@ class Turning:
     """How cameras turn as they travel.
 
     Args:
-        shift_px: By which a view's picture shifts against its neighbour's for the turn alone, along the travel.
-        inverse_depth: Of the point about which they turn; below 0 where they turn away.
+        shift_px: Shift of a view's picture against its neighbour's by the turn alone, along the travel.
+        inverse_depth: Of the point about which they turn; below 0 if they turn away.
         in_step: Share of the turns' squares that the travel explains.
-        wobble_px: What it leaves of them, root mean square.
-        apart_px: Largest difference in a picture's corner from views whose principal point moves instead.
+        wobble_px: The rest of the turns, root mean square.
+        apart_px: Largest difference, in a corner, from views whose principal point moves instead.
     """
 
     shift_px: float
@@ -59,10 +59,10 @@ def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], refere
         world_to_camera: Poses, [N, 4, 4].
         intrinsics: Camera matrix in px, [3, 3].
         size: Height and width of the views, px.
-        reference: The view that both are counted from.
+        reference: The view relative to which both are measured.
 
     Returns:
-        None where cameras do not travel aside or do not turn at all.
+        None if cameras do not travel sideways or do not turn at all.
     """
     relative = world_to_camera @ np.linalg.inv(world_to_camera[reference])
     turns = Rotation.from_matrix(relative[:, :3, :3]).as_rotvec()
@@ -88,12 +88,12 @@ def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], refere
 def doubts_about_centre(
     world_to_camera: F64, intrinsics: F64, inverse_depth: F32, reference: int
 ) -> tuple[Finding, ...]:
-    """Say that a principal point which moves with the camera would show what its turning shows; or nothing.
+    """Report that a principal point which moves with the camera would explain its turning as well; or nothing.
 
     Args:
-        world_to_camera: Poses that nobody told, [N, 4, 4].
+        world_to_camera: Estimated poses, [N, 4, 4].
         intrinsics: Camera matrix in px, [3, 3].
-        inverse_depth: Of the reference view, [H, W]; 0 where it is not known.
+        inverse_depth: Of the reference view, [H, W]; 0 at pixels where it is not known.
         reference: That view.
     """
     known = inverse_depth[inverse_depth > 0]

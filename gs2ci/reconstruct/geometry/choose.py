@@ -1,14 +1,14 @@
-"""From the name of a geometry prior to the prior, and the one that chooses by evidence.
+"""Geometry priors by name, and `auto`, which compares several and chooses one.
 
 Here: the names, and `auto`. Not here: the sources themselves.
 
-`auto` asks every source that this shot and this machine have: the stage if it reported poses, the tracks always, VGGT
-if the user has added it. Of those that the tracks do not contradict, the measurement chooses (`evidence`): one stands
-against those that are named after it, unless these leave clearly less unexplained. The stage is named first. No blur
-and no noise of the picture is in what it says, and it tells a shift from a pan, which a picture cannot where near and
-far shift by no more than tracks err. Where it lies, the measurement finds out
-(`python -m tests.benchmarks stage_poses`). Where tracks give no path, features are matched between all pairs of views
-(`wide`); where these give none either, or the tracks' path is doubtful, a uniform motion is sought
+`auto` uses every source available for this shot on this machine: the stage if it reported poses, the tracks always,
+VGGT if the user has added it. The measurement chooses (`evidence`) among those that the tracks do not contradict: a
+source is replaced by a later one only if the later one's residual is clearly smaller. The stage comes first, since blur
+and noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
+parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement
+(`python -m tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views
+(`wide`); if these give none either, or the tracks' path is doubtful, a uniform motion is estimated
 (`python -m tests.benchmarks direct`).
 """
 
@@ -51,9 +51,10 @@ _WIDE: Final = "wide"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 _VGGT_OR_TRACKS: Final = "vggt-or-tracks"
-# Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
+# A later source must reduce the residual at least to this share; smaller differences are noise of the decode.
 _CLEARLY: Final = 0.99
-# Maps of inverse depth of which one is inside out correlate by less than minus this; maps of noise do not.
+# Two maps of inverse depth have opposite orders of depth if they correlate by less than minus this; maps of noise do
+# not reach it.
 _CLEARLY_REVERSED: Final = 0.3
 
 
@@ -62,8 +63,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 
     Args:
         name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json);
-            "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been
-            added; or that of a plug-in, which is called for its prior.
+            "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks if no model has been
+            added; or the name of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -101,12 +102,12 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 
 @dataclass(frozen=True)
 class TracksForVggt:
-    """The tracks, where the paper has VGGT and no model has been added; says so."""
+    """The tracks as the substitute for the paper's VGGT if no model has been added; a note says so."""
 
     name: str = _TRACKS
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
+        """Estimate the geometry; see `GeometryPrior`."""
         note = finding(Code.TRACKS_FOR_VGGT)
         progress.say(note.sentence)
         found = FromTracks()(request, progress)
@@ -115,11 +116,11 @@ class TracksForVggt:
 
 @dataclass(frozen=True)
 class _Answer:
-    """What a source said.
+    """The result of one source.
 
     Args:
-        geometry: What it found; None where it failed.
-        left: What it leaves of the measurement (`unexplained`); infinite where it failed.
+        geometry: Its geometry; None if it failed.
+        left: Its residual of the measurement (`unexplained`); infinite if it failed.
         said: The same in words.
     """
 
@@ -130,12 +131,12 @@ class _Answer:
 
 @dataclass(frozen=True)
 class Auto:
-    """Asks all sources there are, and lets the measurement choose."""
+    """Uses all available sources, and lets the measurement choose."""
 
     name: str = "auto"
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Find the geometry; see `GeometryPrior`."""
+        """Estimate the geometry; see `GeometryPrior`."""
         tracks = FromTracks()(request, progress)
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
         if names == (_TRACKS,) and not doubtful:
@@ -167,9 +168,9 @@ class Auto:
 
 
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
-    """Return a path that tracks found with near and far as the stage has them, if it has them anyhow.
+    """Return the tracks' path in the stage's order of depth, if the stage settles one.
 
-    A stage that errs in its places and is not taken for that still knows which way it went.
+    A stage whose positions are too inaccurate to be used still reports the right direction of travel.
     """
     if stage is None or not stage.order_told or chosen.verdict != "full":
         return chosen
@@ -179,7 +180,7 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 
 
 def _lies_in_its_sign(request: Request) -> bool:
-    """Tell whether a stage whose poses are refused would be borne out with its direction of travel reversed."""
+    """Tell whether a stage whose poses are rejected would be confirmed with its direction of travel reversed."""
     poses = poses_of_stage(request.shot)
     back = poses @ np.linalg.inv(poses[len(poses) // 2])
     back[:, :3, 3] *= -1
@@ -189,7 +190,7 @@ def _lies_in_its_sign(request: Request) -> bool:
 
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
-    """Tell whether nothing bears out a path: there is none, or halves of the tracks disagree, or none were asked."""
+    """Tell whether nothing confirms a path: there is none, halves of the tracks disagree, or it is without tracks."""
     return (
         geometry.verdict == "unsupported"
         or geometry.source == _UNIFORM
@@ -198,7 +199,7 @@ def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
 
 
 def _standing(answers: Sequence[_Answer]) -> Geometry | None:
-    """Return the geometry that stands against the others; None where tracks can support none."""
+    """Return the geometry that is preferred to all others; None if no source has one that tracks support."""
     standing, least = None, float("inf")
     for answer in answers:
         borne_out = answer.geometry is not None and answer.geometry.verdict != "unsupported"
@@ -208,7 +209,7 @@ def _standing(answers: Sequence[_Answer]) -> Geometry | None:
 
 
 def _sources(request: Request) -> Iterator[str]:
-    """Name the sources that can be asked, the one that stands against the others first."""
+    """Yield the names of the available sources, the preferred one first."""
     if request.shot.telemetry_world_to_camera is not None:
         yield _STAGE
     yield _TRACKS
@@ -217,7 +218,7 @@ def _sources(request: Request) -> Iterator[str]:
 
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:
-    """Ask matches of all pairs; what explains little more than a camera at rest fails."""
+    """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
     answer = _judged(request, _WIDE, matched_motion(request, tracks))
     if answer.geometry is None or answer.geometry.verdict != "full":
         return _Answer(None, float("inf"), f"the {_WIDE} matches failed (not every view joins one scene)")

@@ -1,10 +1,10 @@
-"""Geometry without tracks: the path and the depths that leave least of the measurement unexplained.
+"""Geometry without tracks: the path and the depths with the smallest residual of the measurement.
 
-Tracks need points that can be followed from view to view. Where decoded views are too poor for that, because masks are
-many or the scene is plain, the measurement still tells a path from no path: carried along the right one, the middle
-view explains it clearly better than along the same path reversed, by turning alone, or at rest. Here: the range of
-depths along poses that were given, and the uniform motion of a camera that nobody told about. Not here: the number
-(`evidence`), the sweep (`sweep`), when to ask (`sources`, `choose`).
+Tracks need points that can be followed from view to view. If decoded views are too poor for that, because of many masks
+or a plain scene, the measurement can still tell a right path from a wrong one: warped along the right path, the middle
+view explains the measurement clearly better than along the reversed path, by turning alone, or at rest. Here: the range
+of depths along given poses, and the uniform motion of a camera whose poses were not given. Not here: the residual
+(`evidence`), the sweep (`sweep`), when this is used (`sources`, `choose`).
 
 Direct methods, in the sense of Irani and Anandan 1999: parameters are found from brightness itself, not from points.
 """
@@ -26,20 +26,19 @@ from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import reduced, sweep
 
-# How far the nearest plane shifts between the middle view and the farthest, as shares of the picture's longer side:
-# what shifts by a third of it is seen by few views.
+# Tried shifts of the nearest plane between the middle view and the farthest, as shares of the picture's longer side:
+# few views see what shifts by a third of it.
 _NEAREST: Final = (0.02, 0.04, 0.08, 0.16, 0.32)
 _NEAREST_AT_FIRST: Final = (0.04, 0.16)
-# A path must leave this share or less of what its reverse, turning alone and a camera at rest leave
+# The residual of a path must be at most this share of those of its reverse, of turning alone and of a camera at rest
 # (`python -m tests.benchmarks direct`).
 _CLEARLY: Final = 0.98
-# Rough maps of depth tell one path from another: so many planes, pixels and views, judged by so many pixels of the
-# measurement.
+# Paths are compared by rough depth maps of so many planes, pixels and views, at so many pixels of the measurement.
 _ROUGH_PLANES: Final = 20
 _ROUGH_PIXELS: Final = 2_500
 _ROUGH_VIEWS: Final = 7
 _ASKED_PIXELS: Final = 6_000
-# Where a search begins: to eight sides, forwards and backwards.
+# Starting directions of the search: eight sideways, forwards and backwards.
 _DIRECTIONS: Final = (
     *((float(np.cos(angle)), float(np.sin(angle)), 0.0) for angle in np.arange(8) * np.pi / 4),
     (0.0, 0.0, 1.0),
@@ -49,7 +48,7 @@ _DIRECTIONS: Final = (
 _DIRECTION_STEP: Final = 0.4
 _TURN_STEP: Final = 0.03
 _MOST_TRIALS: Final = 100
-# It ends where steps change neither the motion nor what it leaves by more than this.
+# The search ends when steps change neither the motion nor its residual by more than this.
 _SETTLED: Final = 1e-3
 
 
@@ -58,7 +57,7 @@ class Direct:
 
     Args:
         request: The measurement and its views.
-        found: What tracks found; its camera matrix and middle view are taken.
+        found: The tracks' geometry, of which the camera matrix and the middle view are used.
     """
 
     def __init__(self, request: Request, found: Geometry) -> None:
@@ -69,15 +68,16 @@ class Direct:
         spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
         self._looked_at = np.union1d(spread, [reference])
         self._small = reduced(request.views[self._looked_at], _ROUGH_PIXELS)
-        # Along a path whose farthest view is so far from the middle one, a plane at inverse depth ρ shifts by ρ sides.
+        # If the farthest view of a path is this far from the middle one, a plane at inverse depth ρ shifts by ρ times
+        # the picture's longer side.
         self._reach = max(request.size) / float(found.intrinsics[0, 0])
         self._still = self._evidence.left(self._at_rest)
 
     def along(self, world_to_camera: F64) -> Geometry | None:
-        """Find the depths along poses that were given, [N, 4, 4], in any frame and unit.
+        """Estimate the depths along given poses, [N, 4, 4], in any frame and unit.
 
         Returns:
-            The geometry; None where the path reversed or a camera at rest explains the measurement about as well.
+            The geometry; None if the reversed path or a camera at rest explains the measurement about as well.
         """
         poses = world_to_camera @ np.linalg.inv(world_to_camera[self._at_rest.reference])
         farthest = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
@@ -90,11 +90,11 @@ class Direct:
         return self._swept(poses, near)
 
     def uniform(self) -> Geometry:
-        """Find the uniform motion: straight at an even speed, turning evenly.
+        """Estimate the uniform motion: straight at constant speed, with a constant turning rate.
 
         Returns:
-            The geometry; a camera that only turned, with its reason, where that explains about as much; a camera at
-            rest, unsupported, where nothing explains clearly more, or there is one view alone.
+            The geometry; a camera that only turned, with the reason, if that explains about as much; a camera at rest,
+            "unsupported", if no motion explains clearly more, or there is only one view.
         """
         still = replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
         if len(self._request.views) < 2:
@@ -116,7 +116,7 @@ class Direct:
         return still
 
     def _refined(self, way: F64, near: float) -> tuple[F64, float]:
-        """Search the uniform motion about a direction; return its poses, and what they leave."""
+        """Search for the uniform motion near a direction; return its poses and their residual."""
         across = np.linalg.svd(way[None])[2][1:]  # two directions at right angles to the first
 
         def motion(change: F64) -> F64:
@@ -128,7 +128,7 @@ class Direct:
         return motion(change), left
 
     def _turned(self) -> tuple[F64, float]:
-        """Search the turn of a camera that stays in its place; return it, and what it leaves."""
+        """Search for the turn of a camera that stays in place; return it and its residual."""
         still, place = self._at_rest, np.zeros(3)
         return self._search(
             lambda turn: self._evidence.left(replace(still, world_to_camera=self._motion(place, turn))),
@@ -136,7 +136,7 @@ class Direct:
         )
 
     def _search(self, left: Callable[[F64], float], steps: tuple[float, ...]) -> tuple[F64, float]:
-        """Descend from zero by Nelder and Mead's simplex: what is left has steps, as planes of depth have."""
+        """Minimise from zero by Nelder and Mead's simplex, since the residual has steps, as planes of depth have."""
         simplex = np.vstack([np.zeros(len(steps)), np.diag(steps)])
         found = minimize(
             left,
@@ -155,8 +155,8 @@ class Direct:
         """Make the poses of a uniform motion, [N, 4, 4].
 
         Args:
-            direction: Where points go in the camera's frame, of length 1; zero for a camera that stays.
-            turn: Of the farthest view against the middle one, as a rotation vector over `_reach`.
+            direction: Direction in which points move in the camera's frame, of length 1; zero for a camera that stays.
+            turn: Of the farthest view against the middle one, as a rotation vector divided by `_reach`.
         """
         views, reference = len(self._request.views), self._at_rest.reference
         time = (np.arange(views) - reference) / max(reference, views - 1 - reference, 1)
@@ -167,11 +167,11 @@ class Direct:
         return poses
 
     def _best(self, poses: F64, nearest: tuple[float, ...]) -> tuple[float, float]:
-        """Return what the best of several ranges of depth leaves, and its nearest plane."""
+        """Return the residual of the best of several ranges of depth, and its nearest plane."""
         return min((self._left(poses, near), near) for near in nearest)
 
     def _left(self, poses: F64, near: float) -> float:
-        """Return what poses with a rough map of their depths leave of the measurement."""
+        """Return the residual of poses with a rough map of their depths."""
         looked_at, (height, width) = self._looked_at, self._request.size
         scale = np.array([self._small.shape[2] / width, self._small.shape[1] / height, 1.0])
         settings = replace(self._request.settings.sweep, planes=_ROUGH_PLANES)
@@ -182,7 +182,7 @@ class Direct:
         return self._evidence.left(replace(self._at_rest, world_to_camera=poses, inverse_depth=depth))
 
     def _swept(self, poses: F64, near: float) -> Geometry:
-        """Sweep depth finely, and bring its median to 1, as that of tracks is."""
+        """Sweep depth finely, and scale its median to 1, as with tracks."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
         depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings, edges=False)
@@ -196,7 +196,7 @@ class Direct:
 
 
 def at_rest(found: Geometry) -> Geometry:
-    """Return a camera at rest before a plane: a geometry without motion and depth, and what was said of them."""
+    """Return a camera at rest in front of a plane: the geometry without its motion, its depth and the notes on them."""
     return replace(
         found,
         world_to_camera=np.tile(np.eye(4), (len(found.world_to_camera), 1, 1)),
@@ -216,7 +216,7 @@ def at_rest(found: Geometry) -> Geometry:
 
 
 def _reversed(poses: F64) -> F64:
-    """Let the camera go the other way and turn as it did."""
+    """Reverse the camera's travel and keep its turns."""
     back = poses.copy()
     back[:, :3, 3] *= -1
     return back

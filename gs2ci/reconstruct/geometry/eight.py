@@ -1,7 +1,7 @@
 """The inner step of the plane sweep: eight features of a pixel in one vector register.
 
-Numba unrolls a loop of eight and leaves it as scalars, four times as slow; so LLVM is told. The sum of the eight is
-taken in one order on every processor. Here: that step alone. Not here: the loops around it (`kernels`).
+Numba unrolls a loop of eight into scalar code, which is four times as slow; so the vector code is generated here. The
+eight are summed in the same order on every processor. Here: that step alone. Not here: the loops around it (`kernels`).
 """
 
 from typing import Any, Final

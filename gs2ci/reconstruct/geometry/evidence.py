@@ -1,9 +1,9 @@
-"""What the measurement itself says of a geometry, before anything is fitted.
+"""How well a geometry explains the measurement, before anything is fitted.
 
-The middle view, carried along the poses through its depth, should look like the other views; coded by the masks, it
-should give the measurement. What is left over compares geometries of any origin on equal terms: wrong poses and wrong
-depths smear it. Here: the views as carried, and that number. Not here: which place is carried where (`carrying`), the
-choice (`choose`), geometries sought by that number (`direct`).
+The middle view, warped to the other poses by its depth, should look like the other views; coded by the masks, these
+should give the measurement. The residual compares geometries of any origin on equal terms, since wrong poses and wrong
+depths increase it. Here: the warped views and that residual. Not here: the warping of single positions (`carrying`),
+the choice (`choose`), geometries estimated by this residual (`direct`).
 """
 
 from typing import Final
@@ -18,18 +18,18 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.lens import Lens, pixel_centres
 
-# OpenCV looks up fewer places than this at once.
+# OpenCV's limit on the number of positions in one call.
 _MOST_AT_ONCE: Final = 32_000
 
 
 class Evidence:
-    """Pixels of a measurement that judge geometries.
+    """Judges geometries by their residual at pixels of a measurement.
 
     Args:
-        shot: The measurement as far as it may be seen.
-        views: Proxy views, [N, H, W, C]; the middle one is looked at.
-        lens: Through which the measurement was taken; views and geometries are then its canvas's.
-        most_pixels: Ask so many of the pixels at most, drawn once; None asks all.
+        shot: The measurement without its held-out pixels.
+        views: Proxy views, [N, H, W, C]; the middle one is used.
+        lens: Through which the measurement was taken; views and geometries then refer to its canvas.
+        most_pixels: Use at most so many pixels, drawn once; None uses all.
     """
 
     def __init__(self, shot: Shot, views: F32, lens: Lens | None = None, most_pixels: int | None = None) -> None:
@@ -44,7 +44,7 @@ class Evidence:
         self._measured = shot.measurement[rows, columns]
         places = pixel_centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
         channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns, None]
-        # Of every view: which of the pixels its mask lets through, where they are, how much, and in which channel.
+        # For every view: which pixels its mask lets through, their positions, transmissions and channels.
         self._lit = []
         for transmissions in shot.masks[:, rows, columns] * shot.weights[:, None]:
             lit = np.flatnonzero(transmissions)
@@ -52,10 +52,10 @@ class Evidence:
             self._lit.append((lit, places[lit], transmissions[lit, None], seen))
 
     def left(self, geometry: Geometry) -> float:
-        """Return the root mean square of the measurement that the carried middle view leaves, in its unit.
+        """Return the measurement's residual by the warped middle view, root mean square in the measurement's unit.
 
-        Pixels that the geometry sends outside take the nearest at the rim, so that a path that looks elsewhere gains
-        nothing by it.
+        Positions outside the picture take the value of its nearest border pixel, so that a path that looks away from
+        the scene gains nothing.
         """
         reference = self._views[geometry.reference]
         left = -self._measured.astype(np.float32)
@@ -68,28 +68,28 @@ class Evidence:
 
 
 def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = None) -> float:
-    """Return what a geometry leaves of a whole measurement; see `Evidence`."""
+    """Return a geometry's residual over a whole measurement; see `Evidence`."""
     return Evidence(shot, views, lens).left(geometry)
 
 
 def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F32:
-    """Show the middle one of views, [N, H, W, C], as the sensor should see it from every pose of a geometry.
+    """Warp the middle one of views, [N, H, W, C], to what the sensor should see from every pose of a geometry.
 
-    Behind a lens, views and geometry are its canvas's, and the result, [N, H, W, C], has the sensor's size.
+    With a lens, views and geometry refer to its canvas, and the result, [N, H, W, C], has the sensor's size.
     """
     carried = np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
     return carried if lens is None else lens.bent(carried)
 
 
 def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:
-    """Show the middle view, [H, W, C], as it should look from another pose, by its depth and without occlusion."""
+    """Warp the middle view, [H, W, C], to another pose, by its depth and without occlusion."""
     height, width = reference.shape[:2]
     places = pixel_centres((height, width)).reshape(-1, 2)
     return _carried(reference, geometry, view, places).reshape(reference.shape)
 
 
 def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
-    """Show the middle view, [H, W, C], at places of another, [P, 2] px; [P, C]."""
+    """Sample the middle view, [H, W, C], for positions in another view, [P, 2] px; [P, C]."""
     intrinsics = np.ascontiguousarray(geometry.intrinsics, np.float64)
     pose = np.ascontiguousarray(geometry.world_to_camera[view], np.float64)
     depth = np.ascontiguousarray(geometry.inverse_depth)

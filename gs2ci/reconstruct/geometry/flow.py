@@ -1,7 +1,7 @@
-"""How fast the picture moves beyond what the camera's motion and the depth explain: dense optical flow, less theirs.
+"""The motion of things in the picture: dense optical flow minus the flow by the camera's motion and the depth.
 
 Here: the flow from the reference view to the others, by OpenCV's dense inverse search (Kroeger et al. 2016), the part
-of it that a scene at rest would show, and the velocity that fits the rest. Not here: what is made of it
+of it that a scene at rest would show, and the velocity that fits the rest. Not here: its use
 (`gs2ci.reconstruct.fit.motion`).
 """
 
@@ -14,19 +14,19 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.conventions import NEAR
 
-# Decoded views carry residue of the masks that flow would follow: more blur than for corners, which stand out of it.
+# Flow would follow the residue of the masks in decoded views: more blur than for corners, which stand out from it.
 _BLUR_PX: Final = 1.5
-# Views nearer to the reference than this, in units of half the exposure, say little of a velocity and much of noise.
+# Views nearer to the reference than this, in units of half the exposure, give a velocity that is mostly noise.
 _LEAST_TIME: Final = 0.25
-# Dense inverse search takes pictures of no less.
+# Dense inverse search does not accept smaller pictures.
 _LEAST_SIZE_PX: Final = 16
 
 
 def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
-    """Find how fast each pixel of the reference view moves by itself, [H, W, 2] float32 in px per unit of time.
+    """Estimate the velocity of each pixel of the reference view, [H, W, 2] float32 in px per unit of time.
 
-    It is the median over the other views, so that a few that the flow gets wrong do not matter; zero where pictures are
-    too small or too few.
+    The camera's part is subtracted. It is the median over the other views, so that a few views with a wrong flow do not
+    matter; zero if pictures are too small or too few.
 
     Args:
         views: Decoded or fitted views, [N, H, W, C] float32; what lies outside [0, 1] is clipped.
@@ -50,7 +50,7 @@ def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
 
 
 def still_flow(geometry: Geometry, view: int) -> F64:
-    """Return where a scene at rest moves from the reference view to another, [H, W, 2] in px."""
+    """Return the flow of a scene at rest from the reference view to another, [H, W, 2] in px."""
     height, width = geometry.inverse_depth.shape
     rows, columns = np.mgrid[:height, :width] + 0.5
     pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)

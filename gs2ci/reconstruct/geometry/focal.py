@@ -1,6 +1,6 @@
-"""The focal length where no file tells it: a search over one number, by the bundle adjustment's own robust cost.
+"""The focal length if no file gives it: a search over one number, by the robust cost of the bundle adjustment.
 
-Here: the search and the gate that refuses what it cannot tell. Not here: the adjustment (`motion`).
+Here: the search and the gate that rejects an uncertain result. Not here: the adjustment (`motion`).
 """
 
 from dataclasses import dataclass
@@ -17,26 +17,26 @@ from gs2ci.reconstruct.geometry.tracks import Tracks
 
 # Points of the interpolated probability.
 _FINE = 400
-# Of the logarithm: far less than tracks tell a focal length by.
+# Tolerance of the logarithm, far smaller than the uncertainty of a focal length from tracks.
 _SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
 class FocalSettings:
-    """Where to search and what to believe.
+    """Where to search and which estimate to accept.
 
     Args:
         narrowest_deg: Least horizontal field of view.
         widest_deg: Largest horizontal field of view.
-        default_deg: Horizontal field of view before the tracks have spoken, and where they cannot tell.
-        prior_spread: Standard deviation of the logarithm of the focal length before the tracks have spoken: 0.4 has
-            two cameras of three between 42° and 81°.
-        most_spread: Largest standard deviation afterwards at which the estimate is believed.
+        default_deg: Horizontal field of view in the mean of the prior, and if tracks do not determine it.
+        prior_spread: Prior standard deviation of the logarithm of the focal length: 0.4 puts two cameras of three
+            between 42° and 81°.
+        most_spread: Largest posterior standard deviation at which the estimate is accepted.
         independent: Share of the residuals that count as independent. The windows of neighbouring tracks overlap:
             21 px wide, 5 px apart or more.
         grid: Focal lengths tried before refinement, equally spaced in their logarithm.
         refinements: At most so many focal lengths are tried between the best of the grid and its neighbours.
-        tracks: At most so many tracks take part.
+        tracks: At most so many tracks are used.
     """
 
     narrowest_deg: float = 15.0
@@ -65,7 +65,7 @@ def focal_from_view_angle(angle_deg: float, width: int) -> float:
 
 
 def default_focal(size: tuple[int, int], why: str, settings: FocalSettings) -> Focal:
-    """Take the default field of view and say why."""
+    """Return the default field of view and the reason for it."""
     note = finding(Code.FOCAL_ASSUMED, why=why, view_angle_deg=settings.default_deg)
     focal_px = focal_from_view_angle(settings.default_deg, size[1])
     return Focal(pinhole(focal_px, size), "default", note)
@@ -77,12 +77,12 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
     Args:
         tracks: Enough points for a motion.
         size: Height and width in px.
-        settings: Where to search and what to believe.
+        settings: Where to search and which estimate to accept.
         motion: How to adjust.
 
     Returns:
-        The most probable value, from the robust reprojection cost and what lenses are usual; or the default, where
-        that lies at the end of the range or stays uncertain (a flat scene, or too little motion).
+        The most probable value, from the robust reprojection cost and the prior on usual lenses; or the default, if
+        that lies at the end of the range or is uncertain (a flat scene, or too little motion).
     """
     sample = _evenly(tracks, settings.tracks)
     sightings = int(sample.seen.sum()) - len(sample)
@@ -95,7 +95,8 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
         return adjust_both_ways(sample, pinhole(float(np.exp(log_focal)), size), motion).cost
 
     costs = np.array([cost(value) for value in grid])
-    # With its variance unknown, residuals of ν degrees of freedom speak with ν/2 times their relative excess.
+    # With unknown noise variance and ν degrees of freedom, the negative log likelihood is ν/2 times the relative excess
+    # of the cost.
     weight = settings.independent * freedom / 2 / max(float(costs.min()), np.finfo(np.float32).tiny)
 
     def surprise(log_focal: float, known_cost: float) -> float:

@@ -1,17 +1,18 @@
-"""How far the camera path depends on which of the tracks it was found from.
+"""The expected error of a camera path, from halves of the tracks.
 
-The path is adjusted again to halves of the tracks. What the halves disagree about, the tracks do not determine: few
+The path is estimated again from halves of the tracks. Where the halves disagree, the tracks do not determine it: few
 points, points on a small part of the frame (where a turn of the camera looks like a shift), little parallax, much
-residue of the masks. Here: that disagreement as one number. Not here: how much of it is worth a word (`validity`).
+residue of the masks. Here: that disagreement as one number. Not here: how much of it is reported (`validity`).
 
-If one half errs independently of the other, it differs from the whole by as much as the whole from the truth (the
-delete-half jackknife: Shao and Wu 1989). Neighbouring tracks do not err independently, as they see the same residue.
-So halves are made of cells of a grid. The covariance of the adjustment's own normal equations, which takes every
-sighting for independent and the path for nearly right, said too little by factors of 2 to 6.
+If the errors of the two halves are independent, the path of a half differs from that of all tracks by as much as the
+latter from the truth (the delete-half jackknife: Shao and Wu 1989). The errors of neighbouring tracks are not
+independent, since they see the same residue; so halves are made of cells of a grid. The covariance from the
+adjustment's normal equations, which assumes independent observations and a nearly right path, was too small by factors
+of 2 to 6.
 
-What all tracks share, halves cannot show among themselves; most of all the residue in the reference view, against which
-every other view is seen. So the halves are adjusted with that view's sightings taken for exact (`motion.adjust`), and
-compared with a path that was not (`bundle`): what these sightings do to a path is then part of the difference.
+Halves cannot show errors that all tracks share, most of all those from the residue in the reference view, from which
+all positions are measured. So the halves are adjusted with that view's positions taken as exact (`motion.adjust`), and
+compared with a path for which they were not (`bundle`): the effect of these positions is then part of the difference.
 """
 
 from dataclasses import replace
@@ -24,11 +25,12 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.geometry.motion import CameraMotion, MotionSettings, adjust
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
-# More ways to halve the tracks changed the number by a tenth as a rule; three take a third of the path's own time.
+# More halvings typically changed the number by a tenth; three take a third of the time of the path's own estimate.
 HALVINGS: Final = 3
-# In views of 256 px a cell is wider than the tracker's patch. Tracks that support a path lie in seven cells or more.
+# In views of 256 px a cell is wider than the tracker's patch. Tracks that may support a path lie in at least seven
+# cells.
 CELLS: Final = 8
-# A similarity brings any two places onto any two others.
+# A similarity maps any two positions exactly onto any two others, so that two views show no error.
 _LEAST_VIEWS: Final = 3
 
 
@@ -40,13 +42,13 @@ def expected_path_error(
     settings: MotionSettings | None = None,
     seed: int = 0,
 ) -> float | None:
-    """Estimate the error of a path that was adjusted to tracks, from what halves of the tracks say instead.
+    """Estimate the error of a path that was adjusted to tracks, from the paths of halves of the tracks.
 
-    A wrong camera matrix, a scene that moves or one turned inside out make errors that all tracks share; they do not
-    show, nor does a rotation of all cameras against their path.
+    Errors that all tracks share do not show: those of a wrong camera matrix, a moving scene, or a reversed order of
+    depth; nor does a rotation of all cameras against their path.
 
     Args:
-        motion: As adjusted to these tracks.
+        motion: Adjusted to these tracks.
         tracks: The tracks that it explains.
         intrinsics: Camera matrix in px, [3, 3].
         size: Height and width of the views, px.
@@ -55,9 +57,9 @@ def expected_path_error(
 
     Returns:
         Root mean square over halves and views of the distance between camera centres after a similarity, as a share
-        of the diagonal of the path's bounding box; always finite, and never above 1, as a half that
-        finds no motion errs by the whole path. None where there is no path to speak of: no tracks, fewer than three
-        views that see them, a camera that stays where it is.
+        of the diagonal of the path's bounding box; always finite, and at most 1, since a half without a motion errs by
+        the whole path. None if there is no path: no tracks, fewer than three views that see them, a camera that stays
+        in place.
     """
     placed = tracks.seen.any(axis=0)
     path = camera_centres(motion)[placed]
@@ -77,7 +79,7 @@ def expected_path_error(
 
 
 def camera_centres(motion: CameraMotion) -> F64:
-    """Get where the cameras stand in the reference view's axes, [N, 3]."""
+    """Get the camera centres in the reference view's axes, [N, 3]."""
     centres: F64 = -np.einsum("nji,nj->ni", motion.rotations, motion.translations)
     return centres
 
@@ -85,7 +87,7 @@ def camera_centres(motion: CameraMotion) -> F64:
 def squared_distance(centres: F64, path: F64) -> float:
     """Get the mean squared distance, over the views, of centres [N, 3] from a path after the best similarity.
 
-    Centres that are all one place are brought to the middle of the path.
+    Centres that coincide are moved to the middle of the path.
     """
     a, b = centres - centres.mean(axis=0), path - path.mean(axis=0)
     spread, whole = float((a**2).sum()), float((b**2).sum())
@@ -94,7 +96,7 @@ def squared_distance(centres: F64, path: F64) -> float:
     u, values, v = np.linalg.svd(b.T @ a)
     if np.linalg.det(u @ v) < 0:  # a mirrored path is not the same path
         values[-1] = -values[-1]
-    # What is left under the least-squares scale. Rounding may put it a hair below zero.
+    # The residual at the least-squares scale. Rounding may make it slightly negative.
     return max(whole - float(values.sum()) ** 2 / spread, 0.0) / len(path)
 
 
@@ -107,9 +109,9 @@ def _cells(tracks: Tracks, size: tuple[int, int]) -> NDArray[np.int64]:
 def _found_again(
     motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings | None
 ) -> F64:
-    """Find camera centres from some of the tracks, [N, 3], beginning where all of them led.
+    """Estimate camera centres from some of the tracks, [N, 3], starting from the path of all tracks.
 
-    A view that none of them sees stays where it was.
+    A view that none of them reaches keeps its centre.
     """
     if not chosen.any():
         return np.zeros_like(motion.translations)

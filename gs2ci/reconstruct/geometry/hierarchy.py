@@ -1,9 +1,9 @@
-"""VGGT's prediction as a geometry: how far it is believed, step by step (paper, section III-B and supplement I).
+"""VGGT's prediction as a geometry: the checks that decide how much of it is used (paper, section III-B, supplement I).
 
     for the views in order, then, with more tracks, in three other orders:
         after bundle adjustment: every view registered, tracks explained and spread, focal length stable    ─► taken
         before it: most views registered, tracks explained and spread                                       ─► taken
-    the model's own depth and cameras, where their focal length, depths and what tracks there are agree     ─► taken
+    the model's own depth and cameras, if their focal length, their depths and the few tracks agree         ─► taken
     otherwise the tracks alone (`prior.find_geometry`)
 
 Here: that order. The criteria are those of `validity`, the same for all scenes; no step sees the truth. Not here: the
@@ -35,14 +35,14 @@ from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
 
 Step = Literal["after adjustment", "before adjustment"]
 
-# Retries look for so many times the corners, weaker and closer together.
+# Retries try so many times the corners, weaker and closer together.
 _MORE_CORNERS: Final = 3
 _WEAKER: Final = 0.2
 _CLOSER: Final = 0.6
 
 
 class FromVggt:
-    """The poses and depths that VGGT predicts, as far as the tracks bear them out.
+    """The poses and depths that VGGT predicts, as far as the tracks confirm them.
 
     Args:
         path: The ONNX file.
@@ -88,14 +88,14 @@ class FromVggt:
 
 @dataclass(frozen=True)
 class Order:
-    """An order in which views are shown to the model, whose first view is its world."""
+    """An order in which views are given to the model, whose first view defines its world frame."""
 
     name: str
     views: tuple[int, ...]
 
 
 def orders(count: int) -> Iterator[Order]:
-    """List the orders that are tried: the same for every scene."""
+    """Yield the orders that are tried, the same for every scene."""
     forwards = tuple(range(count))
     yield Order("in order", forwards)
     if count > 1:
@@ -106,7 +106,7 @@ def orders(count: int) -> Iterator[Order]:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera matrix, [3, 3], where it came from, and what is to be said of it."""
+    """A camera matrix, [3, 3], its source, and the findings about it."""
 
     intrinsics: F64
     source: str
@@ -114,10 +114,10 @@ class Camera:
 
 
 def check_prediction(prediction: Prediction, reference: int, criteria: Criteria) -> Prediction:
-    """Return a prediction whose depths lie before the camera.
+    """Return the prediction if its depths are positive.
 
     Raises:
-        GeometryError: Too many do not.
+        GeometryError: Too many are not.
     """
     positive = float((prediction.depth[reference] > 0).mean())
     if positive < criteria.dense_positive:
@@ -126,10 +126,10 @@ def check_prediction(prediction: Prediction, reference: int, criteria: Criteria)
 
 
 def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Camera:
-    """Let the predicted focal length pass, or not.
+    """Accept or reject the predicted focal length.
 
-    A known camera matrix always stands. Otherwise the prediction counts where its views agree, where it lies among
-    lenses that exist, and where the tracks, if they tell a focal length, tell no other one.
+    A known camera matrix is always used. Otherwise the prediction is accepted if it agrees between views, if it is in
+    the range of real lenses, and if it agrees with the focal length that the tracks give, if they give any.
     """
     settings, size = request.settings, request.size
     criteria = settings.criteria
@@ -151,7 +151,7 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Ca
 
 
 def _why_refused(focals_px: F64, from_tracks: Focal | None, size: tuple[int, int], settings: GeometrySettings) -> str:
-    """Say why predicted focal lengths, [N], do not pass; nothing if they do."""
+    """Return why predicted focal lengths, [N], are rejected; nothing if they are accepted."""
     criteria, focal = settings.criteria, float(np.median(focals_px))
     spread = float(np.ptp(focals_px)) / max(focal, 1.0)
     if spread > criteria.focal_spread:
@@ -175,7 +175,7 @@ def _supported(
     said: list[str],
     progress: Progress,
 ) -> Geometry | None:
-    """Take the prediction as the tracks bear it out, adjusted if possible; None, and the reasons in `said`, if not."""
+    """Return the prediction that tracks confirm, adjusted if possible; otherwise None, with the reasons in `said`."""
     if doubts := doubts_about_tracks(tracks, request.size, request.settings.criteria):
         said.append(f"{order}: {_in_a_row(doubts)}")
         return None
@@ -213,10 +213,10 @@ def shortcomings(
     size: tuple[int, int],
     settings: GeometrySettings,
 ) -> tuple[Finding, ...]:
-    """Say what poses, [N, 4, 4], fall short of: the criteria of the two track-supported steps; nothing if they pass.
+    """Return the criteria of the two track-supported steps that poses, [N, 4, 4], do not meet; nothing if they pass.
 
-    All tracks begin in the middle view, so the graph of views that see points together is connected as soon as every
-    view sees enough of them.
+    All tracks start in the middle view, so the graph of views that share points is connected as soon as every view sees
+    enough of them.
 
     Raises:
         GeometryError: The poses put the points behind the camera.
@@ -239,17 +239,17 @@ def shortcomings(
 
 
 def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tracks, said: list[str]) -> Geometry:
-    """Take the model's own cameras and depth, if nothing that is known contradicts them.
+    """Return the geometry of the model's own cameras and depth, if the tracks do not contradict them.
 
     Raises:
-        GeometryError: The tracks lie elsewhere, or the camera does not move.
+        GeometryError: The tracks are too far from the predicted positions, or the camera does not move.
     """
     reference = len(request.views) // 2
     poses = prediction.world_to_camera @ np.linalg.inv(prediction.world_to_camera[reference])
     depth = prediction.depth[reference].astype(np.float64)
     unit = 1 / float(np.median(depth[depth > 0]))
     poses[:, :3, 3] *= unit
-    inverse_depth = np.ones_like(depth)  # what was not positive lies at the median
+    inverse_depth = np.ones_like(depth)  # depths that are not positive are set to the median
     np.divide(1, depth * unit, out=inverse_depth, where=depth > 0)
     inverse_depth = inverse_depth.clip(*INVERSE_DEPTH_RANGE).astype(np.float32)
     tried, criteria = _after(said), request.settings.criteria
@@ -283,7 +283,7 @@ def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tra
 def _dense_error_px(
     tracks: Tracks, inverse_depth: F32, poses: F64, intrinsics: F64, criteria: Criteria
 ) -> tuple[float, float]:
-    """Measure the median distance of tracks from where cameras and depth put them, and how much is allowed."""
+    """Return the median distance of tracks from the positions by cameras and depth, and the allowed distance."""
     height, width = inverse_depth.shape
     corners = tracks.positions[:, tracks.reference]
     columns, rows = corners[:, 0].astype(int).clip(0, width - 1), corners[:, 1].astype(int).clip(0, height - 1)

@@ -1,4 +1,4 @@
-"""From decoded views to camera path and depth, the whole way on one page: tracks, motion, sweep, and what if not.
+"""From decoded views to camera path and depth: tracks, motion, plane sweep, and the fallbacks, on one page.
 
 Here: the order of the steps and the fallbacks. Not here: any step itself. `gs2ci.reconstruct.pipeline` and the fit
 import `Geometry` and `initialise` from this file.
@@ -77,7 +77,7 @@ class GeometrySettings:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Camera path and depth, and how far to believe them.
+    """Camera path and depth, and how reliable they are.
 
     Args:
         world_to_camera: Poses, [N, 4, 4]; the identity for the reference view.
@@ -86,20 +86,20 @@ class Geometry:
         inverse_depth: Of the reference view, [H, W] float32, > 0, of arbitrary scale; about 1 in the median.
         reference: Index of the reference view.
         tracks: Number of tracks that the motion explains.
-        reprojection_rms_px: Their error.
-        parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
-        verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
-        notes: What the user should know.
-        source: Which geometry prior found it.
-        path_error_expected: Error that halves of the tracks let expect of the path (`halves`), as a share of its
-            extent; None where the path was given, or there is none.
-        unit: What a length of 1 is in the unit of the poses that were given; None where none were, or were not taken.
+        reprojection_rms_px: Their reprojection error.
+        parallax_px: Part of the tracks that translation explains beyond the best rotations, root mean square.
+        verdict: "full"; or why depth is only a plane: "rotation_only", "static", "unsupported".
+        notes: Findings for the user.
+        source: The geometry prior that it comes from.
+        path_error_expected: Expected error of the path, from halves of the tracks (`halves`), as a share of its extent;
+            None if the path was given, or there is none.
+        unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
-            (`motion.preference`); None where no tracks were asked, or they know no reverse.
-        reverse: What the tracks find the other way round; None where they find nothing, or poses were given.
-        pose_errors: How far the poses may err, for a prior on them; None where they were not told, or the tracks
+            (`motion.preference`); None without tracks, or if they have no second solution.
+        reverse: The tracks' solution in the reverse order of depth; None if there is none, or poses were given.
+        pose_errors: Standard errors of the poses, for a prior on them; None if they were not given, or the tracks
             contradict them.
-        order_told: A stage tells the order of depth: tracked points lie before its cameras, and not behind them.
+        order_told: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
     """
 
     world_to_camera: F64
@@ -129,18 +129,18 @@ def initialise(
     known_poses: F64 | None = None,
     seen: Bool | None = None,
 ) -> Geometry:
-    """Find camera poses and the depth of the middle view from decoded views.
+    """Estimate camera poses and the depth of the middle view from decoded views.
 
     Args:
         views: [N, H, W, C] float32 in [0, 1], in the order of exposure; C is 1 or 3.
         intrinsics: Camera matrix in px, [3, 3], or None to have the focal length estimated.
         settings: Settings of every step.
-        progress: Hears of each step, and of every fallback in a sentence.
-        known_poses: World-to-camera poses, [N, 4, 4], to take instead of estimated ones, in any frame and unit.
-        seen: Which pixels show anything, [H, W]; None: all.
+        progress: Receives each step, and a sentence on every fallback.
+        known_poses: World-to-camera poses, [N, 4, 4], to use instead of estimated ones, in any frame and unit.
+        seen: Which pixels the sensor sees, [H, W]; None: all.
 
     Returns:
-        A geometry, always finite: where depth cannot be found, a plane at inverse depth 1, and `notes` say why.
+        A geometry, always finite: if depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
         InputError: The views are not a stack of finite images, or the settings make no sense.
@@ -174,7 +174,7 @@ def initialise(
 
 
 def usable_tracks(views: F32, settings: GeometrySettings, seen: Bool | None = None) -> Tracks:
-    """Find the tracks that a geometry may stand on, from the corners of the middle view; there may be none."""
+    """Find the tracks that a geometry may be based on, from the corners of the middle view; there may be none."""
     return _followed(views, find_corners(views, len(views) // 2, settings.tracks), settings, seen)
 
 
@@ -184,7 +184,7 @@ def _followed(views: F32, corners: F64, settings: GeometrySettings, seen: Bool |
 
 @dataclass(frozen=True)
 class _Found:
-    """A geometry, and the motion and the explained tracks that it stands on."""
+    """A geometry, and the motion and the explained tracks that it is based on."""
 
     geometry: Geometry
     motion: CameraMotion
@@ -200,15 +200,15 @@ def _found_twice(
     *,
     moved: bool,
 ) -> _Found:
-    """Find what the camera did, and once more from tracks that were sought where the first finding predicts them.
+    """Estimate the camera's motion, and again from new tracks that start where the first estimate predicts them.
 
     Args:
-        flat: What is assumed as long as nothing is known.
+        flat: The assumption without an estimate.
         tracks: All usable ones.
-        known_poses: Poses to take, or None.
+        known_poses: Poses to use, or None.
         settings: Of every step.
-        again: Seeks the tracks.
-        moved: Take it for granted that the camera moved; else the tracks must show it.
+        again: Finds the new tracks.
+        moved: Whether the camera is known to have moved; otherwise the tracks must show it.
     """
     first = _found(flat, tracks, known_poses, settings, moved=moved)
     if first.geometry.verdict != "full":
@@ -218,9 +218,9 @@ def _found_twice(
 
 
 def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
-    """Tell whether halves of the tracks find the same path, as they do where the camera moved.
+    """Tell whether halves of the tracks give the same path, as they do if the camera moved.
 
-    A path that is made of the tracks' errors is another one in every half of them.
+    If a path comes from the tracks' errors, each half gives a different one.
     """
     geometry, criteria = found.geometry, settings.criteria
     if geometry.verdict != "full" or geometry.parallax_px < criteria.parallax_px:
@@ -232,7 +232,7 @@ def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
 def _found(
     flat: Geometry, tracks: Tracks, known_poses: F64 | None, settings: GeometrySettings, *, moved: bool
 ) -> _Found:
-    """Find what the camera did from all tracks, or from those that bear out the poses that are known."""
+    """Estimate the camera's motion from all tracks, or place the points of those that agree with known poses."""
     how, candidates = settings.motion, len(tracks)
     if known_poses is not None:
         motion, kept = place_points(tracks, known_poses, flat.intrinsics, how.huber_px, how.outlier_px)
@@ -243,11 +243,12 @@ def _found(
 
 
 def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings, *, moved: bool) -> _Found:
-    """Adjust once more with points that may leave the rays of their corners; what was found, if that fails.
+    """Adjust again with points that may leave the rays of their corners; return `found` if that fails.
 
-    The middle view's sightings err like all others, most of all by the residue of its mask. Over 38 first geometries
-    this lowered the error of the path by 15 % and that of rotations by 11 % in the geometric mean, in the scene whose
-    cameras go forward by half (`python -m tests.benchmarks path_error`). It needs a start near its minimum.
+    The positions in the middle view have errors like all others, most of all from the residue of its mask. Over 38
+    first geometries this adjustment lowered the error of the path by 15 % and that of rotations by 11 % in the
+    geometric mean, and by half in the scene whose cameras go forward (`python -m tests.benchmarks path_error`). It
+    needs a start near its minimum.
     """
     how = settings.motion
     try:
@@ -264,10 +265,10 @@ def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySet
 def _second_look(
     found: _Found, tracks: Tracks, *, views: F32, corners: F64, settings: GeometrySettings, seen: Bool | None
 ) -> Tracks:
-    """Track all corners once more from where a rough depth map predicts them; the first tracks if that fails.
+    """Track all corners again, starting where a rough depth map predicts them; return the first tracks if that fails.
 
     On fourteen decoded scenes this lowered the error of the path by 5 % and that of rotations by 9 %; where only few
-    tracks had been found it doubled them.
+    tracks had been found, it doubled their number.
     """
     rough = replace(
         settings.sweep,
@@ -303,7 +304,7 @@ def _check(views: F32, intrinsics: F64 | None) -> None:
 
 
 def _usable(tracks: Tracks, criteria: Criteria, seen: Bool | None) -> Tracks:
-    """Keep tracks that most views see, and forget what too few tracks say about a view."""
+    """Keep tracks that most views see, and drop the views that too few tracks reach."""
     tracks = tracks if seen is None else within(tracks, seen)
     views = tracks.positions.shape[1]
     long = tracks.seen_by_at_least(max(2, int(np.ceil(_LEAST_SHARE_OF_VIEWS * views))))
@@ -315,7 +316,7 @@ def _usable(tracks: Tracks, criteria: Criteria, seen: Bool | None) -> Tracks:
 def _focal(
     intrinsics: F64 | None, tracks: Tracks, size: tuple[int, int], doubtful: bool, settings: GeometrySettings
 ) -> tuple[F64, str, tuple[Finding, ...]]:
-    """Get the camera matrix, its source and what to say about it."""
+    """Get the camera matrix, its source and the findings about it."""
     if intrinsics is not None:
         return intrinsics.astype(np.float64), "file", ()
     if doubtful:
@@ -328,7 +329,7 @@ def _focal(
 def _flat(
     views: int, size: tuple[int, int], focal: tuple[F64, str, tuple[Finding, ...]], doubts: tuple[Finding, ...]
 ) -> Geometry:
-    """Assume a camera at rest before a plane at inverse depth 1, as long as nothing better is known."""
+    """Return the assumption without an estimate: a camera at rest in front of a plane at inverse depth 1."""
     intrinsics, source, notes = focal
     return Geometry(
         world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
@@ -354,10 +355,10 @@ def _moved(
     moved: bool,
     posed: bool = False,
 ) -> Geometry:
-    """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not.
+    """Return the geometry with the motion, with its rotations alone, or only with the reason why neither is used.
 
-    Where it is known that the camera moved, its motion is taken whole unless the tracks contradict it, however little
-    of it shows. Where the poses were given, so are those of views that see too little.
+    If the camera is known to have moved, its whole motion is used unless the tracks contradict it, however small the
+    parallax. Given poses are kept for views that see too few tracks as well.
     """
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
     if moved:
@@ -387,7 +388,7 @@ def _moved(
 
 
 def _doubted(found: _Found, settings: GeometrySettings) -> Geometry:
-    """Enter how far the path may be relied on."""
+    """Return the geometry with the expected error of its path."""
     geometry, error = found.geometry, _expected_error(found, settings)
     notes = (*geometry.notes, *doubts_about_path(error, settings.criteria))
     return replace(geometry, path_error_expected=error, notes=notes)
@@ -400,9 +401,10 @@ def _expected_error(found: _Found, settings: GeometrySettings) -> float | None:
 
 
 def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, posed: bool) -> Geometry:
-    """Enter how sure tracks are of the order of depth, and, where they are not, what they find the other way round.
+    """Add how sure tracks are of the order of depth and, if they are not, their solution in the reverse order.
 
-    Both motions are adjusted alike, each from the other's reversal or near it, so that neither is better worked out.
+    Both motions are adjusted in the same way, each from a start near the other's reversal, so that the comparison is
+    fair.
     """
     geometry, how = found.geometry, settings.motion
     here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
@@ -425,23 +427,23 @@ def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, pose
 
 
 def _borne_out(told: CameraMotion, adjusted: CameraMotion, criteria: Criteria) -> bool:
-    """Tell whether tracks say no more against told poses than their own noise does.
+    """Tell whether tracks contradict given poses no more than their own noise explains.
 
-    Places off by 5 % of the path are contradicted in two scenes of four; where tracks are few or the camera goes ahead,
-    they are not (`python -m tests.benchmarks told_poses`: the fit is free where both columns agree).
+    Positions off by 5 % of the path are contradicted in two scenes of four; if tracks are few or the camera moves
+    forward, they are not (`python -m tests.benchmarks told_poses`: the fit is free where both columns agree).
     """
     return wander_px(told.errors_px, unknowns=1) <= criteria.unexplained * wander_px(adjusted.errors_px, unknowns=1)
 
 
 def measured(geometry: Geometry, known_poses: F64) -> Geometry:
-    """Enter what the geometry's lengths are in the unit of known poses."""
+    """Return the geometry with its length of 1 expressed in the unit of known poses."""
     given = known_poses @ np.linalg.inv(known_poses[geometry.reference])
     path, given_path = (np.linalg.norm(poses[:, :3, 3]) for poses in (geometry.world_to_camera, given))
     return replace(geometry, unit=float(given_path / path) if path > 0 else None)
 
 
 def _with_missing_poses(world_to_camera: F64, missing: NDArray[np.int64]) -> F64:
-    """Put views without a pose of their own on the straight way between their neighbours, or level with the last."""
+    """Interpolate missing poses linearly between their neighbours; beyond the ends, repeat the nearest pose."""
     known = np.setdiff1d(np.arange(len(world_to_camera)), missing)
     at = np.clip(missing, known[0], known[-1])
     poses = world_to_camera.copy()

@@ -1,12 +1,12 @@
-"""Small-motion bundle adjustment: camera poses and one inverse depth per track, from nothing but the tracks.
+"""Small-motion bundle adjustment: camera poses and one inverse depth per track, from tracks alone.
 
 Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
-(`adjustment_kernels`), what the result is worth (`validity`), the focal length (`focal`), a camera that only turned
+(`adjustment_kernels`), the judgement of the result (`validity`), the focal length (`focal`), a camera that only turned
 (`rotations`), known poses (`telemetry`).
 
 The camera moves little during one exposure. So every pose may start at the identity and every inverse depth at one,
-and no pair of views has to be found to begin with (Yu and Gallup 2014). Each point lies on the ray of its corner in
-the reference view, which takes away two of its three unknowns:
+without an initial pair of views (Yu and Gallup 2014). Each point lies on the ray of its corner in the reference view,
+which removes two of its three unknowns:
 
     X = R ray + t ρ        (times 1/ρ: a point at infinity is a number like any other)
     r = f (X_xy / X_z − x)
@@ -28,13 +28,13 @@ from gs2ci.reconstruct.geometry.adjustment_kernels import (
 )
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
-# Inverse depths stay within this range of their common scale 1: farther is infinity, nearer is the lens.
+# Inverse depths stay within this range about their common scale 1: beyond it lie infinity and the lens itself.
 INVERSE_DEPTH_RANGE = (0.02, 20.0)
-# A spread of starting depths, as with all equal no translation could be told from a rotation.
+# Spread of the starting depths: if all were equal, translations could not be told from rotations.
 _START_SPREAD = 0.05
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
-# Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far below any of
-# their true entries, which count pixels squared.
+# Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far smaller than any
+# actual entries, which are in squared pixels.
 REGULAR = 1e-9
 
 
@@ -93,24 +93,24 @@ class CameraMotion:
 
     @property
     def behind_share(self) -> float:
-        """Get the share of tracks that some view has at or behind its camera."""
+        """Get the share of tracks that lie at or behind the camera of some view."""
         return float(np.mean(self.least_depth <= LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
 
     @property
     def rms_px(self) -> float:
-        """Get the root mean square residual over all sightings but those of the reference view, in px."""
+        """Get the root mean square residual over all observations but those of the reference view, in px."""
         return rms_px(self.errors_px)
 
 
 def rms_px(errors_px: F64) -> float:
-    """Get the root mean square length of errors, [..., 2]; NaN counts for nothing, and no errors as 0."""
+    """Get the root mean square length of errors, [..., 2], without NaN; 0 if there is no error."""
     squares = (errors_px**2).sum(axis=-1)
     seen = ~np.isnan(squares)
     return float(np.sqrt(squares[seen].mean())) if seen.any() else 0.0
 
 
 def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F64, intrinsics: F64) -> F64:
-    """Predict where every view sees points of the reference view.
+    """Predict the positions, in every view, of points of the reference view.
 
     Args:
         positions_px: Their pixels in the reference view, [P, 2].
@@ -135,21 +135,21 @@ def rays(positions_px: F64, intrinsics: F64) -> F64:
 
 
 def wander_px(errors_px: F64, unknowns: int = 0) -> float:
-    """Get by how much errors vary along each track, per degree of freedom, root mean square length.
+    """Get the variation of errors along each track, per degree of freedom, root mean square length.
 
-    A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
-    nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
+    A misplaced corner in the reference view shifts its errors in all other views alike. Such a shift carries no
+    information on the motion, and any translation explains one component of it; so it is subtracted.
 
     Args:
-        errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
+        errors_px: [P, N, 2]; NaN if a view does not see the point. Tracks with one observation are not used.
         unknowns: How many were fitted to each track.
 
     Returns:
-        0 where nothing is left to vary.
+        0 if no degree of freedom is left.
     """
     seen = ~np.isnan(errors_px[..., 0])
     sightings = seen.sum(axis=1)
-    # Two coordinates for each sighting but the one that the mean takes.
+    # Two coordinates for each observation, minus the two of the mean.
     freedom = int((2 * (sightings - 1) - unknowns)[sightings > 1].sum())
     if freedom < 1:
         return 0.0
@@ -165,8 +165,8 @@ class Sightings:
 
     Args:
         rays: Directions of the points in the reference view, [P, 3], third component 1.
-        seen_at: Where each view sees them, [N, P, 2], in units of the focal length; 0 where not seen.
-        seen: [N, P]; False for the reference view, which the rays fulfil by construction.
+        seen_at: Positions in each view, [N, P, 2], in units of the focal length; 0 if not seen.
+        seen: [N, P]; False for the reference view, whose positions the rays meet by construction.
         focal_px: fx and fy, [2].
         reference: Index of the reference view.
     """
@@ -179,7 +179,7 @@ class Sightings:
 
     @classmethod
     def of(cls, tracks: Tracks, intrinsics: F64) -> "Sightings":
-        """Take tracks through the inverse of a camera matrix, [3, 3]."""
+        """Convert tracks by the inverse of a camera matrix, [3, 3]."""
         focal = np.array([intrinsics[0, 0], intrinsics[1, 1]])
         normalised = (tracks.positions - intrinsics[:2, 2]) / focal
         directions = rays(tracks.positions[:, tracks.reference], intrinsics)
@@ -195,7 +195,7 @@ class Sightings:
 
 
 def start_motion(sightings: Sightings, seed: int = 0) -> CameraMotion:
-    """Begin with a camera that does not move and a nearly flat scene at inverse depth one."""
+    """Return the start: a camera that does not move and a nearly flat scene at inverse depth one."""
     views, points = sightings.seen.shape
     spread = np.random.default_rng(seed).standard_normal(points)
     return CameraMotion(
@@ -209,10 +209,10 @@ def start_motion(sightings: Sightings, seed: int = 0) -> CameraMotion:
 
 
 def residuals(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64]:
-    """Predict where each view sees each point.
+    """Predict the position of each point in each view, and compare it with the observed one.
 
     Returns:
-        Prediction minus sighting in px, [N, P, 2], and the points in camera axes times their inverse depth, [N, P, 3].
+        Prediction minus observation, px, [N, P, 2], and the points in camera axes times their inverse depth, [N, P, 3].
     """
     turned = sightings.rays @ motion.rotations.transpose(0, 2, 1)
     points = turned + motion.translations[:, None] * motion.inverse_depth[None, :, None]
@@ -229,13 +229,13 @@ def adjust(
         tracks: At least one point.
         intrinsics: Camera matrix in px, [3, 3].
         settings: How to adjust.
-        start: Where to begin; None for a still camera before a flat scene.
+        start: Where to start; None for a still camera in front of a flat scene.
 
     Returns:
-        A minimum of the Huber cost, at whatever scale it was reached.
+        A minimum of the Huber cost, at an arbitrary scale.
 
     Levenberg-Marquardt on re-weighted least squares, inverse depths eliminated by the Schur complement. The scale of
-    the scene is free; the damping holds it.
+    the scene is free; the damping keeps it bounded.
     """
     settings = settings or MotionSettings()
     sightings = Sightings.of(tracks, intrinsics)
@@ -257,9 +257,9 @@ def adjust(
 
 
 def reversed_depth(motion: CameraMotion) -> CameraMotion:
-    """Turn the scene inside out: near for far, and the motion that a distant camera could not tell from the true one.
+    """Reverse the order of depth (near and far exchanged), with the motion that looks the same to a distant camera.
 
-    Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations make up for the
+    Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations compensate the
     difference: f (ω + t ρ) = f (ω + c t − t (c − ρ)) to first order (the Necker reversal).
     """
     c = 2 * float(np.median(motion.inverse_depth))
@@ -276,7 +276,7 @@ def reversed_depth(motion: CameraMotion) -> CameraMotion:
 def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> CameraMotion:
     """Adjust from a still camera, then from the depth-reversed result, and keep the better; arguments as for `adjust`.
 
-    The cost has a minimum near either; a flat start may lead into the wrong one.
+    The cost has a minimum near each; a flat start may lead to the wrong one.
     """
     here = adjust(tracks, intrinsics, settings)
     there = adjust(tracks, intrinsics, settings, start=reversed_depth(here))
@@ -284,11 +284,11 @@ def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings |
 
 
 def preference(motion: CameraMotion, other: CameraMotion, huber_px: float) -> float:
-    """Tell by how many standard errors tracks prefer one motion to another; above 0 where they prefer the first.
+    """Return by how many standard errors tracks prefer one motion to another; above 0 if they prefer the first.
 
-    Each track has a vote, the difference of its Huber costs. Errors that tracks share, those of the middle view, of the
-    camera model and of occluding edges, are not in the standard error: 3 and 4 of them were found for a wrong order of
-    depth.
+    Each track has a vote, the difference of its Huber costs. The standard error does not include errors that tracks
+    share, those of the middle view, of the camera model and of occluding edges: wrong orders of depth were preferred by
+    3 and 4 standard errors.
 
     Args:
         motion: With its errors.
@@ -312,7 +312,7 @@ def _costs(motion: CameraMotion, huber_px: float) -> F64:
 def estimate_motion(
     tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None
 ) -> tuple[CameraMotion, Tracks]:
-    """Adjust, drop the tracks that the motion does not explain, and adjust the rest anew.
+    """Adjust, drop the tracks that the motion does not explain, and adjust to the rest again.
 
     Args:
         tracks: At least one point.
@@ -349,7 +349,7 @@ def _with_cost(motion: CameraMotion, sightings: Sightings, huber_px: float) -> C
 
 
 def _arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
-    """Order the arguments as the kernels want them."""
+    """Return the arguments in the order of the kernels."""
     return (
         motion.rotations,
         motion.translations,

@@ -1,10 +1,10 @@
-"""Plain areas whose depth the measurement itself decides, asked as a whole.
+"""The depth of plain areas, estimated from the measurement itself, one plane for each area.
 
-In noise a plain area gets a wrong depth early, mostly that of what stands before it, and a fit paints it into its
-views: from then on they bear it out, whichever of them are compared. The measurement is not painted. Over thousands of
-readings the weak texture of a wall tells where it is: of the right plane, a texture that is found from two thirds of
-the readings predicts the others better than that of any other plane. So each plain area is asked for the plane that
-predicts it best, and is given it where it surely predicts more than the map does that it had.
+With noise, a plain area soon gets a wrong depth, mostly that of things in front of it, and the fit renders it so: from
+then on, any comparison of its views confirms the error. The measurement does not share it. Over thousands of readings
+the weak texture of a wall shows where it is: for the right plane, a texture estimated from two thirds of the readings
+predicts the others better than for any other plane. So for each plain area the plane with the best prediction is
+searched for, and the area is moved to it if it surely predicts better than the present map.
 
 Here: areas, planes, the comparison with a map. Not here: the texture (`texture_kernels`), maps (`surface_map`).
 """
@@ -21,57 +21,58 @@ from gs2ci.reconstruct.geometry.plain import difference, plain_pixels, rays_thro
 from gs2ci.reconstruct.geometry.sweep import features_of
 from gs2ci.reconstruct.geometry.texture_kernels import left_over
 
-# Noise of fitted views lies in blobs: what is plain is asked after a blur of so many px.
+# Noise of fitted views is blotchy: plain areas are found after a blur of so many px.
 _PLAIN_BLUR_PX: Final = 1.5
-# Nearer to its edges than this, px, an area's pixels see what lies beyond.
+# Pixels nearer than this to the edge of an area, px, may see other surfaces in some views.
 _EDGE_PX: Final = 3
-# An area's plane is given to plain pixels up to this far beyond those that see it in all views.
+# Plain pixels up to this far, px, around those that see the plane in all views are moved to it too.
 _BEYOND_PX: Final = 12
-# There the views may differ by so much more, in medians of what they differ by; blurred, and over a window.
+# Around an area, the views may differ on the plane by so much more than on the map, in medians of the difference; they
+# are blurred, and differences averaged over a window.
 _ALLOWED: Final = 1.0
 _DIFFER_BLUR_PX: Final = 1.0
 _DIFFER_WINDOW_PX: Final = 5
-# Of the picture, the least of an area: less does not tell planes apart in noise.
+# The smallest area, as a share of the picture: smaller ones do not distinguish planes in noise.
 _LEAST_SHARE: Final = 0.005
 _LEAST_PIXELS: Final = 300
 _MOST_ASKED: Final = 4
-# Planes are sought by so many readings of an area at most, around its middle, for the time and memory that it takes.
+# A plane is searched for with at most so many readings around the middle of an area, to bound time and memory.
 _MOST_READINGS: Final = 32_768
-# Blocks of an area, px, may lie on other surfaces.
+# Side of blocks of an area, px; each may lie on another surface.
 _BLOCK_PX: Final = 24
-# Of three readings one is predicted from the others. For the first planes of large areas, only every third one is
-# predicted, for the time that it takes.
+# Each third of the readings is predicted from the other two. To save time, only one of the thirds is predicted for the
+# first planes of areas with many readings.
 _FOLDS: Final = 3
 _MANY: Final = 4096
-# Parallax along the whole path, px: the first planes are so far apart, and what they are moved by after that.
+# Parallax along the whole path, px: the distance of the first planes, and the later steps of the search.
 _FIRST_STEP_PX: Final = 4.0
 _STEPS_PX: Final = (2.0, 1.0, 1.0, 0.5)
 _MOST_PLANES: Final = 16
-# Of so many standard errors a plane has to be better than the map over an area, and may be worse within windows of it.
+# By how many standard errors a plane has to be better than the map over an area, and may be worse within windows of it.
 _CLEARLY: Final = 3.0
 _WORSE: Final = 2.0
 _WINDOW_PX: Final = 31
-# In more of an area than this the map must not be better.
+# The least share of an area that has to be left after the windows in which the map is better.
 _LEAST_TAKEN: Final = 0.6
-# Penalties of a texture's roughness: planes are sought first with one of them, then with that which predicts best. One
-# that is far too large prefers planes that hardly move, whose picture is not blurred by interpolation.
+# Weights of the penalty on a texture's roughness: the search starts with one of them and goes on with the one that
+# predicts best. One that is far too large prefers planes that hardly move, which interpolation does not blur.
 _SMOOTH: Final = (0.5, 2.0, 8.0, 32.0)
 _FIRST_SMOOTH: Final = 2.0
-# What varies more slowly than this, px, is taken from the views: it tells no depth.
+# What varies more slowly than this, px, is taken from the views, since it carries no information on depth.
 _SLOW_PX: Final = 6.0
 _ROUNDS_OF_LOOKING: Final = 5
 
 
 @dataclass(frozen=True)
 class Readings:
-    """A measurement as plain areas are asked by it.
+    """A measurement in the form that is compared with planes.
 
     Args:
-        light: Mean over the channels, [H, W]; of a mosaic, its readings.
-        open_share: Of each pixel in each view, with the views' weights, [N, H, W].
-        usable: Pixels whose readings may be looked at, [H, W].
-        rays: Where they look, at z = 1, [H, W, 2].
-        channels: Of a mosaic, which of the views' channels each pixel sees, [H, W]; None: the mean of all.
+        light: Mean over the channels, [H, W]; for a mosaic, its readings.
+        open_share: Transmission of each pixel in each view, with the views' weights, [N, H, W].
+        usable: Pixels whose readings may be used, [H, W].
+        rays: Of the pixels, at z = 1, [H, W, 2].
+        channels: For a mosaic, which channel each pixel sees, [H, W]; None: the mean of all.
     """
 
     light: F32
@@ -83,7 +84,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class _Asked:
-    """Some readings, and what predicts them."""
+    """Some readings, and the data that predict them."""
 
     at: tuple[NDArray[np.int64], NDArray[np.int64]]
     open_share: F64
@@ -104,14 +105,14 @@ class _Asked:
 
 
 class PlaneEvidence:
-    """What a measurement says of planes.
+    """Judges planes by how well they predict a measurement.
 
     Args:
         readings: The measurement.
-        views: As a fit shows them, [N, H, W, C] in full scales: what varies slowly is taken from them.
-        from_reference: The views' poses seen from the reference view, [N, 4, 4].
+        views: Of a fit, [N, H, W, C] in full scales: what varies slowly is taken from them.
+        from_reference: The views' poses relative to the reference view, [N, 4, 4].
         intrinsics: [3, 3], px.
-        reference: Whose picture the texture is.
+        reference: The view in whose picture the texture lies.
     """
 
     def __init__(self, readings: Readings, views: F32, from_reference: F64, intrinsics: F64, reference: int) -> None:
@@ -123,18 +124,18 @@ class PlaneEvidence:
         self._slow = slow if readings.channels is not None else slow.mean(axis=2, keepdims=True)
 
     def of_plane(self, asked: _Asked, plane: F64, *, hurried: bool = False) -> F64:
-        """Return the squares that are left of readings, [K], by a plane n with n . X = 1 in the reference view, [3].
+        """Return the squared prediction errors of readings, [K], by a plane n, [3]: n . X = 1 in the reference view.
 
-        Hurried, they are 0 for two thirds of many readings.
+        Hurried, they are 0 for two thirds of the readings if these are many.
         """
         return self._left(asked, self.places_on_plane(asked, plane), hurried=hurried)
 
     def of_map(self, asked: _Asked, inverse_depth: F32) -> F64:
-        """Return them by a map of the reference view's inverse depths, [H, W]."""
+        """Return the squared prediction errors by a map of the reference view's inverse depth, [H, W]."""
         return self._left(asked, self.places_on_map(asked, inverse_depth), hurried=False)
 
     def tune(self, asked: _Asked, plane: F64) -> None:
-        """Take the penalty that predicts readings best by a plane."""
+        """Choose the penalty with which a plane predicts readings best."""
         left = {}
         for smooth in _SMOOTH:
             self.smooth = smooth
@@ -142,7 +143,7 @@ class PlaneEvidence:
         self.smooth = min(left, key=lambda smooth: left[smooth])
 
     def places_on_plane(self, asked: _Asked, plane: F64) -> F64:
-        """Return where the reference view's array shows what readings see on a plane, column and row, [K, N, 2]."""
+        """Return the points of a plane that readings see, in the reference view's array: column and row, [K, N, 2]."""
         places = np.empty((len(asked.rays), len(self._poses), 2))
         for view, pose in enumerate(self._poses):
             back = asked.rays @ pose[:3, :3]
@@ -154,7 +155,7 @@ class PlaneEvidence:
         return places
 
     def places_on_map(self, asked: _Asked, inverse_depth: F32) -> F64:
-        """Return the same on the surface that a map of the reference view, [H, W], shows."""
+        """Return the same for the surface of a map of the reference view, [H, W]."""
         places = np.empty((len(asked.rays), len(self._poses), 2))
         to_rays = np.linalg.inv(self._intrinsics).T
         for view, pose in enumerate(self._poses):
@@ -169,7 +170,7 @@ class PlaneEvidence:
         return places
 
     def _at(self, points: F64) -> F64:
-        """Return where points, [K, 3], are in the reference picture: column and row of its array, [K, 2]."""
+        """Project points, [K, 3], to the reference picture: column and row of its array, [K, 2]."""
         seen = points @ self._intrinsics.T
         found: F64 = seen[:, :2] / np.where(seen[:, 2:] > 1e-9, seen[:, 2:], 1e-9) - 0.5
         return found
@@ -200,8 +201,8 @@ class FoundPlane:
     Args:
         plane: n with n . X = 1 in the reference view, [3].
         where: Pixels that see it in every view, [H, W].
-        elsewhere: Pixels of its area where the map explains more, [H, W].
-        errors: By how many standard errors it leaves less than the map.
+        elsewhere: Pixels of its area where the map predicts better, [H, W].
+        errors: By how many standard errors it predicts better than the map.
     """
 
     plane: F64
@@ -220,15 +221,15 @@ def found_planes(
     span: tuple[float, float],
     parallax_px: float,
 ) -> list[FoundPlane]:
-    """Ask the plain areas of a fit's views for planes that explain the measurement better than a map.
+    """Find planes for the plain areas of a fit's views that predict the measurement better than a map.
 
     Args:
         readings: The measurement.
         views: [N, H, W, C] in full scales.
-        from_reference: Poses seen from the reference view, [N, 4, 4].
+        from_reference: Poses relative to the reference view, [N, 4, 4].
         intrinsics: [3, 3], px.
         reference: One of the views.
-        inverse_depth: The map, of the reference view, [H, W].
+        inverse_depth: The map of the reference view, [H, W].
         span: Farthest and nearest inverse depth.
         parallax_px: Parallax along the whole path at an inverse depth of 1, px.
     """
@@ -259,15 +260,15 @@ def found_planes(
 def with_plane(
     inverse_depth: F32, views: F32, found: FoundPlane, from_view: F64, to_reference: F64, intrinsics: F64
 ) -> F32:
-    """Return a map of a view, [H, W], with the plain pixels in and around an area on the plane that was found for it.
+    """Return a map of a view, [H, W], with the plain pixels in and around an area moved to its plane.
 
     Args:
         inverse_depth: Of the first of the views, [H, W].
-        views: In full scales, [N, H, W, C]. What lies around the area is given its plane only where they differ there
-            no more than on the map: edges of what stands before it may be as plain as it is.
+        views: In full scales, [N, H, W, C]. Pixels around the area are moved only if the views differ there hardly more
+            than on the map: the borders of things in front of the area may be as plain as the area itself.
         found: The plane.
-        from_view: The views' poses seen from the first, [N, 4, 4].
-        to_reference: The reference view's pose seen from the first, [4, 4].
+        from_view: The views' poses relative to the first, [N, 4, 4].
+        to_reference: The reference view's pose relative to the first, [4, 4].
         intrinsics: [3, 3], px.
     """
     plain = _plain(views[0])
@@ -293,9 +294,9 @@ def with_plane(
 
 
 def _taken(area: Bool, asked: _Asked, gain: F64) -> tuple[Bool, float]:
-    """Leave out of an area where the map is better, [H, W], and tell by how many errors the plane is elsewhere.
+    """Return an area without the parts where the map is better, [H, W], and by how many errors the plane is better.
 
-    No errors where the map is better in much of it: then the plane is a compromise between surfaces.
+    The errors are 0 if the map is better in much of the area: then the plane is a compromise between surfaces.
     """
     taken = area & ~_worse_within(area, asked, gain)
     share = taken.sum() / area.sum()
@@ -332,7 +333,7 @@ def _errors(gain: F64) -> float:
 
 
 def _worse_within(area: Bool, asked: _Asked, gain: F64) -> Bool:
-    """Tell where, in windows of an area, a plane is worse than the map, [H, W]."""
+    """Mark the pixels of an area around which, in a window, the plane is worse than the map, [H, W]."""
     image = np.zeros((3, *area.shape))
     image[:, asked.at[0], asked.at[1]] = np.stack([np.ones_like(gain), gain, gain**2])
     count, mean, square = (cv2.boxFilter(one, -1, (_WINDOW_PX, _WINDOW_PX), normalize=False) for one in image)
@@ -366,7 +367,7 @@ def _areas(where: Bool) -> list[Bool]:
 
 
 def _around_middle(area: Bool) -> Bool:
-    """Keep the pixels of an area that are nearest to its middle, as many as a plane is sought by, [H, W]."""
+    """Keep the pixels nearest to the middle of an area, as many as the search for a plane uses, [H, W]."""
     if area.sum() <= _MOST_READINGS:
         return area
     rows, columns = np.nonzero(area)
@@ -378,9 +379,9 @@ def _around_middle(area: Bool) -> Bool:
 
 
 def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float], parallax_px: float) -> F64 | None:
-    """Return the plane of one depth that leaves least of an area, [3].
+    """Return the plane of constant depth that predicts an area best, [3].
 
-    None at an end of the range, beyond all that there is: then depth is not what the readings tell of.
+    None if it lies at an end of the range, which exceeds that of the scene: then the readings do not determine a depth.
     """
     count = int(np.clip((span[1] - span[0]) * parallax_px / _FIRST_STEP_PX, 3, _MOST_PLANES))
     planes = [np.array([0.0, 0.0, depth]) for depth in np.linspace(*span, count)]
@@ -389,19 +390,19 @@ def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float
 
 
 def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> F64:
-    """Seek the plane that leaves least where it leaves less than the map, from one on, [3]."""
+    """Search from a plane for the one that predicts best; blocks that the map predicts better count as the map, [3]."""
     middle = asked.rays[:, :2].mean(axis=0)
     reach = np.maximum(asked.rays[:, :2].std(axis=0), 1e-6)
     blocks = _Blocks.of(asked)
     by_map = blocks.sums(before)
 
     def plane_of(at: F64) -> F64:
-        """Inverse depth in the middle, and its change at one standard deviation right and down."""
+        """Return the plane from inverse depth in the middle and its change one standard deviation right and down."""
         slopes = at[1:] / reach
         return np.array([*slopes, at[0] - slopes @ middle])
 
     def left(at: F64) -> float:
-        """Where the map leaves less, it is another surface."""
+        """Return the error; blocks that the map predicts better are another surface."""
         return float(np.minimum(blocks.sums(evidence.of_plane(asked, plane_of(at))), by_map).sum())
 
     at = np.array([start[2], 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Where the first Gaussians stand: the pixels of the middle view at their depths, and the rims that it does not see.
+"""Positions of the first Gaussians: pixels of the middle view at their depths, and borders that it does not see.
 
 Here: positions, colours and spacing. Not here: opacity, size and orientation, which belong to the fit.
 """
@@ -11,9 +11,10 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.initialise import Geometry
 
-# Beyond the rim nothing was measured: the depth there continues that of the rim, smoothed over so many pixels.
+# Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
-# Depth at a rim pixel and its place in the middle view depend on each other; the motion is small, so they settle fast.
+# The depth of a border pixel and its position in the middle view depend on each other; they are iterated, and converge
+# fast, since the motion is small.
 _RIM_STEPS = 3
 
 
@@ -24,7 +25,7 @@ class Seeds:
     Args:
         positions: [P, 3] float32, in the axes of the reference view.
         colours: [P, C] float32 in [0, 1].
-        spacing: Distance to the neighbours on the grid that the points came from, at their depth, [P] float32.
+        spacing: Distance to neighbours on the grid of pixels, at their depth, [P] float32.
     """
 
     positions: F32
@@ -41,7 +42,7 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
         stride: Step between pixels, along rows and columns.
 
     Returns:
-        Points of the reference view, then what only other views see, those farthest from it first.
+        Points of the reference view, then those that only other views see, from the farthest view on.
     """
     grid = _grid(views.shape[1:3], stride)
     rays = _rays(grid, geometry.intrinsics)
@@ -96,7 +97,7 @@ def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
 
 
 def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F64]:
-    """Lift the pixels of a view at the depth that the nearest pixel of the reference view has.
+    """Lift the pixels of a view to the depth of the nearest pixel of the reference view.
 
     Returns:
         Inverse depths along the rays of the view, [P], and the points in the axes of the reference view, [P, 3].

@@ -1,7 +1,7 @@
-"""What a source of first poses and depth is given and what it returns.
+"""The interface of geometry priors, the sources of first poses and depth.
 
-Here: the interface, and the step from a source that may fail to a geometry that is always there. Not here: the
-sources (`sources`, `vggt`), which of them to take (`choose`).
+Here: the interface, and the call of a source with its fallback to tracks. Not here: the sources (`sources`, `vggt`),
+the choice between them (`choose`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,12 +18,12 @@ from gs2ci.reconstruct.measurement.lens import Lens, straightened
 
 @dataclass(frozen=True)
 class Request:
-    """What is known before there is any geometry.
+    """The input of a geometry prior.
 
     Args:
-        shot: The measurement as far as it may be seen, with what the file says of camera and stage.
-        views: Proxy views to look at, [N, H, W, C] float32 in [0, 1], in the order of exposure; behind a lens that
-            distorts, as its canvas shows them.
+        shot: The measurement without its held-out pixels, with the file's data on camera and stage.
+        views: Proxy views, [N, H, W, C] float32 in [0, 1], in the order of exposure; with a lens that distorts,
+            straightened on its canvas.
         settings: Of tracks, motion, depth, and the criteria of validity.
         lens: The shot's, unless it is a pinhole.
     """
@@ -35,7 +35,7 @@ class Request:
 
     @classmethod
     def of(cls, shot: Shot, views: F32, settings: GeometrySettings, lens: Lens | None) -> "Request":
-        """Ask about views, [N, H, W, C], as the sensor sees them."""
+        """Make a request from views, [N, H, W, C], as the sensor sees them."""
         return cls(shot, straightened(views, lens), settings, lens)
 
     @property
@@ -55,32 +55,32 @@ class Request:
 
 
 class GeometryPrior(Protocol):
-    """Finds the camera path and the depth that a fit begins with."""
+    """Estimates the camera path and the depth from which a fit starts."""
 
     @property
     def name(self) -> str:
-        """Get the name that reports call it by."""
+        """Get its name in reports."""
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Return a geometry; where it cannot be believed, its verdict and notes say so.
+        """Return a geometry; if it is unreliable, its verdict and notes say so.
 
         Raises:
-            InputError: What the user named does not fit this shot.
-            GeometryError: What it found contradicts the views.
+            InputError: The source that the user named does not fit this shot.
+            GeometryError: Its geometry contradicts the views.
             NumericsError: A model failed, or its answer is not finite.
         """
 
 
 def from_tracks(request: Request, progress: Progress) -> Geometry:
-    """Find the geometry in the views themselves: what every other source falls back to."""
+    """Estimate the geometry from tracks in the views; every other source falls back to this."""
     return initialise(request.views, request.intrinsics, request.settings, progress, seen=request.seen)
 
 
 def find_geometry(prior: GeometryPrior, request: Request, progress: Progress) -> Geometry:
-    """Ask a source; where it fails, take what the tracks give, and say why.
+    """Call a source; if it fails, return the geometry of the tracks with a note that says why.
 
     Raises:
-        InputError: What the user named does not fit this shot.
+        InputError: The source that the user named does not fit this shot.
     """
     try:
         return prior(request, progress)

@@ -1,16 +1,16 @@
-"""The same measurement inside out: near for far, the camera going the other way.
+"""A geometry with its order of depth reversed: near and far exchanged, the camera travelling the other way.
 
 Seen from far away, a scene and its depth reversal move alike (the Necker reversal; Koenderink and van Doorn 1991): with
-inverse depths ρ → c − ρ, translations t → −t and a turn that makes up for the difference, to first order in the motion
+inverse depths ρ → c − ρ, translations t → −t and a turn that compensates the difference, to first order in the motion
 
     f (ω + t ρ) = f (ω + c t − t (c − ρ)).
 
-What tells them apart is of second order, perspective, which tracks see if the field of view is wide and the camera
-model right; and what hides what, which only pixels see. And the turn: a camera that a stage carries past a scene hardly
-turns, and the picture moves against its travel everywhere. Inside out, the same picture would move with the travel, by
-a turn that outruns the parallax of the nearest point. Here: the reversal of a geometry, and how much of the picture's
-motion its travel explains. Not here: the reversal of a motion, and by how much tracks prefer it (`motion`), the
-comparison by pixels (`attempts/order.py`).
+Three things tell them apart. Perspective, of second order, which tracks show if the field of view is wide and the
+camera model right. Occlusion, which only pixels show. And the turn: a camera that a stage moves past a scene hardly
+turns, and the picture moves against its travel everywhere; in the reversed order, the same picture would move with the
+travel, because the turn would move it more than the parallax of the nearest point. Here: the reversal of a geometry,
+and how much of the picture's motion its travel explains. Not here: the reversal of a motion, and how much tracks prefer
+it (`motion`), the comparison by pixels (`attempts/order.py`).
 """
 
 from dataclasses import replace
@@ -22,17 +22,17 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.geometry.initialise import Geometry
 
-# Reflected inverse depths stay above this share of their median: what lay nearer than twice the median would else lie
-# behind the camera.
+# Reflected inverse depths stay above this share of their median; otherwise points with more than twice the median would
+# lie behind the camera.
 FARTHEST: Final = 0.05
-# Pixels that the motion of a picture is taken at, along either side: it is smooth but for a few edges.
+# Number of pixels along each side at which the motion of a picture is computed: it is smooth except for a few edges.
 _SAMPLES: Final = 48
 
 
 def reversed_geometry(geometry: Geometry) -> Geometry:
-    """Turn a geometry inside out, its depths reflected at their median; the rest of it is as it was.
+    """Return a geometry with its order of depth reversed: inverse depths reflected at their median, the path reversed.
 
-    Exact for a distant scene and a small motion; of others it is where an adjustment may begin.
+    Exact for a distant scene and a small motion; for others it is a start for an adjustment.
     """
     depth = geometry.inverse_depth.astype(np.float64)
     c = 2 * float(np.median(depth))
@@ -41,7 +41,7 @@ def reversed_geometry(geometry: Geometry) -> Geometry:
 
 
 def reversed_poses(world_to_camera: F64, c: float) -> F64:
-    """Return the path, [N, 4, 4], that sees a scene of inverse depths c − ρ move as the given one sees ρ move."""
+    """Return the path, [N, 4, 4], from which inverse depths c − ρ move in the picture as ρ do from the given path."""
     poses, t = world_to_camera.copy(), world_to_camera[:, :3, 3]
     turns = Rotation.from_rotvec(c * np.stack([-t[:, 1], t[:, 0], np.zeros(len(t))], axis=1)).as_matrix()
     poses[:, :3, :3] = turns @ poses[:, :3, :3]
@@ -50,11 +50,11 @@ def reversed_poses(world_to_camera: F64, c: float) -> F64:
 
 
 def share_with_travel(geometry: Geometry) -> float:
-    """Return the share of the picture's motion that goes the way in which the camera's travel alone would move it.
+    """Return the share of the picture's motion that has the direction in which the camera's travel alone would move it.
 
-    1 for a camera that does not turn; 1/2 where it turns so that the middle of the scene's motion stays put; near 0 for
-    the reversal of a camera that does not turn. Each pixel counts by how far it moves along that direction, in all
-    views but the reference. 1/2 where nothing moves.
+    1 for a camera that does not turn; 1/2 for one that turns to keep the middle of the scene in place; near 0 for the
+    reversal of a camera that does not turn. Each pixel counts by how far it moves along that direction, in all views
+    but the reference. 1/2 if nothing moves.
 
     Args:
         geometry: With poses of which the reference's is the identity.
@@ -76,7 +76,7 @@ def share_with_travel(geometry: Geometry) -> float:
 
 
 def _points_of(geometry: Geometry) -> F64:
-    """Return where an even grid of the reference's pixels lies in space, [P, 3]."""
+    """Return the points in space of an even grid of the reference's pixels, [P, 3]."""
     height, width = geometry.inverse_depth.shape
     rows = np.unique(np.linspace(0, height - 1, _SAMPLES).round().astype(int))
     columns = np.unique(np.linspace(0, width - 1, _SAMPLES).round().astype(int))
@@ -87,6 +87,6 @@ def _points_of(geometry: Geometry) -> F64:
 
 
 def _projected(points: F64) -> F64:
-    """Return points in a camera's frame, [P, 3], on the plane at depth 1, [P, 2]; NaN for one in the camera's plane."""
+    """Project points in a camera's frame, [P, 3], to the plane at depth 1, [P, 2]; NaN for points at depth 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(points[:, :2] / points[:, 2:], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Poses of a camera that only turned: what is left to say about a path when no depth can be found.
+"""Poses of a camera that only turned: all that can be estimated of a path without parallax.
 
 Here: the best rotations for given tracks. Not here: the decision that they suffice (`validity`).
 """
@@ -19,13 +19,13 @@ _STEPS = 10
 
 @dataclass(frozen=True)
 class Rotations:
-    """Poses of a camera that only turned, and what they leave unexplained.
+    """Poses of a camera that only turned, and their residuals.
 
     Args:
         rotations: Reference to view, [N, 3, 3].
         errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
             point.
-        displacement_px: By how much they move the points: the median over points, in the view where it is largest.
+        displacement_px: How far they move the points: the median over points, in the view where it is largest.
     """
 
     rotations: F64

@@ -23,7 +23,7 @@ from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.wide import wide_motion
 
-# From this relative difference on, two focal lengths are worth a word.
+# From this relative difference on, the report mentions that two focal lengths differ.
 _FOCAL_DOUBT: Final = 0.05
 
 
@@ -54,16 +54,16 @@ class FromStage:
 
 
 def _told(found: Geometry, error: float | None) -> Geometry:
-    """Enter what a stage's word is good for: the order of depth, and the places as far as it states their error.
+    """Add what a stage's poses settle: the order of depth, and the positions within their stated error.
 
-    Points that lie before its cameras would lie behind those of the reversed path, unless it turned by just as much
-    as the reversal asks for.
+    Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
+    the reversal requires.
     """
     if found.verdict != "full":
         return found
     contradicted = found.tracks > 0 and found.pose_errors is None
     if contradicted:
-        # What the stage states of its error is contradicted with it.
+        # If tracks contradict the poses, they contradict the stage's stated error too.
         errors = errors_of_told(found.world_to_camera, found.intrinsics).loosened()
         return replace(found, order_told=True, pose_errors=errors)
     position = None if error is None or found.unit is None else error / found.unit
@@ -73,7 +73,7 @@ def _told(found: Geometry, error: float | None) -> Geometry:
 
 @dataclass(frozen=True)
 class FromUniform:
-    """The uniform motion by which the measurement is explained best, without tracks."""
+    """The uniform motion that explains the measurement best, without tracks."""
 
     name: str = "uniform"
 
@@ -114,7 +114,7 @@ class FromFile:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`.
 
-        The tracks give the scale of the depths; where there are too few of them, the file's points do, or else the
+        The tracks give the scale of the depths; if there are too few of them, the file's points do, otherwise the
         measurement.
         """
         cameras = read_cameras(self.path, request.shot.views, request.shot.size, request.shot.distortion)
@@ -127,26 +127,26 @@ class FromFile:
             found = swept_between_points(request, cameras, found)
         elif not found.tracks:
             found = _without_tracks(request, poses, found)
-        # Whose cameras they are and how exact, a file does not say: the fit is free to refine them.
+        # A file does not state how accurate its cameras are: the fit may refine them freely.
         return replace(found, source=self.name, pose_errors=None, notes=(*notes, *found.notes))
 
 
 TOLD: Final = (FromStage.name, FromFile.name)
-"""Sources that tell how the camera turned, which pictures of small motion tell poorly."""
+"""Sources that give the turns of the camera, which pictures of a small motion determine poorly."""
 
 
 def matched_motion(request: Request, tracks: Geometry) -> Geometry:
-    """Find the path from features matched between all pairs of views; at rest, unsupported, where they show none."""
+    """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none."""
     return replace(wide_motion(request, tracks), source=FromWide.name)
 
 
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
-    """Find the uniform motion, where the tracks' geometry knows no more than the camera matrix."""
+    """Estimate the uniform motion; of the tracks' geometry only the camera matrix and the middle view are used."""
     return replace(Direct(request, tracks).uniform(), source=FromUniform.name)
 
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
-    """Find the depths along given poses by the measurement, where there are too few tracks to say anything of them."""
+    """Estimate the depths along given poses from the measurement, if there are too few tracks."""
     swept = Direct(request, found).along(poses)
     if swept is None:
         return replace(found, notes=(*found.notes, finding(Code.POSES_NOT_BORNE_OUT)))
@@ -159,7 +159,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
     Args:
         request: Its views.
         cameras: With points.
-        without: What the tracks gave: the notes that say why they did not suffice.
+        without: The tracks' geometry, whose notes say why they did not suffice.
 
     Raises:
         GeometryError: The points lie behind the middle camera.
@@ -190,7 +190,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
 
 
 def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[Finding, ...]:
-    """Say whose focal length is taken where they differ: behind a lens the shot's, which was measured with it."""
+    """Report which focal length is used if they differ: with a lens the shot's, which was measured with the lens."""
     if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
         return ()
     code = Code.FOCAL_OF_CAMERA_FILE if straight else Code.FOCAL_OF_SHOT

@@ -1,4 +1,4 @@
-"""The depth of one view, pixel by pixel: a plane sweep, its plain areas put right, and its jumps if asked.
+"""The depth of one view, pixel by pixel: a plane sweep, then corrected plain areas and, on request, depth edges.
 
 Here: the steps in their order. Not here: what each does (`sweep`, `plain`, `snapping`).
 """
@@ -10,7 +10,7 @@ from gs2ci.reconstruct.geometry.plain import continued
 from gs2ci.reconstruct.geometry.snapping import snapped
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
 
-# Plain areas are compared with so many other views at most, spread over the path: more cost memory and tell no more.
+# Plain areas are compared with at most so many other views, spread over the path: more cost memory without any gain.
 _OTHERS = 4
 
 
@@ -24,7 +24,7 @@ def surface_map(
     *,
     edges: bool,
 ) -> F32:
-    """Find the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
+    """Estimate the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
 
     Arguments and errors are those of `sweep`, and one more.
 
@@ -35,8 +35,8 @@ def surface_map(
         reference: See `sweep`.
         span: See `sweep`.
         settings: See `sweep`.
-        edges: Whether jumps are moved to the edges of the view. A decode shows edges too poorly: thin things, which its
-            map has and the fit does not find again, are lost (0.6 dB on a simulated bench of 96 x 128 px).
+        edges: Whether jumps of depth are moved to the edges of the view. A decode shows edges too poorly for that: thin
+            things in its map are lost, and the fit does not recover them (0.6 dB on a simulated bench of 96 x 128 px).
     """
     swept = sweep(views, world_to_camera, intrinsics, reference, span, settings)
     others = np.delete(np.arange(len(views)), reference)

@@ -18,9 +18,9 @@ from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
-# A parabola needs three.
+# Interpolation by a parabola needs three.
 LEAST_PLANES = 3
-# At least this many pixels along each side, so that a window and a gradient have room.
+# At least so many pixels along each side, for a window and a gradient.
 _LEAST_SIDE = 4
 
 
@@ -30,12 +30,12 @@ class SweepSettings:
 
     Args:
         planes: Number of inverse depths.
-        far_share: The farthest plane, as a share of the tracks' median inverse depth. Stopping at the tracks' own
-            depths cost 3.4 dB on a scene with a far, plain background, which holds no corner to track.
+        far_share: The farthest plane, as a share of the tracks' median inverse depth. Ending at the tracks' own
+            depths cost 3.4 dB on a scene with a far, plain background, which has no corners to track.
         near_factor: The nearest plane, as a multiple of the tracks' 99th percentile.
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
         window_px: Side of the window over which views are compared.
-        blur_px: Standard deviation of a blur before: decoded views carry the residue of their masks.
+        blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
     """
 
     planes: int = 96
@@ -49,7 +49,7 @@ class SweepSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: Too few planes, a window whose side is even or out of range, or a blur that is none.
+            InputError: Too few planes, a window whose side is even or out of range, or a blur that is not valid.
         """
         if self.planes < LEAST_PLANES:
             raise InputError(f"{self.planes} depth planes", allowed=f"at least {LEAST_PLANES}")
@@ -72,7 +72,7 @@ def sweep(
     span: tuple[float, float],
     settings: SweepSettings,
 ) -> F32:
-    """Find the inverse depth at which the views agree, for every pixel of the reference view.
+    """Estimate the inverse depth at which the views agree, for every pixel of the reference view.
 
     Args:
         views: [N, H, W, C] float32 in [0, 1], N >= 2.
@@ -105,7 +105,7 @@ def sweep(
 
 
 def reduced(views: F32, most_pixels: int) -> F32:
-    """Shrink views to at most so many pixels, or grow them to the least size that the sweep can work on."""
+    """Reduce views to at most so many pixels, or enlarge them to the least size that the sweep needs."""
     height, width = views.shape[1:3]
     shrink = min(1.0, (most_pixels / (height * width)) ** 0.5)
     new_height, new_width = (max(_LEAST_SIDE, round(side * shrink)) for side in (height, width))
@@ -116,7 +116,7 @@ def reduced(views: F32, most_pixels: int) -> F32:
 
 
 def features_of(view: F32, blur_px: float) -> F32:
-    """Describe each pixel by its colour, weighing 3 in all, and its luminance gradient; zeros up to [H, W, 8]."""
+    """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [H, W, 8]."""
     height, width, channels = view.shape
     blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
     grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
@@ -132,7 +132,7 @@ def plane_homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F6
     """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3].
 
     Args:
-        world_to_camera: The views' poses seen from the reference view, [V, 4, 4].
+        world_to_camera: The views' poses relative to the reference view, [V, 4, 4].
         intrinsics: [3, 3], px; pixel centres at +0.5.
         inverse_depths: [D].
     """

@@ -1,7 +1,7 @@
-"""Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
+"""Camera poses as the stage reported them, their errors, the points of tracks under them, and how far a fit moved them.
 
-Here: the triangulation under known poses, and how far these may err. Not here: their refinement, which is the fit's
-(`fit/poses.py`), and the way from tracks to depth, which is the same for every source of poses (`initialise`).
+Here: the triangulation under known poses, and their standard errors. Not here: their refinement in the fit
+(`fit/poses.py`); the steps from tracks to depth, which are the same for every source of poses (`initialise`).
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +18,13 @@ from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, CameraMotion,
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 UNSTATED_SHARE: Final = 0.01
-"""Standard error of told places, as a share of the path's extent, where none is stated: tracks of decoded views do not
-see so much (`python -m tests.benchmarks told_poses`)."""
-# How far a told orientation may err, px: a turn that moves the picture by less is not seen.
+"""Standard error of given positions, as a share of the path's extent, if none is stated: tracks of decoded views cannot
+detect an error of this size (`python -m tests.benchmarks told_poses`)."""
+# Standard error of a given orientation, px: a turn that moves the picture by less is not visible.
 _TURN_PX: Final = 0.1
-# Of a place, beside depths of about 1: what float32 resolves.
+# Least error of a position: the resolution of float32 for depths of about 1.
 _LEAST_ERROR: Final = 1e-7
-# Errors of told poses that tracks contradict, as a multiple of those of others.
+# If tracks contradict given poses, their standard errors are larger by this factor.
 _CONTRADICTED: Final = 5.0
 _PASSES: Final = 5  # re-weighted least squares on a nearly linear problem settles in three
 
@@ -33,7 +33,7 @@ def poses_of_stage(shot: Shot) -> F64:
     """Get the poses that the stage reported, [N, 4, 4].
 
     Raises:
-        InputError: There are none, or they are no rigid motions.
+        InputError: There are none, or they are not rigid motions.
     """
     if shot.telemetry_world_to_camera is None:
         raise InputError(
@@ -47,7 +47,7 @@ def poses_of_stage(shot: Shot) -> F64:
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """How far poses that were told may err: standard errors, the same for each component.
+    """Standard errors of given poses, the same for each component.
 
     Args:
         position: Of a camera's centre, in the unit of the poses.
@@ -58,22 +58,23 @@ class PoseErrors:
     rotation: float
 
     def loosened(self) -> "PoseErrors":
-        """Get what they may err by where tracks contradict them: more, but not anything.
+        """Get larger standard errors, for poses that tracks contradict.
 
-        Tracks of exact poses leave 1.03 to 1.11 times what adjusted ones do, so that one in ten is contradicted; and
-        without any prior a fit exchanges turning for travel, which views hardly show.
+        They stay bounded, for two reasons. Exact poses leave track errors 1.03 to 1.11 times as large as adjusted ones
+        do, so that one in ten is contradicted wrongly; and without any prior a fit exchanges turning for travel, which
+        views hardly show.
         """
         return PoseErrors(_CONTRADICTED * self.position, _CONTRADICTED * self.rotation)
 
 
 def stated_error(shot: Shot) -> float | None:
-    """Get the standard error of the stage's places that a shot's provenance states; None where it states none.
+    """Get the standard error of the stage's positions that a shot's provenance states; None if it states none.
 
     Returns:
         `provenance["telemetry"]["position_error"]`, in the unit of the poses.
 
     Raises:
-        InputError: It is no finite number above 0.
+        InputError: It is not a finite number above 0.
     """
     told = shot.provenance.get("telemetry")
     error = told.get("position_error") if isinstance(told, dict) else None
@@ -88,14 +89,14 @@ def stated_error(shot: Shot) -> float | None:
 
 
 def errors_of_told(world_to_camera: F64, intrinsics: F64, position_error: float | None = None) -> PoseErrors:
-    """Return how far told poses may err that the views bear out.
+    """Return the standard errors of given poses that the views confirm.
 
-    A stage reports places. Its turns, which it does not report, are as small as the eye of the tracks allows.
+    A stage reports positions. It does not report its turns; these are smaller than what tracks can see.
 
     Args:
         world_to_camera: [N, 4, 4].
         intrinsics: Camera matrix in px, [3, 3].
-        position_error: Standard error of a place, in the unit of the poses; None where nobody stated it.
+        position_error: Standard error of a position, in the unit of the poses; None if it is not stated.
     """
     centres = camera_centres(world_to_camera)
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
@@ -117,7 +118,7 @@ class Movement:
 
 
 def movement(before: F64, after: F64) -> Movement:
-    """Compare world-to-camera poses, [N, 4, 4], up to a common change, which is one of the world's frame."""
+    """Compare world-to-camera poses, [N, 4, 4], up to a common motion, which only changes the world's frame."""
     reference = len(before) // 2
     change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
     centres = camera_centres(before)
@@ -139,12 +140,12 @@ def place_points(
         tracks: At least one point.
         world_to_camera: Known poses, [N, 4, 4], in any frame and unit.
         intrinsics: Camera matrix in px, [3, 3].
-        huber_px: Residual from which on a sighting counts less.
+        huber_px: Residual from which on an observation counts less.
         outlier_px: Tracks with a larger residual in any view are dropped.
 
     Returns:
-        The motion relative to the reference view, at the scale where the median inverse depth is 1, and the tracks
-        that it explains.
+        The motion relative to the reference view, scaled to a median inverse depth of 1, and the tracks that it
+        explains.
 
     Raises:
         GeometryError: The poses do not move the camera, or put most of the points behind it.
@@ -188,7 +189,7 @@ def _triangulate(rotations: F64, translations: F64, sightings: Sightings, huber_
     target = np.stack([x * turned[..., 2] - turned[..., 0], y * turned[..., 2] - turned[..., 1]], axis=-1)
     target = target * sightings.focal_px
     weight = sightings.seen.astype(np.float64)
-    # Points that no view but one sees, and cameras that do not move, have no slope: they stay at infinity.
+    # Points seen by only one view, and cameras that do not move, give a slope of 0: such points stay at infinity.
     tiny = np.finfo(np.float64).tiny
     inverse_depth = np.zeros(slope.shape[1])
     for _ in range(_PASSES):

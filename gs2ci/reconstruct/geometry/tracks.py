@@ -14,7 +14,7 @@ from gs2ci.core.windows import check_window
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
-# Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
+# Decoded views contain pixel-sized residue of the masks; this blur removes it and preserves corners.
 RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
 _LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
@@ -30,8 +30,8 @@ class TrackSettings:
         corners: At most so many corners are tried.
         quality: Least corner strength, relative to the strongest.
         spacing_px: Least distance between corners.
-        forward_backward_px: How far from its start a point may land when tracked to the next view and back.
-        window_px: Side of the patch around a corner that is looked for in the other views.
+        forward_backward_px: Largest distance of a point from its start when it is tracked to the next view and back.
+        window_px: Side of the patch around a corner that is tracked in the other views.
     """
 
     corners: int = 2500
@@ -52,7 +52,7 @@ class TrackSettings:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Points of the reference view and where the other views see them.
+    """Points of the reference view and their positions in the other views.
 
     Args:
         positions: [P, N, 2] float64 as (x, y) in pixels, NaN where a view does not see the point.
@@ -112,9 +112,9 @@ def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSetting
     Returns:
         P tracks.
 
-    A point is lost for good at the first view where tracking fails or does not lead back. Stepping from view to view
-    accumulates drift; so each position is sought once more directly from the reference view, starting where the
-    steps led, and replaced when both agree within 3 px.
+    A point is lost for good at the first view where tracking fails or does not lead back. Steps from view to view
+    accumulate drift; so each point is tracked again directly from the reference view, starting at the position that the
+    steps gave, and replaced if both agree within 3 px.
     """
     settings = settings or TrackSettings()
     positions = np.full((len(corners), len(views), 2), np.nan)
@@ -127,17 +127,17 @@ def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSetting
 
 
 def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSettings | None = None) -> Tracks:
-    """Look for points once more, directly from the reference view, close to where a known motion predicts them.
+    """Track points again, directly from the reference view, starting where a known motion predicts them.
 
     Args:
         views: As for `find_tracks`.
         reference: As for `find_tracks`.
-        predicted: Where each view should see each point, [P, N, 2] px; exact for the reference view.
+        predicted: Predicted position of each point in each view, [P, N, 2] px; exact for the reference view.
         settings: What counts as found.
 
     Returns:
-        P tracks. So good a start needs no pyramid, whose coarse levels mix near and far; and a point that one view
-        has lost may be found in the next.
+        P tracks. With so good a start no pyramid is needed, whose coarse levels mix near and far; and a point that is
+        lost in one view may be found in the next.
     """
     settings = settings or TrackSettings()
     positions = np.full(predicted.shape, np.nan)
@@ -158,7 +158,7 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
 
 
 def within(tracks: Tracks, shown: Bool) -> Tracks:
-    """Forget sightings where a view shows nothing, [H, W], and points that lie there in the reference view."""
+    """Drop positions outside the pixels that the sensor sees, `shown`, [H, W], and points that start outside them."""
     height, width = shown.shape
     at = np.nan_to_num(tracks.positions).astype(int).clip(0, (width - 1, height - 1))
     positions = np.where(shown[at[..., 1], at[..., 0]][..., None], tracks.positions, np.nan)

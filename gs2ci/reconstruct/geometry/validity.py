@@ -1,6 +1,6 @@
-"""When a geometry may be believed: every criterion, written down once.
+"""When a geometry is valid: all criteria in one place.
 
-Here: the criteria and the verdict on tracks and motion. Not here: finding either, or what to do without (`initialise`).
+Here: the criteria and the verdict on tracks and motion. Not here: estimating either, or the fallbacks (`initialise`).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Verdict = Literal["full", "rotation_only", "static", "unsupported"]
 
 @dataclass(frozen=True)
 class Criteria:
-    """What tracks and motion must show.
+    """What tracks and motion must satisfy.
 
     Args:
         tracks: Fewest tracks. A view has 6 unknowns and a track 1, so 20 tracks in two views leave some redundancy.
@@ -28,40 +28,41 @@ class Criteria:
         coverage: Least share of the cells of an 8x8 grid over the reference view that hold a track.
         inliers: Least share of the tracks that the motion explains.
         rms_px: Largest reprojection error of the explained tracks.
-        unexplained: Least ratio of the errors that rotations leave along the tracks to those of the full motion, per
+        unexplained: Least ratio of the errors along the tracks under pure rotations to those under the full motion, per
             degree of freedom. On views decoded from a camera that did not move or only turned it was 0.9 to 1.03,
-            with a parallax about as large as the noise 1.15 to 1.5, with more of it 2 and above. A lens that distorts,
-            known or not, does not show in it: all views are bent alike, and ±0.2 in k1 made 0.97 to 1.02 of turning
-            cameras and 1.4 to 3.1 of moving ones, where there had been 0.97 to 1.02 and 1.4 to 2.7.
-        unexplained_by_two: The same where no track has a second sighting to tell by: errors per degree of freedom.
-            A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
-        agreement: Expected error of the path (`halves`), as a share of its extent, up to which it is taken for a motion
-            even if rotations leave hardly more along the tracks: their errors would give halves of them other paths.
-            Of cameras that did not move or only turned it was 0.11 to 0.31, once 0.10
-            (`python -m tests.benchmarks no_motion`).
-        parallax_px: Least parallax: what translation explains beyond the best rotations.
+            with a parallax about as large as the noise 1.15 to 1.5, with more parallax 2 and above. Lens distortion,
+            known or not, does not affect it, since all views are distorted alike: ±0.2 in k1 gave 0.97 to 1.02 for
+            turning cameras and 1.4 to 3.1 for moving ones, instead of 0.97 to 1.02 and 1.4 to 2.7.
+        unexplained_by_two: The same for two views, in which each track has a single error: errors per degree of
+            freedom. A translation explains one of their two components; decoded views of turned cameras gave 1.0 to
+            1.3.
+        agreement: Expected error of the path (`halves`), as a share of its extent, up to which it is accepted as a
+            motion even if pure rotations leave hardly larger errors: if a path came from the tracks' errors, each half
+            of them would give a different one. For cameras that did not move or only turned it was 0.11 to 0.31, once
+            0.10 (`python -m tests.benchmarks no_motion`).
+        parallax_px: Least parallax: the part that translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
-        turn_deg: Largest turn of a view that sees tracks against the reference view. Patches that turn by less are lost
-            already; a motion that turns more stands on tracks that jumped along a repeating texture.
-        path_error: Expected error of the path (`halves`), as a share of its extent, from which on it is doubted aloud.
-            Simulated scenes with texture all over the frame stay below it; small boxes before plain walls, whose paths
-            err by 7 to 20 %, do not.
-        order_errors: By so many standard errors tracks must prefer an order of depth to be believed without a look at
-            the pixels. They preferred a wrong one by up to 4, where the principal point moved and the field of view was
-            narrow.
+        turn_deg: Largest turn of a view that sees tracks against the reference view. Tracking already fails for smaller
+            turns; a motion that turns more comes from tracks that jumped along a repeating texture.
+        path_error: Expected error of the path (`halves`), as a share of its extent, from which on the report doubts it.
+            Simulated scenes with texture all over the frame stay below it; small boxes in front of plain walls, whose
+            paths err by 7 to 20 %, do not.
+        order_errors: By so many standard errors tracks must prefer an order of depth for it to be accepted without
+            short fits. They preferred a wrong order by up to 4, with a principal point that moved and a narrow field of
+            view.
 
-    For a geometry that a model predicted (`hierarchy`), besides:
+    Further criteria for a geometry that a model predicted (`hierarchy`):
 
     Args:
         registered: Least share of the views that see enough tracks after bundle adjustment: all of them.
         registered_before: The same before it.
         focal_spread: Largest relative spread of the focal lengths predicted for views of one camera.
-        focal_factor: Largest factor between two findings of the focal length: predicted, adjusted, from tracks alone.
+        focal_factor: Largest factor between two estimates of the focal length: predicted, adjusted, from tracks alone.
         dense_positive: Least share of the predicted depths that must be positive.
-        dense_px: Largest median distance between the tracks and where predicted poses and depths put them, where the
-            tracks themselves could not carry a geometry.
-        dense_share: The same as a share of the tracks' median displacement: what a camera at rest would leave is 1.
+        dense_px: Largest median distance of the tracks from the positions by predicted poses and depths, if the tracks
+            alone cannot support a geometry.
+        dense_share: The same as a share of the tracks' median displacement: 1 for a camera at rest.
         dense_path: Least extent of a predicted path that no track can check, in median depths.
     """
 
@@ -103,7 +104,7 @@ def coverage(tracks: Tracks, size: tuple[int, int]) -> float:
 
 
 def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteria) -> tuple[Finding, ...]:
-    """Say why these tracks cannot support any motion; nothing if they can."""
+    """Return the reasons why these tracks cannot support any motion; none if they can."""
     doubts = []
     if len(tracks) < criteria.tracks:
         doubts.append(finding(Code.FEW_TRACKS, tracks=len(tracks), needed=criteria.tracks))
@@ -118,7 +119,7 @@ def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteri
 
 
 def parallax_px(motion: CameraMotion, rotations: Rotations) -> float:
-    """Get what translation explains of the tracks beyond the best rotations, root mean square."""
+    """Get the part of the tracks that translation explains beyond the best rotations, root mean square."""
     return float(np.sqrt(max(rotations.rms_px**2 - motion.rms_px**2, 0.0)))
 
 
@@ -139,19 +140,19 @@ def has_parallax(motion: CameraMotion, rotations: Rotations, criteria: Criteria)
 def judge(
     candidates: int, tracks: Tracks, motion: CameraMotion, rotations: Rotations, criteria: Criteria
 ) -> tuple[Verdict, tuple[Finding, ...]]:
-    """Decide what the camera did, and why, unless all is well.
+    """Decide whether the camera moved, only turned or stood still; give reasons for any verdict but "full".
 
     Args:
         candidates: Number of tracks before those that the motion does not explain were dropped.
         tracks: The explained tracks.
         motion: The full motion fitted to them.
         rotations: Pure rotations fitted to them.
-        criteria: What must be shown.
+        criteria: What must be satisfied.
     """
     if not has_parallax(motion, rotations, criteria):
         if rotations.displacement_px < criteria.displacement_px:
             return "static", (finding(Code.CAMERA_STOOD_STILL, displacement_px=rotations.displacement_px),)
-        if rotations.rms_px > criteria.parallax_px:  # errors in which a parallax worth speaking of may hide
+        if rotations.rms_px > criteria.parallax_px:  # a parallax that matters may hide in errors of this size
             apart = finding(Code.PARALLAX_MAY_DROWN, rotations_px=rotations.rms_px, motion_px=motion.rms_px)
             return "rotation_only", (apart,)
         return "rotation_only", (finding(Code.CAMERA_ONLY_TURNED, rotations_px=rotations.rms_px),)
@@ -160,7 +161,7 @@ def judge(
 
 
 def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> tuple[Finding, ...]:
-    """Say how far the tracks contradict a motion; nothing if they bear it out. Arguments as for `judge`."""
+    """Return how the tracks contradict a motion; nothing if they confirm it. Arguments as for `judge`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
         doubts.append(finding(Code.FEW_TRACKS_EXPLAINED, tracks=len(tracks), of=candidates))
@@ -180,7 +181,7 @@ def _largest_turn_deg(motion: CameraMotion, tracks: Tracks) -> float:
 
 
 def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[Finding, ...]:
-    """Say that a path with such an expected error, as a share of its extent, is not to be relied on; or nothing."""
+    """Return the finding that a path with this expected error, as a share of its extent, is unreliable, or nothing."""
     if expected_error is None or expected_error <= criteria.path_error:
         return ()
     return (finding(Code.PATH_UNCERTAIN, share=expected_error),)

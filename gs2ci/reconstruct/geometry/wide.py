@@ -1,10 +1,10 @@
 """Geometry from points matched between all pairs of views: wide baselines, in any order.
 
-Corners are followed from view to view as far as patches stay alike, a few degrees. Where a camera was put here and
-there, its views in no order, scale-invariant features (SIFT, Lowe 2004) still match, between whichever views see the
-same; what an essential matrix bears out of them grows into one scene, a view at a time (COLMAP's incremental mapper,
-Schönberger and Frahm 2016). Here: the features, the pairs, the scene and the geometry that it gives. Not here: when it
-is asked for (`choose`), the sweep (`sweep`).
+Corners can be tracked from view to view as long as patches look alike, over a few degrees. If a camera was put at
+separate positions in no order, scale-invariant features (SIFT, Lowe 2004) still match between views that see the same
+things; the matches that an essential matrix confirms are built into one scene, one view at a time (COLMAP's incremental
+mapper, Schönberger and Frahm 2016). Here: the features, the pairs, the scene and its geometry. Not here: when it is
+used (`choose`), the sweep (`sweep`).
 """
 
 import itertools
@@ -27,17 +27,17 @@ from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 
-# Decoded views are soft: features are sought at twice their size, with local contrast evened out.
+# Decoded views are blurred: features are detected at twice their size, with equalised local contrast.
 _ENLARGED: Final = 2
 _MOST_FEATURES: Final = 2000
 _LEAST_CONTRAST: Final = 0.01
-# A match must be so much nearer than the second nearest feature (Lowe's test), and mutual.
+# A match must be mutual, and nearer than this share of the distance to the second nearest feature (Lowe's test).
 _RATIO: Final = 0.8
-# Of a pair: fewest matches that its essential matrix bears out, and their error. Decoded photographs 15° apart, in
-# which a third of the matches are right, keep 15 to 30.
+# For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
+# in which a third of the matches are right, keep 15 to 30.
 _LEAST_MATCHES: Final = 15
 _MATCH_PX: Final = 2.0
-# Of the scene: what a view needs to join, and errors and angles of its points.
+# For the scene: fewest points that a view needs to join, and largest errors and least angles of its points.
 _LEAST_POINTS_TO_JOIN: Final = 12
 _LEAST_TO_BEGIN: Final = 30
 _JOIN_PX: Final = 4.0
@@ -58,15 +58,15 @@ class _Scene:
 
 
 def wide_motion(request: Request, found: Geometry) -> Geometry:
-    """Find poses and depth from features matched between all pairs of views.
+    """Estimate poses and depth from features matched between all pairs of views.
 
     Args:
-        request: Its views.
-        found: What tracks found; its camera matrix and middle view are taken.
+        request: Its views are used.
+        found: The tracks' geometry, of which the camera matrix and the middle view are used.
 
     Returns:
-        A geometry with the verdict "full"; one at rest, "unsupported", where not every view joins one scene or too few
-        points bear it out.
+        A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene or too few
+        points confirm it.
     """
     scene = _grown(request.views, found.intrinsics)
     still = at_rest(found)
@@ -95,12 +95,12 @@ def wide_motion(request: Request, found: Geometry) -> Geometry:
 
 
 def _of_camera(found: Geometry) -> tuple[Any, ...]:
-    """Keep what was said of the camera matrix; what tracks lacked is no longer wanted."""
+    """Keep the notes on the camera matrix; those on missing tracks no longer matter."""
     return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
 
 
 def _grown(views: F32, intrinsics: F64) -> _Scene | None:
-    """Grow one scene from all pairs; None unless every view joins it."""
+    """Build one scene from all pairs; None unless every view joins it."""
     features = [_features(view) for view in views]
     pairs = {
         (i, j): matches
@@ -119,7 +119,7 @@ def _grown(views: F32, intrinsics: F64) -> _Scene | None:
 
 
 def _features(view: F32) -> tuple[F32, F32]:
-    """Find features of a view, [H, W, C]: where, [F, 2] px, and their RootSIFT descriptors, [F, 128]."""
+    """Find features of a view, [H, W, C]: positions, [F, 2] px, and RootSIFT descriptors, [F, 128]."""
     grey = (view.mean(axis=2).clip(0, 1) * 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     even = cv2.createCLAHE(2.0, (8, 8)).apply(large)
@@ -153,7 +153,7 @@ def _matches(one: F32, other: F32) -> np.ndarray[Any, np.dtype[np.uint32]]:
 def _write(
     path: Path, places: list[F32], pairs: dict[tuple[int, int], Any], intrinsics: F64, size: tuple[int, int]
 ) -> None:
-    """Write what the mapper reads: one camera, a view an image, and the matches that essential matrices bear out."""
+    """Write the mapper's input: one camera, an image for each view, and the matches that essential matrices confirm."""
     parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
     camera = pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
     camera.has_prior_focal_length = True
@@ -208,7 +208,7 @@ def _taken(model: Any, views: int) -> _Scene:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Keep the mapper's account of its steps off the terminal: what comes of them is judged here."""
+    """Keep the mapper's messages off the terminal, since its result is checked here."""
     level, aloud = pycolmap.logging.minloglevel, pycolmap.logging.logtostderr
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
