@@ -1,1 +1,1 @@
-"""Where the masks really lie and how they met the light, estimated from the measurement itself."""
+"""Registration: the true position, blur and transmission of the masks, estimated from the measurement itself."""

@@ -1,6 +1,6 @@
-"""Whether a correction is let in: decodes of a crop with and without it, judged by pixels that neither saw.
+"""Whether a correction is accepted: decodes of a crop with and without it, judged by pixels that neither saw.
 
-Here: the crop and the short decodes. Not here: what is proposed (`proposals`, `sharpen`), and the verdict (`ways`).
+Here: the crop and the short decodes. Not here: the proposed corrections (`proposals`, `sharpen`), the choice (`ways`).
 """
 
 from dataclasses import replace
@@ -28,13 +28,13 @@ Corner = tuple[bool, bool]
 
 
 class Trial:
-    """A piece of a measurement, decoded in short.
+    """A crop of a measurement, decoded in few steps.
 
     Args:
         shot: Its masks and readings as stated.
-        scale: What to divide readings by, so that the scene's levels are about those of a view's full scale.
+        scale: Divisor of the readings that brings the scene's levels to about a view's full scale.
         seed: Of the held-out pixels.
-        at: The corner that is looked at; None looks at the middle.
+        at: The corner that is cropped; None crops the middle.
     """
 
     def __init__(self, shot: Shot, scale: float, seed: int, at: Corner | None = None) -> None:
@@ -45,22 +45,22 @@ class Trial:
 
     @property
     def can_tell(self) -> bool:
-        """Get whether any pixel judges."""
+        """Get whether any pixel is held out."""
         return bool(self._heldout.any())
 
     def squares(self, shot: Shot) -> np.ndarray:
-        """Return squared residuals, [K], of a measurement's decode on pixels that it did not see."""
+        """Return squared residuals, [K], of a measurement's decode at pixels that it did not see."""
         jury = Jury(_scaled_crop(shot, self._scale, self._at), self._heldout)
         return jury.squared_residuals(_decoded(jury.seen))
 
 
 def brief_views(shot: Shot, scale: float) -> F32:
-    """Decode the middle of a measurement in short, [N, h, w, C]; readings are divided by a scale as for a `Trial`."""
+    """Decode the middle of a measurement in few steps, [N, h, w, C]; readings are scaled as in a `Trial`."""
     return _decoded(_scaled_crop(shot, scale))
 
 
 def level_of(shot: Shot) -> float:
-    """Return what to divide readings by, so that twice the scene's level is about full scale."""
+    """Return the divisor of readings that brings twice the scene's level to about full scale."""
     total = white_reading(shot)
     level = Seen.of(shot, element_px(total)).level(total)
     return max(2 * abs(float(np.median(level))), 1e-12)
@@ -78,6 +78,6 @@ def _scaled_crop(shot: Shot, scale: float, at: Corner | None = None) -> Shot:
 def _crop(shot: Shot, at: Corner | None) -> Shot:
     size = size_of(shot, _VIEW_PIXELS, _LEAST_SIDE_PX)
     part = middle(shot, size) if at is None else corner(shot, size, lower=at[0], right=at[1])
-    if part.measurement.shape[2] == 3:  # grey tells as much, for a third of the time
+    if part.measurement.shape[2] == 3:  # grey gives the same information in a third of the time
         part = replace(part, measurement=part.measurement.mean(axis=2, keepdims=True))
     return part

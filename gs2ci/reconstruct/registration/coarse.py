@@ -1,9 +1,9 @@
-"""Where the masks' pattern shows in a measurement, to the pixel: one correlation, whatever the scene.
+"""The displacement of the masks' pattern in a measurement, in whole pixels: one correlation, whatever the scene.
 
-The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at one
-place only. How far that peak stands above what chance gives, measured against the thirtieth best place elsewhere,
-tells whether it is accepted; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
-Here: shift, orientation, and the displacement of single tiles. Not here: fractions of a pixel (`fine`).
+The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at a
+single displacement. The peak is accepted if it is clearly higher than the thirtieth highest value elsewhere, which
+measures chance; a sum without pattern, darkness and noise give no such peak, and nothing is concluded. Here: shift,
+orientation, and the displacement of single tiles. Not here: fractions of a pixel (`fine`).
 """
 
 from collections.abc import Callable
@@ -19,22 +19,22 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.placement import Placement
 
-# Places within the peak's own width do not count as others. The n-th best of the others is the measure of chance.
+# Values within the peak's own width are not counted as elsewhere. The n-th highest of the others measures chance.
 _RANK: Final = 30
-# Of 4000 measurements whose masks were not those stated none had a peak of 1.9 times the thirtieth best.
+# Among 4000 measurements with masks other than those stated, no peak reached 1.9 times the thirtieth highest value.
 SURE_PEAK: Final = 2.5
-# A pattern narrower than this correlates with itself only so near.
+# The autocorrelation of the pattern is examined up to this distance, so that wider elements are not recognised.
 _WIDEST_ELEMENT_PX: Final = 16
 _HIGH_PASS_ELEMENTS: Final = 3.0
 _LEVEL_PX: Final = 8.0
-# Tiles are so many elements wide, half overlapping, and no more than this along each side of the picture.
+# Tiles are so many elements wide and overlap by half; at most this many along each side of the picture.
 _TILE_ELEMENTS: Final = 48
 _MOST_TILES: Final = 9
 _LEAST_TILES: Final = 5
-# Peaks of tiles are whole pixels, and a turn smears them.
+# Tolerance of tiles: their peaks are in whole pixels, and a rotation smears them.
 _AGREEMENT_PX: Final = 1.5
 _MARGIN_PX: Final = 128
-# A sum of masks that varies by less shows no pattern to find.
+# A sum of masks that varies by less has no usable pattern.
 _LEAST_PATTERN: Final = 1e-3
 
 ORIENTATIONS: Final[dict[str, Callable[[F64], F64]]] = {
@@ -50,7 +50,7 @@ ORIENTATIONS: Final[dict[str, Callable[[F64], F64]]] = {
 
 
 def element_px(total: F64) -> float:
-    """Return how wide the elements of a pattern, [H, W], are: where its correlation with itself has fallen to half."""
+    """Return the width of a pattern's elements, [H, W], from the lag at which its autocorrelation falls to half."""
     fine = total - total.mean()
     power = float((fine * fine).mean())
     if power <= 0:
@@ -66,12 +66,12 @@ def element_px(total: F64) -> float:
 
 
 def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
-    """High-pass a picture, [H, W]; relative: by its local level, so that bright parts do not outvote dark ones."""
+    """High-pass a picture, [H, W]; relative: divided by its local level, so that bright parts do not dominate."""
     sigma = _HIGH_PASS_ELEMENTS * element
     fine: F64 = image - _blur(image, sigma)
     if relative:
         level = np.abs(_blur(image, max(_LEVEL_PX, sigma)))
-        # The deviation of the fine pattern itself: a black level that was taken off too far must not divide by zero.
+        # Includes the deviation of the pattern itself: the level may be zero if too high a black level was subtracted.
         level = np.sqrt(level**2 + _blur(fine**2, max(_LEVEL_PX, sigma)))
         fine = fine / np.maximum(level, 1e-9 * max(float(np.abs(image).max()), 1e-300))
         spread = float(fine.std())
@@ -81,12 +81,12 @@ def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
 
 
 def is_flat(total: F64) -> bool:
-    """Tell whether a sum of masks, [H, W], shows no pattern."""
+    """Tell whether a sum of masks, [H, W], has no pattern."""
     return float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max())
 
 
 def readable(shot: Shot, element: float) -> F64:
-    """Return the fine pattern of a measurement, [H, W]: colours of a mosaic levelled, clipped readings left out."""
+    """Return the fine pattern of a measurement, [H, W]: colours of a mosaic equalised, clipped readings left out."""
     seen = Seen.of(shot, element)
     patterns = np.zeros(shot.size)
     for plane, counts in zip(seen.planes, seen.counts, strict=True):
@@ -104,12 +104,12 @@ def _blur(image: F64, sigma: float) -> F64:
 
 @dataclass(frozen=True)
 class Peak:
-    """The place at which a pattern shows.
+    """The displacement at which a pattern correlates.
 
     Args:
         down_px: Shift along the columns.
         right_px: Shift along the rows.
-        ratio: The peak against the thirtieth best place elsewhere; 0 where nothing can be told.
+        ratio: The peak divided by the thirtieth highest value elsewhere; 0 if nothing can be concluded.
         correlation: The peak as a correlation coefficient over the whole picture.
     """
 
@@ -125,17 +125,17 @@ class Peak:
 
     @classmethod
     def nothing(cls) -> Self:
-        """Tell that nothing can be told."""
+        """Return the result that nothing can be concluded."""
         return cls(0.0, 0.0, 0.0)
 
 
 def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> Peak:
-    """Find the shift of `known` that shows in `seen`, both high-passed, [H, W].
+    """Find the shift of `known` in `seen`, both high-passed, [H, W].
 
     Args:
-        seen: From the measurement; 0 where nothing counts.
+        seen: From the measurement; 0 at pixels that do not count.
         known: From the masks.
-        reach: How far to look along rows and columns, px.
+        reach: Largest shift along rows and columns, px.
         element: Width of the masks' elements, px.
     """
     norm = float(np.sqrt((seen**2).sum() * (known**2).sum()))
@@ -159,13 +159,13 @@ def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> 
 
 
 def reach_of(size: tuple[int, int], most_px: int = 64) -> tuple[int, int]:
-    """Return how far shifts are sought along rows and columns: half the picture must still overlap."""
+    """Return the largest shifts to try along rows and columns: half the picture must still overlap."""
     return min(most_px, size[0] // 2), min(most_px, size[1] // 2)
 
 
 @dataclass(frozen=True)
 class Tile:
-    """What one tile of the picture shows: its middle as (row, column), and the displacement there."""
+    """One tile of the picture: its middle as (row, column), and the displacement there."""
 
     middle: tuple[float, float]
     peak: Peak
@@ -184,8 +184,8 @@ def find_tiles(
     Args:
         seen: From the measurement, high-passed, [H, W].
         known: From the masks, [H, W].
-        expected: The displacement (down, right), px, that is expected at a place (row, column).
-        reach: How far about it to look, px.
+        expected: The expected displacement (down, right), px, at a position (row, column).
+        reach: Largest deviation from it, px.
         element: Width of the masks' elements, px.
         elements: How many of them a tile is wide.
     """
@@ -216,9 +216,9 @@ def _starts(length: int, side: int) -> list[int]:
 
 
 def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
-    """Find the affine placement that the sure tiles agree on; None where too few do.
+    """Find the affine placement on which the sure tiles agree; None if too few do.
 
-    Tiles that lie apart from the others by more than `_AGREEMENT_PX` are left out, the worst first.
+    Tiles that deviate from the others by more than `_AGREEMENT_PX` are dropped, the worst first.
     """
     sure = [tile for tile in found if tile.peak.is_sure]
     middle = (np.array(size) - 1) / 2

@@ -1,10 +1,10 @@
-"""A smooth field beyond the affine: how a relay lens bends masks on their way, by Gauss-Newton over the whole picture.
+"""A smooth distortion field beyond the affine, as by a relay lens, by Gauss-Newton over the whole picture.
 
-A displacement that changes slowly acts on a pixel's error as a shift does, so that two derivatives, by a shift down
-and by one to the right, times polynomials of the place give those by all coefficients: five pictures a round, whatever
-their number. The affine is found along with the field, since a radial field is half a change of scale. Where the best
-affine leaves more than the pattern tells from there, tiles that lie a pixel off say where to begin.
-Here: the search, and which terms are let in. Not here: whether held-out pixels bear the whole out (`register`).
+A slowly varying displacement acts on a pixel's error like a shift. So the derivatives by all coefficients are the two
+derivatives by a shift down and a shift to the right, times polynomials of the position: each round needs five pictures,
+whatever the number of coefficients. The affine is estimated along with the field, since a radial field is partly a
+change of scale. If the remaining displacement exceeds the range of Gauss-Newton, the displacements of tiles give the
+start. Here: the search, and which terms are accepted. Not here: whether held-out pixels confirm the whole (`register`).
 """
 
 from dataclasses import dataclass, replace
@@ -19,19 +19,19 @@ from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_we
 from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, HIGHER, LOW, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import FIELD_AT_PX, Placement
 
-# A term is let in from so many of its standard errors on, as other parameters are, and where the field moves masks
-# somewhere by so much against the best affine: less costs less than 0.05 dB.
+# A term is accepted from so many of its standard errors on, as other parameters are, and if the field moves masks
+# somewhere by so much relative to the best affine: smaller displacements cost less than 0.05 dB.
 SIGNIFICANT: Final = 5.0
 MATTERS_PX: Final = 0.05
 _ROUNDS: Final = 8
 _STEP_PX: Final = 0.1
 _SETTLED_PX: Final = 2e-3
-# Steps that would move masks by more than their pattern tells are shortened to this at the picture's corner.
+# Longer steps, beyond the range in which the pattern gives a gradient, are shortened to this at the picture's corner.
 _LONGEST_STEP_PX: Final = 1.0
 _GROUPS: Final = (("radial_px",), BENT)
 _BY_TILES: Final = (*AFFINE, *LOW)
 _GRID: Final = 7
-# Tiles whose displacement, a whole number, lies farther than this from the field that the others agree on are left out.
+# Tiles whose displacement, in whole pixels, deviates by more than this from the field of the others are dropped.
 _AGREEMENT_PX: Final = 1.2
 _LEAST_TILES: Final = 12
 
@@ -41,9 +41,9 @@ class FieldEstimate:
     """A placement with its field.
 
     Args:
-        misfit: The misfit that was given, with the placement that was found.
-        errors: Standard errors of the affine's parameters and of the field's terms that were sought, by name.
-        bent_px: By how much the field moves masks against the best affine, at most.
+        misfit: The given misfit, with the estimated placement.
+        errors: Standard errors of the estimated parameters of the affine and terms of the field, by name.
+        bent_px: Largest displacement of the masks by the field relative to the best affine.
     """
 
     misfit: Misfit
@@ -52,7 +52,7 @@ class FieldEstimate:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Get the terms of the field that were sought."""
+        """Get the terms of the field that were estimated."""
         return tuple(name for name in FIELD if name in self.errors)
 
     def value(self, name: str) -> float:
@@ -60,22 +60,22 @@ class FieldEstimate:
         return float(self.misfit.vector()[NAMES.index(name)])
 
     def is_sure(self, name: str) -> bool:
-        """Tell whether a term is surely there."""
+        """Tell whether a term is significant."""
         return abs(self.value(name)) >= SIGNIFICANT * self.errors[name] > 0
 
 
 def find_field(
     problem: Problem, start: Misfit, tiles: list[Tile]
 ) -> tuple[FieldEstimate | None, dict[str, tuple[float, float]]]:
-    """Find the terms of a field that are surely there, and all that was found of the others.
+    """Estimate a field, keep its significant terms, and report the others.
 
     Args:
-        problem: The whole measurement, as far as its corners.
-        start: What is known without a field, right to about two pixels everywhere.
-        tiles: How far parts of the picture lie from where the start puts them, in whole pixels.
+        problem: The whole measurement, including its corners.
+        start: The estimate without a field, right to about two pixels everywhere.
+        tiles: Displacements of parts of the picture relative to the start, in whole pixels.
 
     Returns:
-        The field, None where there surely is none; and value and standard error of each term that is not in it.
+        The field, None if no term is significant; and value and standard error of each term that is not in it.
     """
     estimate = _refined(problem, start, LOW)
     nearer = _by_tiles(tiles, start.placement, problem.size)
@@ -85,7 +85,7 @@ def find_field(
             estimate, start = other, other.misfit
     tried = {name: (estimate.value(name), estimate.errors[name]) for name in LOW}
     names = _let_in(estimate)
-    while names:  # what is left out moves the others: those that stay must still be sure
+    while names:  # dropping terms changes the others, which must remain significant
         estimate = _refined(problem, start, names)
         still = _let_in(estimate)
         if still == names:
@@ -97,15 +97,15 @@ def find_field(
 
 
 def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEstimate:
-    """Find a field's terms again from where it was found, and those of higher order if they are surely there.
+    """Estimate a field's terms again, and add those of higher order if they are significant.
 
-    Errors around each pixel, by which it counts, are those of the field now. Orders that are alike over most of the
-    picture weaken each other: the higher one is asked for last.
+    Pixels are now weighted by their errors with the field. Terms that are similar over most of the picture make each
+    other uncertain, so the higher order is tried last.
 
     Args:
         problem: The whole measurement.
-        start: The field as it was found, and the light along it.
-        terms: Of the field, that were let in.
+        start: The field so far, with the light estimated along with it.
+        terms: Accepted terms of the field.
     """
     closer = _refined(problem, start, terms)
     higher = _refined(problem, closer.misfit, (*terms, *HIGHER))
@@ -115,7 +115,7 @@ def find_closer(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> Fiel
 
 
 def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) -> Placement | None:
-    """Return the placement, with a field, that tiles agree on; None where too few do, or all lie where they are put."""
+    """Return the placement with a field on which tiles agree; None if too few do, or if none is displaced."""
     sure = [tile for tile in tiles if tile.peak.is_sure]
     if not any((tile.peak.down_px, tile.peak.right_px) != (0.0, 0.0) for tile in sure):
         return None
@@ -133,7 +133,7 @@ def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) ->
 
 
 def bent_px(placement: Placement, size: tuple[int, int]) -> float:
-    """Return by how much a field moves masks against the best affine, at most, px."""
+    """Return the largest displacement of masks by a field relative to the best affine, px."""
     rows, columns = (np.linspace(-0.5, 0.5, _GRID) * (n - 1) for n in size)
     places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     moved = placement.field_px(places)
@@ -143,7 +143,7 @@ def bent_px(placement: Placement, size: tuple[int, int]) -> float:
 
 
 def _let_in(estimate: FieldEstimate) -> tuple[str, ...]:
-    """Return the terms that are surely there; those of one group come together."""
+    """Return the significant terms; those of one group are accepted together."""
     if estimate.bent_px < MATTERS_PX:
         return ()
     sought = [tuple(name for name in group if name in estimate.errors) for group in _GROUPS]
@@ -151,7 +151,7 @@ def _let_in(estimate: FieldEstimate) -> tuple[str, ...]:
 
 
 def _predicts_better(problem: Problem, without: Misfit, found: Misfit) -> bool:
-    """Tell whether readings are surely predicted better by those around them."""
+    """Tell whether the field surely improves the prediction of readings from those around them."""
     known = found.placement.known(problem.size) & without.placement.known(problem.size)
     errors = problem.errors(without)
     weights = pixel_weights(errors, known)[known]
@@ -159,7 +159,7 @@ def _predicts_better(problem: Problem, without: Misfit, found: Misfit) -> bool:
 
 
 def _refined(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEstimate:
-    """Find the affine and some terms of the field by Gauss-Newton."""
+    """Estimate the affine and some terms of the field by Gauss-Newton."""
     names = (*AFFINE, *terms)
     bases = _bases(problem.size, names)
     misfit, errors = start, problem.errors(start)
@@ -191,13 +191,13 @@ def _refined(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEs
 
 
 def _bases(size: tuple[int, int], names: tuple[str, ...]) -> F64:
-    """Return how far a unit of each parameter moves masks at each pixel, [P, 2, H, W] as (down, right)."""
+    """Return the displacement of masks at each pixel by a unit of each parameter, [P, 2, H, W] as (down, right)."""
     row, column = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in size), indexing="ij")
     return _moves(row, column, names)
 
 
 def _moves(row: F64, column: F64, names: tuple[str, ...]) -> F64:
-    """Return how far a unit of each parameter moves masks at places from the middle, [P, 2, ...] as (down, right)."""
+    """Return the displacement by a unit of each parameter at positions from the middle, [P, 2, ...]: (down, right)."""
     none, one = np.zeros_like(row), np.ones_like(row)
     degree = np.pi / 180
     moved = {
@@ -225,13 +225,13 @@ def _jacobian(problem: Problem, misfit: Misfit, bases: F64) -> F64:
 
 
 def _corner_px(size: tuple[int, int], names: tuple[str, ...], step: F64) -> float:
-    """Return how far a step moves masks at a corner, at most, px."""
+    """Return the largest displacement of masks at a corner by a step, px."""
     moved = _moved(Placement(), names, step)
     return float(np.linalg.norm(moved.displacement_px(size), axis=1).max())
 
 
 def _moved(placement: Placement, names: tuple[str, ...], step: F64) -> Placement:
-    """Move masks on by a step, the affine after what is there."""
+    """Apply a step to a placement; its affine is applied after the present one."""
     by_name = dict(zip(names, step.tolist(), strict=True))
     more = Placement(**{name: by_name.get(name, 0.0) for name in AFFINE})
     affine = Placement.from_affine(more.matrix @ placement.matrix, more.matrix @ placement.shift_px + more.shift_px)

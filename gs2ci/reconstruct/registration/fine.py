@@ -1,9 +1,10 @@
 """Fractions of a pixel, turns, blur and black level, by Gauss-Newton on the held-out error of every pixel.
 
-The error of a locally even scene (`local_scene`) depends on nothing but the masks' sum, so that a step costs some
-pictures and no decode. Errors are weighted by what they are around a pixel, as edges must not outvote the rest.
-Standard errors are those of scores summed over blocks of the picture: neighbours share their texture.
-Here: the search and its errors. Not here: which parameters are let in (`admission`).
+The error of a locally constant scene (`local_scene`) depends only on the masks' sum, so that a step costs a few
+pictures and no decode. Errors are weighted by the inverse of their mean square around a pixel, so that edges do not
+dominate. Standard errors come from scores summed over blocks of the picture, since neighbours share their texture.
+
+Here: the search and its errors. Not here: which parameters are accepted (`proposals`).
 """
 
 from dataclasses import dataclass
@@ -20,9 +21,9 @@ from gs2ci.reconstruct.registration.widening import MOST_PX, MaskSum
 
 _ROUNDS: Final = 12
 _BLOCK_PX: Final = 16
-# Fewer blocks do not tell how much scores scatter.
+# Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
-# Differences are taken over such a displacement at the picture's corner, and over these steps of the others.
+# Steps of the numerical derivatives: this displacement at the picture's corner, and these steps of the others.
 _STEP_PX: Final = 0.1
 _STEPS: Final = {"blur_px2": 0.05, "leak": 0.01, "black": 0.01, "widening_px": 0.02}
 _LIMITS: Final = {
@@ -35,9 +36,9 @@ _LIMITS: Final = {
     "widening_px": (-MOST_PX, MOST_PX),
 }
 _SETTLED: Final = 1e-2
-# A scene is not even: where its texture is finer than the windows, light leans to one side (blur below what there is)
-# by as much as its readings scatter. Standard errors are larger by these factors than scatter alone says, which makes
-# |z| of right shots what it should be (`tests.benchmarks.right_shots`, first hundred draws; places need no factor).
+# A real scene is not constant. Texture finer than the windows biases the parameters of light (blur is estimated too
+# small) by about their standard error. So these standard errors are multiplied by factors that give |z| the expected
+# distribution for shots with right masks (`tests.benchmarks.right_shots`, first hundred draws; positions need none).
 _LEANING: Final = {"blur_px2": 1.6, "leak": 1.3, "black": 1.3, "widening_px": 1.3}
 
 
@@ -46,15 +47,15 @@ class MisfitEstimate:
     """Parameters with their standard errors.
 
     Args:
-        misfit: What was found; parameters that were not sought are as they were.
-        errors: Standard error of each parameter that was sought, by name.
+        misfit: The estimate; parameters that were not estimated are unchanged.
+        errors: Standard error of each estimated parameter, by name.
     """
 
     misfit: Misfit
     errors: dict[str, float]
 
     def significance(self, name: str) -> float:
-        """Return how many standard errors a parameter is away from «absent»; 0 where it was not sought."""
+        """Return by how many standard errors a parameter differs from its default; 0 if it was not estimated."""
         error = self.errors.get(name, 0.0)
         value = float(self.misfit.vector()[NAMES.index(name)])
         return abs(value) / error if error > 0 else 0.0
@@ -62,12 +63,12 @@ class MisfitEstimate:
 
 @dataclass(frozen=True)
 class Problem:
-    """A measurement, the sum of its masks as stated, and what counts.
+    """A measurement, the sum of its masks as stated, and the unit of its light.
 
     Args:
         seen: The readings.
         masks: Σ wᵢ Mᵢ of the same piece.
-        unit: What the measurement reads of light on average: black level and leak are stepped in such units.
+        unit: Mean reading of the measurement, the unit for steps of black level and leak.
     """
 
     seen: Seen
@@ -94,7 +95,7 @@ class Problem:
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:
-    """Weigh pixels by the inverse mean square of the errors around them, [H, W]; mean 1, 0 where nothing is known."""
+    """Weight pixels by the inverse mean square of the errors around them, [H, W]; mean 1, 0 at unknown pixels."""
     around = cv2.blur(np.minimum(errors**2, 9 * np.mean(errors**2)), (9, 9), borderType=cv2.BORDER_REFLECT)
     weights: F64 = known / (around + 0.1 * float(np.mean(errors**2)) + 1e-300)
     mean = float(weights.mean())
@@ -102,13 +103,13 @@ def pixel_weights(errors: F64, known: Bool) -> F64:
 
 
 def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64 | None = None) -> MisfitEstimate:
-    """Find the parameters of these names, from a start that is right to about a pixel everywhere.
+    """Estimate the parameters of these names, from a start that is right to about a pixel everywhere.
 
     Args:
         problem: The measurement.
-        start: Where to begin.
+        start: Where to start.
         names: Of `NAMES`.
-        weights: Of the pixels, [H, W]; from the errors of the start where they are not given.
+        weights: Of the pixels, [H, W]; None: from the errors of the start.
     """
     index = [NAMES.index(name) for name in names]
     scale = problem.steps()[index]
@@ -164,7 +165,7 @@ def _jacobian(problem: Problem, vector: F64, index: list[int], scale: F64) -> F6
 
 
 def deviations_of(jacobian: F64, errors: F64, weights: F64) -> F64:
-    """Return standard errors in steps: the sandwich of normal matrix and scattering scores of blocks."""
+    """Return standard errors in steps: the sandwich estimate from the normal matrix and the scores of blocks."""
     count = len(jacobian)
     normal = np.einsum("ihw,jhw,hw->ij", jacobian, jacobian, weights)
     scores = jacobian * (weights * errors)

@@ -1,9 +1,10 @@
-"""Light: the unit of a measurement, masks stated dimmer than they are, and clipping that nobody told of.
+"""Light: the unit of a measurement, masks stated dimmer than they are, and clipping that is not marked.
 
-Readings tell the product of scene, masks and unit alone. What the unit is follows from convention: scenes are exposed
-so that they fill a fair part of the scale, and a fully open element lets through all. So a unit is only doubted where
-most of the picture would be brighter than white, or nothing of it as bright as a fiftieth.
-Here: those three. Not here: black level and leak, which readings do tell (`fine`).
+Readings determine only the product of scene, masks and unit. The unit follows from convention: scenes are exposed to
+fill a fair part of the scale, and a fully open element transmits all light. So a unit is doubted only if most of the
+picture would be brighter than white, or none of it as bright as a fiftieth.
+
+Here: those three. Not here: black level and leak, which readings do determine (`fine`).
 """
 
 from dataclasses import dataclass
@@ -14,12 +15,12 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.records import Shot
 
-# More than a quarter of a picture brighter than white is no lamp.
+# Lamps and glints are less than a quarter of a picture: the unit is doubted if more is brighter than white.
 _MOSTLY: Final = 0.75
 _WHITE: Final = 1.1
 _DARK: Final = 0.02
 _BRIGHT: Final = 0.999
-# Where in the scale the brightest part of a well-exposed scene lies.
+# The brightest part of a well-exposed scene lies in this range of the scale.
 _EXPOSED: Final = (0.25, 1.1)
 _TAKEN_FOR: Final = 0.9
 _COUNTS: Final = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
@@ -36,7 +37,7 @@ _PILE: Final = 3.0
 
 @dataclass(frozen=True)
 class Unit:
-    """The factor by which readings are too large, and why it was taken."""
+    """The factor by which readings are too large, and the reason."""
 
     factor: float
     reason: str
@@ -51,7 +52,7 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
         integers: Whether the readings are whole numbers, as a camera's counts are.
 
     Returns:
-        What to divide the readings by; None where the unit is plausible, or the scene is black.
+        The divisor of the readings; None if the unit is plausible, or the scene is black.
     """
     known = level[counts]
     if known.size == 0:
@@ -70,9 +71,9 @@ def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
 
 
 def open_level(masks: F32) -> float:
-    """Return what a fully open element lets through by the stated masks, [N, H, W]; 1 unless they say so clearly.
+    """Return the transmission of a fully open element in the stated masks, [N, H, W]; 1 unless it is clearly smaller.
 
-    They do where most open elements let through the same share, short of 1: elements that blur has softened do not.
+    It is if most open elements transmit the same share below 1; elements softened by blur do not.
     """
     top = float(masks.max())
     if top <= 0 or top >= _OPEN_FULLY:
@@ -83,11 +84,11 @@ def open_level(masks: F32) -> float:
 
 
 def untold_clipping(shot: Shot) -> Bool | None:
-    """Find the pixels, [H, W], that read the highest value, where so many do that they must be clipped; else None.
+    """Find the pixels, [H, W], that read the highest value, if so many do that they must be clipped; otherwise None.
 
-    A scene's brightest readings thin out towards the top. Where one value at the very top is read by a share of the
-    pixels, and by far more than read the values next below, the sensor or a file's range ended there. Pixels with equal
-    light through unequal masks would not agree so; pixels that all have the same masks open may.
+    Towards the top of a scene's range, readings become rare. If a share of the pixels read one value at the very top,
+    far more than read the values just below, the range of the sensor or file ended there. Pixels with equal light but
+    different open masks would not read the same; pixels with the same open masks may.
     """
     if shot.saturated is not None:
         return None
@@ -101,7 +102,7 @@ def untold_clipping(shot: Shot) -> Bool | None:
     count = int(piled.sum())
     if count < max(_FEWEST_CLIPPED, _LEAST_CLIPPED * readings.size):
         return None
-    # As many again, counted downwards from the pile: how wide a range of readings do they take?
+    # The same number of next lower readings: what range of values do they cover?
     rest = np.sort(readings[~piled])[::-1]
     if rest.size == 0:
         return None

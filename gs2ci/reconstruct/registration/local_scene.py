@@ -1,10 +1,10 @@
-"""A scene that is locally even, fitted around every pixel: what the sum of the masks says of a measurement.
+"""A locally constant scene, fitted around every pixel: it predicts a measurement from the sum of the masks.
 
-Under such a scene y(p) = X(p) · S(p) with the masks' sum S. X is the least-squares level of the pixels around p, p
-itself left out, so that the error of that prediction is a held-out error of every pixel, and all of them can judge
-without any decode. Texture and parallax are noise to it; masks do not depend on the scene, so that this noise leans to
-no side.
-Here: that prediction. Not here: what is varied to make it better (`fine`).
+For such a scene y(p) = X(p) · S(p) with the masks' sum S. X is the least-squares level of the pixels around p without p
+itself, so that the prediction error at every pixel is a held-out one, and all pixels can judge masks without any
+decode. Texture and parallax act as noise; masks do not depend on the scene, so that this noise does not bias.
+
+Here: that prediction. Not here: the parameters varied to improve it (`fine`).
 """
 
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
-# Windows reach over so many mask elements in each direction (one standard deviation), and no fewer pixels than this.
+# Standard deviation of the windows, in mask elements, and at least so many pixels.
 _WINDOW_ELEMENTS: Final = 1.5
 _LEAST_WINDOW_PX: Final = 1.5
-# The neighbours of a pixel must weigh at least this share of what it weighs itself for their word to count.
+# A prediction counts if the weight of a pixel's neighbours is at least this share of the pixel's own weight.
 _LEAST_NEIGHBOURS: Final = 0.5
 _TINY: Final = 1e-12
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What is looked at of a measurement.
+    """The readings of a measurement that are used.
 
     Args:
         planes: Readings by colour, [K, H, W]: one plane for mono and for RGB (its mean), three behind a mosaic.
         counts: Which pixels of each plane are readings, [K, H, W], 1 or 0.
-        window_px: Standard deviation of the window within which the scene is taken for even.
+        window_px: Standard deviation of the window within which the scene is assumed to be constant.
     """
 
     planes: F64
@@ -41,7 +41,7 @@ class Seen:
 
     @classmethod
     def of(cls, shot: Shot, element_px: float = 1.0) -> Self:
-        """Take readings that are no «at least», of masks whose elements are so wide."""
+        """Take the readings that are not clipped, of masks with elements of this width."""
         counted: Bool = np.ones(shot.size, bool) if shot.saturated is None else ~shot.saturated
         image = shot.measurement.mean(axis=2, dtype=np.float64)
         window_px = max(_LEAST_WINDOW_PX, _WINDOW_ELEMENTS * element_px)
@@ -53,7 +53,7 @@ class Seen:
         return cls(np.repeat(image[None], 3, axis=0), (colours & counted).astype(np.float64), 1.7 * window_px)
 
     def without(self, pixels: Bool) -> "Seen":
-        """Leave some pixels, [H, W], out."""
+        """Return the same without some pixels, [H, W]."""
         return Seen(self.planes, self.counts * ~pixels, self.window_px)
 
     def blur(self, image: F64) -> F64:
@@ -63,13 +63,13 @@ class Seen:
 
     @property
     def centre_weight(self) -> float:
-        """Get what the window gives to the pixel that it stands around."""
+        """Get the weight of the window's central pixel."""
         spike = np.zeros((1, 1 + 2 * int(np.ceil(5 * self.window_px))))
         spike[0, spike.shape[1] // 2] = 1.0
         return float(cv2.GaussianBlur(spike.T, (0, 0), self.window_px).max()) ** 2
 
     def level(self, total: F64, black: float = 0.0) -> F64:
-        """Return the even scene around each pixel, [K, H, W], its own reading included."""
+        """Return the level of the scene around each pixel, [K, H, W], with its own reading."""
         return np.stack(
             [
                 self.blur(counts * (plane - black) * total) / np.maximum(self.blur(counts * total * total), _TINY)
@@ -78,10 +78,10 @@ class Seen:
         )
 
     def errors(self, total: F64, black: float = 0.0) -> F64:
-        """Predict each reading from those around it, and return reading − prediction, [H, W]; 0 where none counts.
+        """Predict each reading from those around it, and return reading − prediction, [H, W]; 0 without a prediction.
 
         Args:
-            total: What a white scene would read, [H, W].
+            total: The reading of a white scene, [H, W].
             black: The reading without light.
         """
         left = np.zeros(total.shape)
@@ -90,7 +90,7 @@ class Seen:
             power = counts * total * total
             around = self.blur(power)
             level = self.blur(counts * (plane - black) * total) / np.maximum(around, _TINY)
-            # Leave-one-out in closed form: what a pixel adds to its own level is its share of the window's power.
+            # Leave-one-out in closed form: a pixel's part in its own level is its share of the window's power.
             own = centre * power / np.maximum(around, _TINY)
             lever = np.minimum(own, 1 / (1 + _LEAST_NEIGHBOURS))
             left += counts * (plane - black - level * total) / (1 - lever)

@@ -1,9 +1,9 @@
-"""How masks met the light, against what is stated of them: every parameter that is sought, at its «absent» value.
+"""How the true masks differ from the stated ones: all estimated parameters, with defaults that mean no difference.
 
     y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(widening, placement) ](p) + leak) · Xᵢ(p)
 
-Here: the parameters, and what they make of masks and of their sum. Not here: how they are found (`fine`, `light`),
-orientation and order of the masks (`coarse`, `sequence`).
+Here: the parameters, and how they change masks and their sum. Not here: their estimation (`fine`, `light`), orientation
+and order of the masks (`coarse`, `sequence`).
 """
 
 import math
@@ -17,7 +17,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.widening import MaskSum, widened
 
-# Sharpening raises what calibration left of noise as well: no frequency is raised by more than this.
+# Sharpening amplifies the noise of a calibration as well: no frequency is amplified by more than this.
 MOST_SHARPENING: Final = 30.0
 # Taps farther away than so many standard deviations are left out, as the common image libraries do.
 _TRUNCATE: Final = 4.0
@@ -25,13 +25,13 @@ _TRUNCATE: Final = 4.0
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is wrong with the masks as stated.
+    """The errors of the masks as stated.
 
     Args:
         placement: Where they lie.
-        blur_px2: Variance of the Gaussian blur that they met and that is not in them yet; negative: they are stated
+        blur_px2: Variance of the Gaussian blur of the true masks relative to the stated ones; negative: they are stated
             softer than they were.
-        leak: Share of the light that passes closed elements as well.
+        leak: Share of the light that passes closed elements.
         black: Reading without light, in the measurement's unit.
         widening_px: How far open elements reach beyond their stated edges, in pixels of the stated masks; negative:
             they end short of them.
@@ -45,7 +45,7 @@ class Misfit:
 
     @property
     def blur_sigma_px(self) -> float:
-        """Get the standard deviation of the blur, px; negative where masks are stated softer than they were."""
+        """Get the standard deviation of the blur, px; negative if masks are stated softer than they were."""
         return 0.0 if self.blur_px2 == 0 else math.copysign(sigma_of(abs(self.blur_px2)), self.blur_px2)
 
     def of_masks(self, masks: F64, most_sharpening: float = MOST_SHARPENING, *, wrapped: bool = False) -> F64:
@@ -53,8 +53,8 @@ class Misfit:
 
         Args:
             masks: As stated, [N, H, W].
-            most_sharpening: No frequency is raised by more.
-            wrapped: Beyond its rim the pattern begins anew; otherwise its rim goes on.
+            most_sharpening: No frequency is amplified by more.
+            wrapped: The pattern is continued periodically; otherwise its border values are.
         """
         wider = widened(masks, self.widening_px)
         placed = wider if self.placement.is_identity else self.placement.sample(wider, wrapped=wrapped)
@@ -62,7 +62,7 @@ class Misfit:
         return np.clip((1 - self.leak) * blurred + self.leak, 0.0, 1.0)
 
     def of_sum(self, masks: MaskSum) -> F64:
-        """Return what a white scene would read, [H, W], from the sum of the stated masks."""
+        """Return the reading of a white scene, [H, W], from the sum of the stated masks."""
         wider = masks.widened(self.widening_px)
         placed = wider if self.placement.is_identity else self.placement.sample(wider[None])[0]
         seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * masks.weight
@@ -79,7 +79,7 @@ class Misfit:
         return cls(Placement(*values[: len(GEOMETRY)]), *values[len(GEOMETRY) :])
 
     def moved(self, down_px: float, right_px: float) -> "Misfit":
-        """Shift the placement by so much more."""
+        """Return the same with the placement shifted further."""
         placement = replace(
             self.placement, down_px=self.placement.down_px + down_px, right_px=self.placement.right_px + right_px
         )
@@ -98,11 +98,11 @@ NAMES: Final = (*GEOMETRY, *LIGHT, *EDGES)
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:
-    """Blur pictures, [N, H, W], by a sampled Gaussian of this variance, mirrored at the rim; negative: sharpen by it.
+    """Blur pictures, [N, H, W], by a sampled Gaussian of this variance, mirrored at the border; negative: sharpen.
 
-    Its taps are those of exp(−n² / 2σ²), normalised, whose variance is σ² above half a pixel and less below; it grows
-    smoothly from none, where σ itself would not. Sharpening is the inverse, but no frequency is raised by more than
-    `most_sharpening`.
+    Its taps are exp(−n² / 2σ²), normalised, with variance σ² above half a pixel and less below. The blur depends
+    smoothly on the variance down to zero, unlike on σ. Sharpening is the inverse, but no frequency is amplified by more
+    than `most_sharpening`.
     """
     if variance_px2 == 0:
         return stack
@@ -114,7 +114,7 @@ def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHAR
 
 
 def transfer(variance_px2: float, size: tuple[int, ...]) -> F64:
-    """Return what a blur leaves of each frequency of the half-sample symmetric cosine transform, [H, W]."""
+    """Return a blur's transfer at each frequency of the half-sample symmetric cosine transform, [H, W]."""
     down, across = (_transfer(variance_px2, np.pi * np.arange(n) / n) for n in size)
     left: F64 = down[:, None] * across[None, :]
     return left
@@ -127,7 +127,7 @@ def _transfer(variance_px2: float, frequencies: F64) -> F64:
 
 
 def _taps(sigma_px: float) -> F64:
-    """Return the middle tap and twice each of those beside it."""
+    """Return the middle tap and twice each tap on one side of it."""
     count = max(2, int(_TRUNCATE * sigma_px + 0.5) + 1)
     taps = np.exp(-0.5 * (np.arange(count) / max(sigma_px, 1e-3)) ** 2)
     taps[1:] *= 2

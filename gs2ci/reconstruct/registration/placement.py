@@ -1,11 +1,11 @@
 """Where masks lie on the sensor, and what a sensor pixel then sees of them.
 
-A mask element that is stated at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a
-smooth field f of second and third order, and outwards of fifth, as a relay lens between modulator and sensor bends
-what it images. A pixel integrates what falls on it: for elements as wide as a pixel, or wider and in step with the
-pixels, a shifted mask read by pixels is exactly the bilinear interpolation of its values, and that is the interpolation
-here.
-Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`, `field`), blur and light (`misfit`).
+A mask element stated at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a smooth field f
+of second and third order, and fifth order radially, as a relay lens between modulator and sensor distorts its image. A
+pixel integrates the light that falls on it. If elements are as wide as a pixel, or wider and aligned with the pixel
+grid, a shifted mask seen by pixels is exactly the bilinear interpolation of its values, which is used here.
+
+Here: the map and its sampling. Not here: its estimation (`coarse`, `fine`, `field`), blur and light (`misfit`).
 """
 
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ import numpy as np
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.registration.kernels import sample
 
-# A pixel whose place lies so far beyond the outermost centre still sees more of that element than of what is unknown.
+# A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
 _ON_THE_RIM_PX: Final = 0.5
-# Coefficients of the field are stated as displacements at this distance, so that they do not depend on the picture.
+# Coefficients of the field are displacements at this distance, so that they do not depend on the picture's size.
 FIELD_AT_PX: Final = 100.0
 # Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
 _INVERSIONS: Final = 6
@@ -26,14 +26,14 @@ _INVERSIONS: Final = 6
 
 @dataclass(frozen=True)
 class Placement:
-    """Where masks lie, against where they are stated to.
+    """The position of masks relative to the stated one.
 
     Args:
         down_px: Shift along the columns.
         right_px: Shift along the rows.
         rotation_deg: Turn about the middle, clockwise as the picture is seen.
         scale: Enlargement less 1, of both axes.
-        stretch: How much more rows are enlarged than both are on average; columns so much less.
+        stretch: How much more rows are enlarged than the average of both; columns are enlarged so much less.
         shear: Half the angle, in radians, by which the axes lean towards each other.
         radial_px: Of the field: how far outwards 100 px from the middle; grows with the third power of the distance.
         down_dd_px: Of the field: how far down, 100 px below the middle; grows with the square of that distance.
@@ -62,7 +62,7 @@ class Placement:
 
     @property
     def matrix(self) -> F64:
-        """Get A, [2, 2], for places given as (row, column)."""
+        """Get A, [2, 2], for positions as (row, column)."""
         turn = np.deg2rad(self.rotation_deg)
         lengthened = np.array(
             [[1 + self.scale - self.stretch, self.shear], [self.shear, 1 + self.scale + self.stretch]]
@@ -78,7 +78,7 @@ class Placement:
 
     @property
     def is_identity(self) -> bool:
-        """Get whether the masks lie where they are stated to."""
+        """Get whether the masks lie at their stated position."""
         return self == Placement()
 
     @property
@@ -97,7 +97,7 @@ class Placement:
         return (self.down_px, self.right_px, self.rotation_deg, self.scale, self.stretch, self.shear)
 
     def field_px(self, places: F64) -> F64:
-        """Return how far the field moves what is seen at places, both [..., 2] as (down, right), from the middle."""
+        """Return the field's displacement at observed positions from the middle, both [..., 2] as (down, right)."""
         d, r = places[..., 0] / FIELD_AT_PX, places[..., 1] / FIELD_AT_PX
         squared = d * d + r * r
         outwards = (self.radial_px + self.radial5_px * squared) * squared
@@ -106,7 +106,7 @@ class Placement:
         return np.stack([down, right], axis=-1)
 
     def moved_px(self, places: F64) -> F64:
-        """Return how far elements lie off that are stated at places, both [K, 2] as (down, right) from the middle."""
+        """Return the displacement of elements stated at positions from the middle, both [K, 2] as (down, right)."""
         straight = places @ self.matrix.T + self.shift_px
         there = straight
         for _ in range(_INVERSIONS if self.field.any() else 0):
@@ -115,14 +115,14 @@ class Placement:
         return moved
 
     def displacement_px(self, size: tuple[int, int]) -> F64:
-        """Return how far the masks lie off at the picture's middle and four corners, [5, 2], as (down, right)."""
+        """Return the displacement of the masks at the picture's middle and four corners, [5, 2], as (down, right)."""
         middle = (np.array(size) - 1) / 2
         return self.moved_px(np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle)
 
     def sample(self, stack: F64, *, wrapped: bool = False) -> F64:
-        """Return what pixels see of a stack of pictures that lie so, [N, H, W].
+        """Return a stack of pictures in this position as pixels see it, [N, H, W].
 
-        Beyond the rim its nearest value goes on, or the picture begins anew (wrapped).
+        Beyond the border the nearest value is repeated, or the picture is continued periodically (wrapped).
         """
         inverse = np.linalg.inv(self.matrix)
         field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6, FIELD_AT_PX**5])
@@ -131,7 +131,7 @@ class Placement:
 
     @classmethod
     def from_affine(cls, matrix: F64, shift_px: F64) -> "Placement":
-        """Take a placement from its matrix A, [2, 2], and shift t, [2]: the turn that leaves the rest symmetric."""
+        """Make a placement from A, [2, 2], and t, [2]; the turn is chosen so that the rest of A is symmetric."""
         turn = np.arctan2(matrix[0, 1] - matrix[1, 0], matrix[0, 0] + matrix[1, 1])
         straight = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ matrix
         return cls(
@@ -144,7 +144,7 @@ class Placement:
         )
 
     def known(self, size: tuple[int, int]) -> Bool:
-        """Return which pixels the masks, known over the whole picture, still cover, [H, W]."""
+        """Return the pixels that the displaced masks still cover, [H, W]."""
         row, column = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
         middle = (np.array(size) - 1) / 2
         here = np.stack([row, column], axis=-1) - middle

@@ -1,9 +1,9 @@
-"""What may be wrong with masks: all parameters estimated, and those kept that are surely there and matter.
+"""Proposed corrections of masks: all parameters are estimated, and the significant ones that matter are kept.
 
-    coarse shift ─► tiles ─► Gauss-Newton ─► which parameters? ─► the rest again ─► a field in what they leave?
+    coarse shift ─► tiles ─► Gauss-Newton ─► which parameters? ─► these again ─► a field in the rest?
 
 Here: from a coarse shift to estimates without a field and with one. Not here: the steps themselves (`coarse`, `fine`,
-`field`), what becomes of the shot, and whether held-out pixels bear an estimate out (`ways`).
+`field`), the corrected shot, and whether held-out pixels confirm an estimate (`ways`).
 """
 
 from dataclasses import replace
@@ -31,25 +31,26 @@ from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.sharpen import CRISP, softness
 from gs2ci.reconstruct.registration.widening import MaskSum
 
-# A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
-# model is not exact, and what moves masks by less costs less than 0.05 dB.
+# A parameter is accepted if it differs from its default by so many standard errors, and if it matters: the rest of the
+# model is not exact, and smaller displacements of the masks cost less than 0.05 dB.
 SIGNIFICANT: Final = 5.0
-# Standard errors of light allow for what the scene leans them by.
+# Fewer for the parameters of light, whose standard errors already include the bias by the scene.
 _SIGNIFICANT_LIGHT: Final = 4.0
 _MATTERS_PX: Final = 0.02
 _MATTERS_BLUR_PX2: Final = 0.02
 _MATTERS_LEAK: Final = 0.005
 _MATTERS_BLACK: Final = 0.01
 _MATTERS_WIDENING_PX: Final = 0.02
-# Displacements of tiles are taken where the tiles lie this far from where one shift would put them.
+# The displacements of tiles are used if they deviate this far from a common shift.
 _UNEVEN_PX: Final = 0.7
-# Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
+# Above this share of clipped readings, which bias blur, leak and black level if they are left out, these are not
+# estimated. Positions are not affected.
 _MOST_CLIPPED: Final = 0.01
-# Tiles that show a field are smaller than those that show a turn: it smears them more.
+# Tiles for a field are smaller than those for a turn, since a field smears them more.
 _TILE_ELEMENTS: Final = 32
 _TILE_REACH: Final = 8
 _LOOKED_AT_PX: Final = 256
-# A field and the light along it are found by turns, so often.
+# How often a field and the light along with it are estimated in turn.
 _TURNS: Final = 3
 _GROUPS: Final = (
     ("down_px", "right_px"),
@@ -73,8 +74,8 @@ def propose(
         edges: Whether open elements may be wider or narrower than stated.
 
     Returns:
-        Those that are surely there and matter, without a field and with one, where there is one; and what was found
-        of the others.
+        The estimates of significant parameters that matter, without a field and, if there is one, with it; and value
+        and standard error of the others, by name.
     """
     total = white_reading(shot)
     if is_flat(total) or total.size < LEAST_BLOCKS * 64:
@@ -107,7 +108,7 @@ def propose(
 
 
 def beside(estimate: MisfitEstimate, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Return value and standard error of what was sought beside the parameters of these names, by name."""
+    """Return value and standard error of the estimated parameters other than these, by name."""
     vector = estimate.misfit.vector()
     return {
         name: (float(vector[NAMES.index(name)]), error) for name, error in estimate.errors.items() if name not in names
@@ -115,7 +116,7 @@ def beside(estimate: MisfitEstimate, names: tuple[str, ...]) -> dict[str, tuple[
 
 
 def _start(shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
-    """Return a placement that is right to about a pixel everywhere; None where nothing shows."""
+    """Return a placement that is right to about a pixel everywhere; None if the pattern is not found."""
     seen, known = readable(shot, element), fine_pattern(total, element)
     shift = np.array([peak.down_px, peak.right_px]) if peak.is_sure else np.zeros(2)
     reach = 16 if peak.is_sure else 32
@@ -130,21 +131,21 @@ def _start(shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
 
 
 def _again(placed: Placement, seen: F64, total: F64, element: float) -> Placement:
-    """Look once more at the tiles, the masks turned as they seem to be."""
+    """Match the tiles again, with the masks turned by the first estimate."""
     turned = replace(placed, down_px=0.0, right_px=0.0)
     known = fine_pattern(turned.sample(total[None])[0], element)
     found = find_tiles(seen, known, lambda _: placed.shift_px, 4, element)
     closer = place_tiles(found, seen.shape)
     if closer is None:
         return placed
-    # What is left after the turn moves places that the turn has moved already.
+    # The second estimate applies to positions that the first has already moved.
     return Placement.from_affine(closer.matrix @ turned.matrix, closer.shift_px)
 
 
 def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...]) -> MisfitEstimate | None:
-    """Find parameters again without those left out, until all that stay are surely there; None where none stays."""
+    """Estimate parameters again without those dropped, until all are significant; None if none is left."""
     kept = tuple(name for name in GEOMETRY if name not in estimate.errors)  # a placement that was found before
-    while names:  # what is left out moves the others: those that stay must still be sure
+    while names:  # dropping parameters changes the others, which must remain significant
         estimate = refine(problem, _only(estimate.misfit, (*names, *kept)), names)
         still = tuple(name for name in names if name in _let_in(estimate, problem))
         if still == names:
@@ -154,10 +155,11 @@ def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...])
 
 
 def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, light: tuple[str, ...]) -> MisfitEstimate:
-    """Find light along a field, and the field along it, by turns.
+    """Estimate light with a field, and the field with that light, in turn.
 
-    What bends masks was taken for blur before. A fraction of a pixel blurs as well, so that masks that are stated too
-    sharp or too soft pull a field towards the pixels' middles or away from them: by 0.03 px with a blur of -0.05 px².
+    Without a field, its displacements were mistaken for blur. And a displacement by a fraction of a pixel blurs as
+    well, so that masks stated too sharp or too soft pull a field towards the pixels' centres or away from them: by 0.03
+    px with a blur of -0.05 px².
     """
     for _ in range(_TURNS):
         along = _settled(problem, refine(problem, field.misfit, light), light) if light else None
@@ -172,14 +174,14 @@ def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, ligh
 def _with_edges(
     shot: Shot, problem: Problem, found: MisfitEstimate | None
 ) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
-    """Ask whether open elements are wider or narrower than stated, and find the rest along with that.
+    """Estimate whether open elements are wider or narrower than stated, and the other parameters along with it.
 
-    Asked last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and leak
-    are found anew beside the width, the black level only where there was one before: leak and black level look so much
-    alike that, asked together, neither is sure.
+    This comes last, since wider elements of one pixel look much like a blur, and each would hide the other. Blur and
+    leak are estimated again along with the width, the black level only if there was one before: leak and black level
+    are so similar that neither is significant if both are estimated.
 
     Returns:
-        An estimate with the width, None where it is not surely there; and what was found of the width then.
+        An estimate with the width, None if it is not significant; in that case also its value and standard error.
     """
     if softness(shot.masks[:1].astype(np.float64)) > CRISP:
         return None, {}
@@ -194,7 +196,7 @@ def _with_edges(
 
 
 def _problem(shot: Shot, element: float, *, whole: bool = False) -> Problem:
-    """Take the middle of a measurement, as much of it as tells enough, or the whole."""
+    """Take the middle of a measurement, which is enough for most parameters, or the whole."""
     # Sides keep their parity, so that the middle stays where it is.
     sides = [n if whole else min(n, _LOOKED_AT_PX + (n - _LOOKED_AT_PX) % 2) for n in shot.size]
     rows, columns = (slice((n - s) // 2, (n - s) // 2 + s) for n, s in zip(shot.size, sides, strict=True))
@@ -213,7 +215,7 @@ def _clipped_share(shot: Shot) -> float:
 
 
 def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
-    """Return how many times what matters each parameter is."""
+    """Return each parameter in units of the smallest value that matters."""
     vector = estimate.misfit.vector()
     arm = float(np.hypot(*problem.size)) / 2
     matters = {
@@ -230,7 +232,7 @@ def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
 
 
 def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
-    """Return the parameters that are surely there and matter; those of one group come together."""
+    """Return the significant parameters that matter; those of one group are accepted together."""
     matters = _matters(estimate, problem)
     least = {name: _SIGNIFICANT_LIGHT if name in (*LIGHT, *EDGES) else SIGNIFICANT for name in estimate.errors}
     sure = {name for name in least if matters[name] >= 1 and estimate.significance(name) >= least[name]}

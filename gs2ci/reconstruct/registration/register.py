@@ -1,9 +1,9 @@
-"""Where the masks are and how they met the light, told by the measurement, before anything else looks at it.
+"""Registration: masks and readings are corrected from the measurement itself, before any other stage.
 
     clipping ─► unit of reading ─► orientation, coarse shift ─► tiles ─► Gauss-Newton ─► which parameters? ─► sharpening
     ─► short decodes judge ─► unit, open level ─► rim ─► which mask was first?
 
-Here: the order of these steps, and the record of what was tried, found and taken. Not here: any of them.
+Here: the order of these steps, and the record of what was tried, found and corrected. Not here: any of the steps.
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -39,18 +39,18 @@ from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import binary_source
 from gs2ci.reconstruct.registration.ways import Way, chosen, from_source, ways_of
 
-# Filtering gives masks back that were softer by less.
+# Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
 
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """Whether and how far the measurement is asked.
+    """Whether masks are registered, and the range of the search.
 
     Args:
-        mode: "auto" corrects what the measurement surely tells; "off" takes masks and readings as stated.
-        most_shift_px: How far a shift is sought.
+        mode: "auto" corrects what the measurement surely shows; "off" uses masks and readings as stated.
+        most_shift_px: Largest shift that is searched for.
     """
 
     mode: RegistrationMode = "auto"
@@ -72,19 +72,19 @@ class RegistrationSettings:
 
 @dataclass(frozen=True)
 class Registered:
-    """A measurement with its masks where they are, and what was found out.
+    """A measurement with its corrected masks, and all estimates.
 
     Args:
         shot: The measurement with masks, readings and clipped pixels corrected.
-        misfit: What was wrong with the masks; all at «absent» where nothing was.
-        errors: Standard errors of the parameters that were let in, by name.
+        misfit: The errors of the masks; its defaults if there were none.
+        errors: Standard errors of the accepted parameters, by name.
         orientation: How the masks had to be turned.
-        unit: What the readings were divided by, after the black level was taken off.
-        open_level: What the masks were divided by.
-        clipped_share: Share of the pixels found clipped without having been told.
-        peak: The coarse correlation's peak.
-        first_mask: The number, from 0, that the mask that was shown first has in the list as given.
-        tried: What was estimated and not let in, with its standard error, by name.
+        unit: Divisor of the readings, applied after the black level was subtracted.
+        open_level: Divisor of the masks.
+        clipped_share: Share of the pixels that were found clipped but not marked so.
+        peak: The peak of the coarse correlation.
+        first_mask: Index, from 0, in the given list, of the mask that was displayed first.
+        tried: Value and standard error of the parameters that were not accepted, by name.
         notes: For the user.
     """
 
@@ -112,7 +112,7 @@ class Registered:
         return (measurement * np.float32(self.unit) + np.float32(self.misfit.black)).astype(np.float32)
 
     def summary(self) -> dict[str, Any]:
-        """Return all that a report says of it, as plain values."""
+        """Return the figures for the report, as plain values."""
         placement = asdict(self.misfit.placement)
         corners = np.linalg.norm(self.misfit.placement.displacement_px(self.shot.size), axis=1)
         return {
@@ -139,16 +139,16 @@ class Registered:
 def register(
     shot: Shot, settings: RegistrationSettings | None = None, progress: Progress | None = None, seed: int = 0
 ) -> Registered:
-    """Find where the masks are and how they met the light, and correct what the measurement surely tells.
+    """Estimate the errors of masks and readings, and correct those that the measurement surely shows.
 
     Args:
         shot: A checked measurement, masks and readings as stated; its truth is not read.
-        settings: Whether and how far.
-        progress: Told of the stage, and of every sentence.
+        settings: Whether, and the range of the search.
+        progress: Receives the stage and every sentence.
         seed: Of the held-out pixels.
 
     Returns:
-        The corrected measurement; the very same shot where nothing was to be corrected, or nothing tells.
+        The corrected measurement; the same shot object if nothing is corrected.
 
     Raises:
         InputError: The settings make no sense.
@@ -164,7 +164,7 @@ def register(
 
 
 class _Registration:
-    """One registration under way."""
+    """One registration in progress."""
 
     def __init__(self, shot: Shot, settings: RegistrationSettings, seed: int) -> None:
         self.given = self.shot = shot
@@ -174,7 +174,7 @@ class _Registration:
         self.found = Registered(shot)
 
     def run(self) -> Registered:
-        """Go all the way."""
+        """Do all steps."""
         clipped = self._clipping()
         opened = self._open_level()
         peak, orientation = self._orientation()
@@ -207,7 +207,7 @@ class _Registration:
         return share
 
     def _orientation(self) -> tuple[Peak, str]:
-        """Find the coarse shift, and how the masks are turned; the shot's masks are turned where that is sure."""
+        """Find the coarse shift and the orientation of the masks; turn the shot's masks if that is sure."""
         total = white_reading(self.shot)
         if is_flat(total) or min(total.shape) < _LEAST_SIDE_PX:
             return Peak.nothing(), "as given"
@@ -232,7 +232,7 @@ class _Registration:
         return best, how
 
     def _geometry_and_light(self, peak: Peak) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
-        """Find placement, blur, leak and black level, and correct the shot by what is let in."""
+        """Estimate placement, blur, leak and black level, and correct the shot by what is accepted."""
         proposed, tried = propose(self.shot, peak)
         for estimate in proposed:
             tried |= beside(estimate, ())
@@ -240,7 +240,7 @@ class _Registration:
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
             sharp = replace(self.shot, masks=source.masks)
-            # Soft masks state their edges: those of the sharp ones lie where these have them.
+            # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
             again, _ = propose(sharp, peak, edges=False)
             ways = [way for estimate in again for way in ways_of(sharp, estimate)]
             proposals += [from_source(way, source) for way in ways or [Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
@@ -258,7 +258,7 @@ class _Registration:
         return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
 
     def _beginning(self, misfit: Misfit, peak: Peak) -> int:
-        """Find the mask that was shown first, and put it first; weights and poses belong to times, and stay."""
+        """Find the mask displayed first, and put it first; weights and poses belong to times and keep their order."""
         if self.shot.views < LEAST_VIEWS or not (peak.is_sure or misfit != Misfit()):
             return 0
         found = find_beginning(brief_views(self.shot, level_of(self.shot)))
@@ -271,7 +271,7 @@ class _Registration:
         return found.first
 
     def _open_level(self) -> float:
-        """Find what a fully open element lets through by the stated masks, and correct the masks by it."""
+        """Find the transmission of a fully open element in the stated masks, and divide the masks by it."""
         opened = open_level(self.shot.masks)
         if opened != 1.0:
             masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))
@@ -280,7 +280,7 @@ class _Registration:
         return opened
 
     def _unit(self, misfit: Misfit, peak: Peak) -> float:
-        """Find the unit, and correct the readings by it."""
+        """Find the unit, and divide the readings by it."""
         if not peak.is_sure and misfit == Misfit():
             return 1.0
         total = white_reading(self.shot)

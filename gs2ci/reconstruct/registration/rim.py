@@ -1,9 +1,9 @@
-"""What pixels see at the rim, where moved masks leave a band that nobody knows.
+"""The band at the border that displaced masks do not cover.
 
-A pattern that lies 16 px off leaves 16 rows or columns without masks. Three things may be there: the pattern begins
-anew (a modulator shows it periodically), its rim goes on, or something unknown. The readings tell the first two from
-the third, since the pattern of a right guess shows in them. Where it is unknown, a mask is taken to be as open as it is
-on average, and readings are averaged over some elements, so that they say what such a grey mask can say.
+A pattern displaced by 16 px leaves 16 rows or columns without known masks. Three cases are possible there: the pattern
+is continued periodically (as some modulators display it), its border values are repeated, or it is unknown. Readings
+confirm either of the first two if its pattern shows in them. If it is unknown, each mask gets its mean transmission
+there, and readings are averaged over some elements, since a grey mask can explain only such averages.
 """
 
 from dataclasses import dataclass, replace
@@ -21,31 +21,31 @@ from gs2ci.reconstruct.registration.coarse import element_px
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 
-# Of a band that is narrow, few readings lie within a window; of a wide one, the scene changes within a large window.
+# Width of the average: a small window holds few readings of a narrow band; in a large one the scene changes.
 _AVERAGED_ELEMENTS: Final = 2.0
 _NARROW_PX: Final = 8.0
 
 
 @dataclass(frozen=True)
 class Rim:
-    """Which pixels no mask is known for, [H, W], and what was made of them."""
+    """The pixels without a known mask, [H, W], and how they were filled."""
 
     unknown: Bool
     notes: tuple[Finding, ...] = ()
 
     @classmethod
     def none(cls, shot: Shot) -> "Rim":
-        """Return that of masks that reach everywhere."""
+        """Return that of masks that cover every pixel."""
         return cls(np.zeros(shot.size, np.bool_))
 
 
 def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot, Rim]:
-    """Return a measurement with its masks where they are, the band that they leave filled.
+    """Return a measurement with its masks displaced as they are, and the uncovered band filled.
 
     Args:
-        shot: The measurement, its black level taken off.
-        misfit: What is wrong with its masks.
-        masks: Transmissions as they are, [N, H, W]; from the stated ones and the misfit where they are not given.
+        shot: The measurement, with its black level subtracted.
+        misfit: The errors of its masks.
+        masks: True transmissions, [N, H, W]; None: from the stated ones and the misfit.
     """
     stated = shot.masks.astype(np.float64)
     unknown = ~misfit.placement.known(shot.size)
@@ -75,14 +75,14 @@ def _with(shot: Shot, masks: F64) -> Shot:
 
 
 def _squares(shot: Shot, masks: F64, pixels: Bool) -> F64:
-    """Return squared held-out errors of a locally even scene at some pixels."""
+    """Return squared held-out errors of a locally constant scene at some pixels."""
     total = np.tensordot(shot.weights.astype(np.float64), masks, axes=1)
     squares: F64 = Seen.of(shot, element_px(total)).errors(total)[pixels] ** 2
     return squares
 
 
 def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
-    """Average readings over the pixels around, among those of the band that are read and of the same colour."""
+    """Average readings over the valid pixels of the band around each pixel that have the same colour."""
     total = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
     seen = Seen.of(shot, element_px(total))
     deepest = float(distance_transform_edt(np.pad(pixels, 1, constant_values=True)).max())

@@ -1,12 +1,13 @@
-"""Which mask was shown first, told by how views follow each other.
+"""Which mask was displayed first, estimated from the order of the decoded views.
 
-A camera that moves on sees views that differ the more, the further apart in time they are. Where a list of masks begins
-with the wrong one, the last views come first and that no longer holds; it holds again for one other beginning. So the
-rank correlation between the distance of two decoded views and their distance in time is compared for all beginnings.
-It stays the same if the sequence is reversed: which end came first is not to be told. Nor is any other order sought,
-since a camera that trembles or goes to and fro passes the same places out of order. Where it does, no beginning ranks
-well, and nothing is concluded.
-Here: the beginning, and how sure it is. Not here: what is corrected by it (`register`).
+Views of a camera that moves on differ more, the further apart in time they are. If a list of masks starts with the
+wrong one, the last views come first and this no longer holds; it holds for the right start. So the rank correlation
+between the distance of two decoded views and their distance in time is compared for all starts. It is the same for a
+reversed sequence, so the direction of time is not determined. No other order is tried, since a camera that trembles or
+moves to and fro passes the same positions out of order. In that case no start has a high rank correlation, and nothing
+is concluded.
+
+Here: the start, and how sure it is. Not here: the correction (`register`).
 """
 
 from dataclasses import dataclass
@@ -17,22 +18,22 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.ranks import ranks
 
-# Fewer views have too few distances to be ranked.
+# Fewer views have too few distances for a rank correlation.
 LEAST_VIEWS: Final = 4
-# Right orders of moving cameras reach 0.7 to 0.97 in decoded views, their rotations at most 0.55; without motion or in
-# much noise any is about 0 to 0.5.
+# The right order of a moving camera's decoded views has 0.7 to 0.97, wrong starts at most 0.55; without motion or with
+# much noise any start has about 0 to 0.5.
 _FOLLOWS: Final = 0.75
 _LEAST_GAIN: Final = 0.25
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Which of the masks was the first.
+    """The mask that was displayed first.
 
     Args:
-        first: Its number in the list, from 0.
-        rank: Rank correlation of the views' distances with their distances in time, beginning there.
-        rank_as_given: That of the order as given.
+        first: Its index in the list, from 0.
+        rank: Rank correlation of the views' distances with their distances in time, for this start.
+        rank_as_given: The same for the given order.
     """
 
     first: int
@@ -41,7 +42,7 @@ class Beginning:
 
     @property
     def is_other(self) -> bool:
-        """Get whether the list surely begins elsewhere than it says."""
+        """Get whether the list surely starts with another mask than stated."""
         return self.first != 0 and self.rank >= _FOLLOWS and self.rank - self.rank_as_given >= _LEAST_GAIN
 
 
@@ -52,8 +53,8 @@ def find_beginning(views: F32) -> Beginning | None:
         views: Decoded without any coupling between consecutive ones, [N, H, W, C].
 
     Returns:
-        The beginning with the highest rank correlation; None of fewer than `LEAST_VIEWS` views, or where all are
-        alike or one is not finite.
+        The start with the highest rank correlation; None for fewer than `LEAST_VIEWS` views, or if all are alike or one
+        is not finite.
     """
     count = len(views)
     if count < LEAST_VIEWS or not np.isfinite(views).all():
@@ -72,7 +73,7 @@ def find_beginning(views: F32) -> Beginning | None:
 
 
 def _squared_distances(views: F32) -> F64:
-    """Return the squared distance of every view from every other, [N, N], their mean levels apart."""
+    """Return the squared distance of every view from every other, [N, N], without their mean levels."""
     flat = views.reshape(len(views), -1).astype(np.float64)
     flat -= flat.mean(axis=1, keepdims=True)
     products = flat @ flat.T

@@ -1,13 +1,14 @@
-"""Masks that are stated softer than they were, made sharp again.
+"""Sharpening of masks that are stated softer than they were.
 
-A calibration that blurred, or a picture of the masks that was resampled, leaves soft masks. Elements that are either
-open or closed betray how: undoing the right blur, or the right fraction of a pixel, leaves nothing but open and closed
-ones. That is told by the masks alone. A blur leaves some frequencies and sinks the others in rounding or noise; masks
-between closed and open are the only ones with these frequencies as long as about half of all are left (Mangasarian and
-Recht, European Journal of Operational Research 214, 2011), which is up to about σ 2 px in masks kept in float32, and
-1.2 px in those known to a thousandth. They are found by Douglas-Rachford steps between the two sets. Where all this
-fails, regularised filtering sharpens as far as the measurement agrees.
-Here: both. Not here: whether they are taken (`register`, by what the measurement says).
+A blurred calibration, or a resampled picture of the masks, gives soft masks. If the true elements are either open or
+closed, the masks alone show how they were softened: only undoing the right blur, or the right fraction of a pixel,
+gives elements that are all open or closed. A blur preserves some frequencies and reduces the others below rounding or
+noise; as long as about half of all frequencies are preserved, only one set of masks between closed and open has them
+(Mangasarian and Recht, European Journal of Operational Research 214, 2011). That holds up to about σ 2 px for masks in
+float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps between the two sets. If
+all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
+
+Here: both. Not here: whether they are used (`register`, by the measurement).
 """
 
 from collections.abc import Callable
@@ -21,20 +22,20 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.kernels import undo
 from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
 
-# How far frequencies may be raised: masks from a drawing bear more than masks from a noisy calibration.
+# Amplification of frequencies that is tried: masks from a drawing allow more than masks from a noisy calibration.
 SHARPENINGS: Final = (1e3, 100.0, 30.0, 10.0, 3.0)
 _LEAST_SIDE_PX: Final = 16
-# Frequencies that a blur has left less of than this share count as lost: to float32, and to a noisy calibration, in
-# which blurs wider than the second number are not looked for.
+# Frequencies reduced below the first number count as lost, and blurs wider than the second number, px, are not tried:
+# for masks exact to float32, and for a noisy calibration.
 _LOST: Final = ((1e-6, 2.4), (3e-3, 1.3))
 _STEPS: Final = 100
 _STEPS_OF_A_TRY: Final = 30
-# Stated masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
-# variance is nothing but rounding where it holds, and some hundredths where calibration added noise.
+# Stated masks beyond this mean squared distance from open or closed are soft. Under the right hypothesis the
+# unexplained share of their variance is only rounding, or some hundredths if the calibration added noise.
 CRISP: Final = 3e-3
 _EXPLAINED: Final = 0.05
 _SAMPLE_PX: Final = 128
-# A blur is found from tries that lie so far apart, relative to it.
+# Relative distance of the blurs that are tried.
 _SIGMA_STEP: Final = 0.04
 _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
 _FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
@@ -51,13 +52,13 @@ def softness(masks: F64) -> float:
 
 @dataclass(frozen=True)
 class Source:
-    """Masks of open and closed elements, and how the stated ones are a soft picture of them.
+    """Masks of open and closed elements, and how the stated ones were softened from them.
 
     Args:
         masks: Transmissions, [N, H, W], 0 or 1.
         how: In words.
-        shift_px: Where the sharp ones lie against the stated, (down, right).
-        blur_px2: By which variance the stated ones are softer.
+        shift_px: Displacement of the sharp masks from the stated ones, (down, right).
+        blur_px2: Variance of the blur of the stated ones.
     """
 
     masks: F32
@@ -67,11 +68,11 @@ class Source:
 
 
 def binary_source(masks: F32) -> Source | None:
-    """Find the masks of open and closed elements that the stated ones, [N, H, W], are a soft picture of.
+    """Find the masks of open and closed elements from which the stated ones, [N, H, W], were softened.
 
     Returns:
-        Those masks; None where they are sharp already, or where neither a
-        blur nor an interpolation of open and closed elements gives them.
+        Those masks; None if the stated ones are sharp already, or if neither a blur nor an interpolation of open and
+        closed elements gives them.
     """
     sample = masks[:1].astype(np.float64)
     if softness(sample) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
@@ -105,7 +106,7 @@ _Way = Callable[[F64, float, float], F64]
 
 
 def _search(hypotheses: list[_Hypothesis], masks: F64, undo: _Way, redo: _Way) -> _Hypothesis:
-    """Return the hypothesis under which masks of open and closed elements give the stated ones best."""
+    """Return the hypothesis under which masks of open and closed elements reproduce the stated ones best."""
     left = [_left(masks, redo(_open_or_closed(undo(masks, *one)), *one)) for one in hypotheses]
     return hypotheses[int(np.argmin(left))]
 
@@ -116,25 +117,25 @@ def _open_or_closed(masks: F64) -> F64:
 
 
 def _left(stated: F64, given: F64) -> float:
-    """Return which share of the variance of stated masks is left unexplained."""
+    """Return the unexplained share of the variance of stated masks."""
     return float(np.mean((stated - given) ** 2) / max(float(stated.var()), 1e-12))
 
 
 def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
-    """Return the ways to sharpen stated masks, [N, H, W] each; none where no sharpening was asked for."""
+    """Return stated masks sharpened in several ways, [N, H, W] each; none if the misfit requires no sharpening."""
     if misfit.blur_px2 >= 0:
         return []
     return [misfit.of_masks(masks, most) for most in SHARPENINGS]
 
 
 def unblur(masks: F64, sigma: float, lost: float, steps: int) -> F64:
-    """Find transmissions between 0 and 1 that a blur makes the given ones of, [N, H, W].
+    """Find transmissions between 0 and 1 whose blur gives these masks, [N, H, W].
 
     Args:
         masks: Blurred ones.
         sigma: Standard deviation of the blur, px.
-        lost: Frequencies that it leaves less of than this share are free.
-        steps: Of Douglas and Rachford; 0 leaves the free frequencies out.
+        lost: Frequencies that the blur reduces below this share are free.
+        steps: Of Douglas and Rachford; 0 sets the free frequencies to zero.
     """
     left = transfer(variance_of(sigma), masks.shape[1:])
     known = left > lost
@@ -165,7 +166,7 @@ def _blurred(masks: F64, sigma: float, _lost: float) -> F64:
 
 
 def _unshifted(masks: F64, down: float, right: float) -> F64:
-    """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, rim going on."""
+    """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, with repeated borders."""
     undone: F64 = undo(undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
     return undone
 
@@ -175,7 +176,7 @@ def _shifted(masks: F64, down: float, right: float) -> F64:
 
 
 def _interpolate(masks: F64, fraction: float) -> F64:
-    """Move pictures by a fraction of a pixel along their rows' index, rim going on."""
+    """Move pictures by a fraction of a pixel along their rows' index, with repeated borders."""
     f = min(abs(fraction), 0.5)
     if fraction >= 0:
         before = np.concatenate([masks[:, :1], masks[:, :-1]], axis=1)

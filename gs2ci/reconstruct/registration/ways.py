@@ -1,8 +1,8 @@
-"""Ways to correct a measurement: what each makes of it, what is said of it, and which one held-out pixels bear out.
+"""Candidate corrections of a measurement, their descriptions, and the one that held-out pixels confirm.
 
-Ways without a field are judged in the middle of the picture, those with one in the corner that it moves most.
-Here: ways and the verdict on them. Not here: what they are made from (`proposals`, `sharpen`, `rim`), and the decodes
-that judge (`admission`).
+Corrections without a field are judged in the middle of the picture, those with one in the corner that it moves most.
+Here: the candidates and the choice. Not here: the estimates behind them (`proposals`, `sharpen`, `rim`), the decodes
+that judge them (`admission`).
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from gs2ci.reconstruct.registration.sharpen import Source, candidates
 
 @dataclass(frozen=True)
 class Way:
-    """One way to correct a measurement, and what is said of it and of its rim; whether masks were filtered sharper."""
+    """A corrected measurement, its description and that of its border, and whether masks were sharpened by a filter."""
 
     shot: Shot
     misfit: Misfit
@@ -38,7 +38,7 @@ class Way:
 
 
 def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
-    """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
+    """Return the shot corrected by an estimate; if that requires sharpening, once for each way to sharpen."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
     found = _in_words(estimate)
     stated = shot.masks.astype(np.float64)
@@ -50,7 +50,7 @@ def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
 
 
 def from_source(way: Way, source: Source) -> Way:
-    """Say of a way with sharp masks how it differs from the stated ones."""
+    """Add to a correction with sharp masks how these differ from the stated ones."""
     misfit = way.misfit.moved(*source.shift_px)
     return replace(
         way,
@@ -61,15 +61,15 @@ def from_source(way: Way, source: Source) -> Way:
 
 
 def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | None:
-    """Return the way whose decode predicts held-out pixels best, if it surely does so better than a rival.
+    """Return the correction whose decode predicts held-out pixels best, if it is surely better than a rival.
 
-    A field is judged in the corner that it moves most, and against what is known without one: a picture whose
-    corner is dark or noisy says nothing there of a shift of the whole.
+    A field is judged in the corner that it moves most, against the correction without a field: if that corner is dark
+    or noisy, it carries no information on the shift of the whole picture.
 
     Args:
         shot: Its masks and readings as stated.
-        ways: With a field all of them, or none.
-        rival: What is taken otherwise; None stands for the shot as it is.
+        ways: The candidates, either all with a field or none.
+        rival: The correction that is used otherwise; None stands for the shot as it is.
         seed: Of the held-out pixels.
     """
     if not ways:
@@ -85,7 +85,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
 
 
 def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
-    """Return the corner that a field moves most; None where there is no field."""
+    """Return the corner that a field moves most; None without a field."""
     if not misfit.placement.field.any():
         return None
     corners = [(lower, right) for lower in (False, True) for right in (False, True)]
@@ -94,7 +94,7 @@ def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
 
 
 def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim]:
-    """Correct masks and readings; masks, [N, H, W], are those given, or the stated ones moved."""
+    """Correct masks and readings; the masks are the given ones, [N, H, W], or the stated ones displaced."""
     readings = shot.measurement - np.float32(misfit.black)
     black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
     return complete(black, misfit, masks)
@@ -105,7 +105,7 @@ def _terms(misfit: Misfit) -> list[tuple[str, float]]:
 
 
 def _in_words(estimate: MisfitEstimate) -> str:
-    """Say what was found, with standard errors."""
+    """Describe an estimate, with standard errors."""
     misfit, errors = estimate.misfit, estimate.errors
     place, parts = misfit.placement, []
     if "down_px" in errors:

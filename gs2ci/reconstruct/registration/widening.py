@@ -1,9 +1,10 @@
-"""Open elements that are wider or narrower than stated: etched too far, fringing fields, a threshold of the exposure.
+"""Open elements that are wider or narrower than stated, by over-etching, fringing fields or an exposure threshold.
 
-Each open element reaches beyond its stated edges by the same length, or ends short of them. Light from the band that
-this opens or closes tells it from a blur, which gives to closed elements what it takes from open ones, and from a leak,
-which is the same far from any edge.
-Here: masks with such edges, and their sum for any width. Not here: how the width is found (`fine`, `proposals`).
+Each open element reaches beyond its stated edges by the same length, or ends short of them. This differs from a blur,
+which moves light from open to closed elements without changing its sum, and from a leak, which is the same far from any
+edge.
+
+Here: masks with such edges, and their sum for any width. Not here: the estimation of the width (`fine`, `proposals`).
 """
 
 from functools import cached_property
@@ -21,11 +22,11 @@ MOST_PX: Final = 0.5
 def widened(masks: F64, px: float) -> F64:
     """Return transmissions, [N, H, W], of elements that reach `px` beyond their edges, or end short of them (below 0).
 
-    A pixel is a square, and its transmission the share of it that is open: along an open neighbour a strip of that
-    width opens, at a corner whatever its three neighbours open. At the rim the pattern goes on as its rim.
+    A pixel is a square, and its transmission is the open share of its area: beside an open neighbour a strip of that
+    width opens, at a corner the union of what the three neighbours open. Border values are repeated outside.
 
     Args:
-        masks: Transmissions as stated, [N, H, W]; of elements in step with the pixels, open or closed.
+        masks: Transmissions as stated, [N, H, W]; of elements aligned with the pixels, open or closed.
         px: From -`MOST_PX` to `MOST_PX`.
     """
     if px == 0:
@@ -35,7 +36,7 @@ def widened(masks: F64, px: float) -> F64:
 
 
 class MaskSum:
-    """The weighted sum Σ wᵢ Mᵢ of a piece of the masks, with their edges anywhere.
+    """The weighted sum Σ wᵢ Mᵢ of a piece of the masks, for any width of their elements.
 
     Args:
         masks: Transmissions, [N, H, W].
@@ -49,7 +50,7 @@ class MaskSum:
 
     @property
     def weight(self) -> float:
-        """Get the sum of the weights: what fully open masks would add up to."""
+        """Get the sum of the weights, which is that of fully open masks."""
         return float(self._weights.sum())
 
     @cached_property
@@ -59,7 +60,7 @@ class MaskSum:
         return total
 
     def widened(self, px: float) -> F64:
-        """Return the sum that masks with wider elements have, [H, W], from two pictures for all widths of one sign."""
+        """Return the sum of masks with wider elements, [H, W], from two pictures for all widths of one sign."""
         if px == 0:
             return self.stated
         strips, corners = self._bands[0 if px > 0 else 1]
