@@ -1,1 +1,1 @@
-"""What is known and assumed of a measurement: its coding, its faulty pixels, its light, and its held-out pixels."""
+"""The measurement: its coding model, faulty pixels, light, lens, and held-out pixels."""

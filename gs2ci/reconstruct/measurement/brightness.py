@@ -1,15 +1,15 @@
-"""How bright each view really was, where the measurement tells that the weights are not those of its exposure.
+"""The true brightness of each view, estimated from the measurement when the stated weights are wrong.
 
 A lamp on mains flickers between masks, one that warms up drifts, a trigger shortens an interval. The middle view,
-carried along the path through its depth, shows what every view should look like. Coded, y = Σᵢ gᵢ wᵢ Mᵢ ⊙ Xᵢ is linear
-in the views' brightness g: least squares find it. That brightness from one half of the pixels explains the other half
-better, and the other way round, tells whether to believe it; and it has to be the same all over the picture, which what
-moves in a scene, or is hidden in some views, is not: standard errors are those of scores summed over blocks.
+warped to the other poses by its depth, predicts every view. Coded, y = Σᵢ gᵢ wᵢ Mᵢ ⊙ Xᵢ is linear in the views'
+brightness g, which is found by least squares. Two checks decide whether it is accepted. The brightness from one half of
+the pixels must explain the other half better, and vice versa. And it must be the same all over the picture, unlike the
+effect of moving or occluded things: so standard errors come from scores summed over blocks.
 
-Weights or scene? Views may have been seen unlike one another because their light was, or because a camera's exposure
-drifted; the measurement is the same. `Brightness.as_seen` says what is handed over. Here: that. Not here: the carrying
-(`geometry.evidence`), its rounds (`first_look`), the word about uneven brightness before anything is decoded
-(`doubts`).
+Weights or scene? Views may differ in brightness because the scene's light changed, or because the camera's exposure
+drifted; the measurement is the same. `Brightness.as_seen` decides which brightness the delivered views have. Here: all
+that. Not here: the warping (`geometry.evidence`), the rounds (`first_look`), the warning about uneven brightness before
+anything is decoded (`doubts`).
 """
 
 from dataclasses import dataclass, replace
@@ -26,30 +26,31 @@ from gs2ci.reconstruct.choices import LIGHT_MODES, LightMode
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
 
-# Masks whose normal equations are conditioned worse than this do not tell their views' brightness apart.
+# If the condition number of the normal equations is larger, the masks do not distinguish their views' brightness.
 TOO_ALIKE: Final = 1e8
-# No lamp that anything can be seen by does more between two masks of an exposure.
+# A usable lamp does not vary by more between the masks of an exposure.
 _RANGE: Final = (0.1, 10.0)
-# Halves are a chequerboard of squares this wide: with every colour of a mosaic, and of the scene, in both.
+# Halves are a chequerboard of squares this wide, so that both contain every colour of a mosaic and of the scene.
 _SQUARE_PX: Final = 2
-# So many blocks of a picture, along its mean side, have scores of their own.
+# Number of blocks, along the mean side of a picture, over which scores are summed.
 _BLOCKS: Final = 5
 
 
 @dataclass(frozen=True)
 class BrightnessSettings:
-    """How brightness is found.
+    """How brightness is estimated.
 
     Args:
-        rounds: At most so often; 0 takes the weights as they are. Better weights give better views to find it from.
-        least_gain: Share by which the residual on pixels that were not asked must fall for weights to be wrong, beside
-            being surely smaller, which is enough for them to be corrected further. Where all weights were right it fell
-            by up to 0.9 %, where they were 10 % off by 1.2 to 11 (`python -m tests.benchmarks brightness`).
-        least_errors: Of its standard errors over blocks, so many the brightness of some view must be away from its
-            weight; right weights showed up to 4.0 (up to 2.4 where there was a gain), weights that were 10 % off 8.6
-            or more (the same command).
-        light: How bright views are handed over: "as-seen"; "even", as under even light; or "auto", even only where
-            the shot tells weights, and they are not all alike.
+        rounds: At most so many rounds; 0 uses the weights as they are. Better weights give better views for the next
+            round.
+        least_gain: Share by which the residual at pixels of the other half must decrease for weights to be corrected
+            for the first time; for further corrections a sure decrease is enough. With right weights it decreased by up
+            to 0.9 %, with weights 10 % off by 1.2 to 11 (`python -m tests.benchmarks brightness`).
+        least_errors: By so many standard errors over blocks the brightness of some view must differ from its weight;
+            right weights showed up to 4.0 (up to 2.4 if there was a gain), weights 10 % off 8.6 or more (the same
+            command).
+        light: Brightness of the delivered views: "as-seen"; "even", as under even light; or "auto", even only if the
+            shot states weights that are not all alike.
     """
 
     rounds: int = 3
@@ -61,7 +62,7 @@ class BrightnessSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: Negative rounds, a gain outside [0, 1], negative errors, or no such light.
+            InputError: Negative rounds, a gain outside [0, 1], negative errors, or an unknown light.
         """
         if self.light not in LIGHT_MODES:
             raise InputError(f"light {self.light!r}", allowed=", ".join(LIGHT_MODES))
@@ -73,10 +74,10 @@ class BrightnessSettings:
         return self
 
     def shows_as_seen(self, weights: F32) -> bool:
-        """Tell whether views are handed over as bright as they were seen, and not as under even light.
+        """Tell whether delivered views are as bright as they were seen, and not as under even light.
 
         Args:
-            weights: As the shot tells them, [N]; where those of the lit views are all alike, nobody has measured them.
+            weights: As the shot states them, [N]; if those of the lit views are all alike, they were not measured.
         """
         if self.light != "auto":
             return self.light == "as-seen"
@@ -86,12 +87,12 @@ class BrightnessSettings:
 
 @dataclass(frozen=True)
 class BrightnessEstimate:
-    """What one look says of the views' brightness.
+    """One estimate of the views' brightness.
 
     Args:
-        found: For the weights that it was asked with, of mean 1 over their light, [N]; 1 where no light was.
+        found: Factors of the present weights, of mean 1 over their light, [N]; 1 for views without light.
         errors: Standard errors, from scores summed over blocks of the picture, [N].
-        gain: Share by which it lowers the residual of pixels that were not asked; 0 unless surely so.
+        gain: Share by which it reduces the residual of the other half's pixels; 0 unless surely so.
     """
 
     found: F64
@@ -100,23 +101,23 @@ class BrightnessEstimate:
 
     @property
     def errors_away(self) -> float:
-        """Get by how many of its standard errors the view that is farthest off is away from its weight."""
+        """Get the largest difference of a view's brightness from its weight, in standard errors."""
         known = self.errors > 0
         return float((np.abs(self.found - 1)[known] / self.errors[known]).max(initial=0.0))
 
     def is_sure(self, settings: BrightnessSettings) -> bool:
-        """Tell whether it speaks against weights that nothing has spoken against so far."""
+        """Tell whether it is sure enough to correct weights for the first time."""
         return self.gain > settings.least_gain and self.errors_away >= settings.least_errors
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """What was made of the views' brightness.
+    """The views' brightness, and the corrections by it.
 
     Args:
-        first: What the weights as they were given were told; None where nothing tells.
-        factors: How bright each view is taken to have been for its weight, [N]; None where the weights stand.
-        as_seen: Whether views are handed over as bright as they were seen.
+        first: The estimate with the given weights; None if it is not possible.
+        factors: Brightness of each view relative to its weight, [N]; None if the weights are kept.
+        as_seen: Whether delivered views are as bright as they were seen.
     """
 
     first: BrightnessEstimate | None = None
@@ -125,18 +126,18 @@ class Brightness:
 
     @property
     def of_weights(self) -> F64 | None:
-        """Get factors of the shot's weights by which they code the views as handed over, [N]; None: as they are."""
+        """Get factors of the shot's weights for coding the delivered views, [N]; None: the weights as they are."""
         return None if self.as_seen else self.factors
 
     def shown(self, views: F32) -> F32:
-        """Return views of even light, [N, H, W, C], as bright as they are handed over."""
+        """Return views of even light, [N, H, W, C], with the brightness of the delivered ones."""
         if self.factors is None or not self.as_seen:
             return views
         lit: F32 = views * self.factors.astype(np.float32)[:, None, None, None]
         return lit
 
     def summary(self) -> dict[str, Any] | None:
-        """Return what the report says; None where nothing could be told."""
+        """Return the figures for the report; None if there is no estimate."""
         if self.first is None:
             return None
         return {
@@ -150,14 +151,14 @@ class Brightness:
 
 
 def estimate(jury: Jury, carried: F32) -> BrightnessEstimate | None:
-    """BrightnessEstimate the views' brightness, each half of the measurement judging the other's.
+    """Estimate the views' brightness; each half of the measurement judges the estimate of the other.
 
     Args:
-        jury: The measurement, and its held-out pixels, which are not looked at.
-        carried: What every view should look like, [N, H, W, C], all as bright as one of them.
+        jury: The measurement, and its held-out pixels, which are not used.
+        carried: Prediction of every view, [N, H, W, C], all with the same brightness.
 
     Returns:
-        The estimate; None where nothing tells.
+        The estimate; None if it is not possible.
     """
     system = LinearSystem.of(jury.seen, carried)
     found = None if system is None else system.solve()
@@ -169,24 +170,24 @@ def estimate(jury: Jury, carried: F32) -> BrightnessEstimate | None:
 
 
 def relit(jury: Jury, found: BrightnessEstimate) -> Jury:
-    """Return the measurement with its weights corrected, of the same mean over its masks' light."""
+    """Return the measurement with corrected weights, whose mean over its masks' light is unchanged."""
     weights = (jury.shot.weights * found.found).astype(np.float32)
     return Jury(replace(jury.shot, weights=weights), jury.heldout)
 
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """The linear system that the views' brightness solves.
+    """The linear system for the views' brightness.
 
     Build it with `of`.
 
     Args:
-        parts: What each lit view adds to each pixel that counts, [L, P, C].
-        readings: What those pixels read, [P, C].
-        lit: Which views light reached, [N].
-        light: How much, [L].
+        parts: Contribution of each lit view to each pixel that counts, [L, P, C].
+        readings: Readings of those pixels, [P, C].
+        lit: Which views got light, [N].
+        light: Amount of light of each, [L].
         half: Which pixels belong to the first half, [P].
-        block: To which block of the picture each pixel belongs, [P].
+        block: The block of the picture to which each pixel belongs, [P].
     """
 
     parts: F64
@@ -201,8 +202,8 @@ class LinearSystem:
         """Set the system up; None with fewer than two lit views, or with views that are not finite.
 
         Args:
-            shot: The measurement as far as it may be seen; saturated pixels do not count.
-            views: What every view should look like, [N, H, W, C].
+            shot: The measurement without its held-out pixels; saturated pixels do not count.
+            views: Prediction of every view, [N, H, W, C].
         """
         lit = np.asarray((shot.weights[:, None, None] * shot.masks).any(axis=(1, 2)))
         if lit.sum() < 2 or not np.isfinite(views).all():
@@ -224,9 +225,9 @@ class LinearSystem:
         )
 
     def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
-        """Find the brightness of the lit views, [L], of mean 1 over their light, from some of the pixels.
+        """Return the brightness of the lit views, [L], of mean 1 over their light, from some of the pixels.
 
-        None where masks do not tell views apart, or a factor is beyond what a lamp does.
+        None if masks do not distinguish the views, or a factor is outside a lamp's range.
         """
         parts = self.parts[:, pixels].reshape(len(self.parts), -1)
         normal = parts @ parts.T
@@ -241,7 +242,7 @@ class LinearSystem:
     def errors(self) -> F64:
         """Return the standard errors of `solve`, [L], from scores summed over blocks (Liang and Zeger 1986, eq. 2.5).
 
-        What the views leave is alike over the things of a scene, so that pixels alone would flatter.
+        Residuals are correlated over the things of a scene, so that errors from single pixels would be too small.
         """
         parts = self.parts.reshape(len(self.parts), -1)
         inverse = np.linalg.inv(parts @ parts.T)
@@ -258,7 +259,7 @@ class LinearSystem:
         return errors
 
     def gain(self) -> float:
-        """Return by which share each half's brightness lowers the other half's residual; 0 unless surely so."""
+        """Return the share by which each half's brightness reduces the other half's residual; 0 unless surely so."""
         before, after = self._squares(np.ones(len(self.parts)), slice(None)), np.empty(len(self.readings))
         for asked in (self.half, ~self.half):
             found = self.solve(asked)
@@ -276,14 +277,14 @@ class LinearSystem:
         return squares
 
     def of_all_views(self, found: F64) -> F64:
-        """Return the brightness of all views, [N], from that of the lit ones; 1 where no light was."""
+        """Return the brightness of all views, [N], from that of the lit ones; 1 for views without light."""
         brightness = np.ones(len(self.lit))
         brightness[self.lit] = found
         return brightness
 
 
 def _part(coding: Coding, views: F32, view: int) -> F64:
-    """Return what one view adds to the measurement, [H, W, C]."""
+    """Return the contribution of one view to the measurement, [H, W, C]."""
     alone = Coding(coding.transmissions[view : view + 1], coding.channels)
     part: F64 = alone.forward(torch.from_numpy(views[view : view + 1])).numpy().astype(np.float64)
     return part

@@ -1,8 +1,8 @@
 """The measurement model of snapshot compressive imaging: y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ, seen through a colour filter array.
 
-Here: the linear map from N views to one coded image, what a white scene would read and which readings are
-beyond it, how pixels are left out, and the geometry of colour filter arrays. Not here: any inversion
-(`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`).
+Here: the linear map from N views to one coded image, the readings of a white scene and those above them, how pixels are
+left out, and the geometry of colour filter arrays. Not here: any inversion (`gs2ci.reconstruct.decode`), noise
+(`gs2ci_sims`).
 """
 
 from dataclasses import dataclass, replace
@@ -17,9 +17,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
 _CHANNEL: Final = {"R": 0, "G": 1, "B": 2}
-# Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
+# Noise of the dark level alone makes half of the closed pixels positive, but not by this share of a view's full scale.
 EXCESS: Final = 0.05
-# More readings beyond white than this are no outliers: the unit or the masks are wrong.
+# If a larger share of readings is beyond white, they are not outliers: the unit or the masks are wrong.
 MOST_OUTLIERS: Final = 0.1
 
 
@@ -44,7 +44,7 @@ def cfa_channels(pattern: CfaPattern, size: tuple[int, int]) -> Tensor:
 
 
 def select(image: Tensor, channels: Tensor) -> Tensor:
-    """Look at a colour image through a colour filter array.
+    """Sample a colour image by a colour filter array.
 
     Args:
         image: [..., H, W, 3].
@@ -58,7 +58,7 @@ def select(image: Tensor, channels: Tensor) -> Tensor:
 
 
 def white_reading(shot: Shot) -> F64:
-    """Return what each pixel would read of a white scene, [H, W], in full scales of one view."""
+    """Return the reading of each pixel for a white scene, [H, W], in full scales of one view."""
     white: F64 = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
     return white
 
@@ -66,7 +66,7 @@ def white_reading(shot: Shot) -> F64:
 def beyond_white(shot: Shot) -> Bool:
     """Find the pixels, [H, W], that read clearly more light than a white scene would send through their masks.
 
-    Hot pixels, lamps and glints do; many of them tell of wrong masks or a wrong unit.
+    Hot pixels, lamps and glints do; if they are many, the masks or the unit are wrong.
     """
     most = (1 + EXCESS) * white_reading(shot)[..., None] + EXCESS
     found: Bool = np.any(shot.measurement > most, axis=2)
@@ -74,7 +74,7 @@ def beyond_white(shot: Shot) -> Bool:
 
 
 def without_pixels(shot: Shot, pixels: Bool) -> Shot:
-    """Close every mask over some pixels, [H, W], and forget their readings, so that nothing is concluded from them."""
+    """Close every mask over some pixels, [H, W], and clear their readings, so that no stage uses them."""
     measurement = np.where(pixels[..., None], np.float32(0), shot.measurement)
     return replace(shot, masks=shot.masks * ~pixels, measurement=measurement)
 
@@ -85,7 +85,7 @@ class Coding:
 
     Args:
         transmissions: wᵢ Mᵢ, [N, H, W], float32 or float64; the map computes in this precision.
-        channels: Channel index of each pixel of a mosaic, [H, W] int64; None where every pixel sees all channels.
+        channels: Channel index of each pixel of a mosaic, [H, W] int64; None if every pixel sees all channels.
     """
 
     transmissions: Tensor
@@ -103,10 +103,10 @@ class Coding:
         """Sum masked views into one coded image.
 
         Args:
-            views: [N, H, W, C], full scale 1; C must be 3 behind a colour filter array.
+            views: [N, H, W, C], full scale 1; C must be 3 with a colour filter array.
 
         Returns:
-            Coded measurement, [H, W, C], or [H, W, 1] behind a colour filter array.
+            Coded measurement, [H, W, C], or [H, W, 1] with a colour filter array.
 
         Raises:
             InputError: The views do not fit the masks or the colour filter array.
@@ -114,7 +114,7 @@ class Coding:
         Linear in `views`.
         """
         self._check("views", views, self.transmissions.shape)
-        # View by view: large shots have no room for the products of all.
+        # View by view, since memory may not hold the products of all views of a large shot.
         coded = views.new_zeros(views.shape[1:], dtype=torch.promote_types(views.dtype, self.transmissions.dtype))
         for transmission, view in zip(self.transmissions, views, strict=True):
             coded = coded + transmission[..., None] * view

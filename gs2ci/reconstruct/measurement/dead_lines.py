@@ -13,16 +13,16 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import without_pixels
 
-# Fewer pixels may well read the same by chance.
+# A shorter line may read the same by chance.
 _SHORTEST: Final = 8
 _AXES: Final = ((1, "rows"), (0, "columns"))
 
 
 def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
-    """Close the masks over dead lines, so that nothing is concluded from their readings; say which.
+    """Close the masks over dead lines, so that no stage uses their readings; report which.
 
-    Light makes neighbours differ, if only by noise. Lines along the picture's border are left as they are: there, one
-    value throughout may as well be the black bars of a film.
+    Working pixels differ from their neighbours at least by noise. Lines along the picture's border are kept: a constant
+    value there may also be the black bars of a film.
     """
     opened: Bool = np.any(shot.masks > 0, axis=0)
     sound = opened.copy()
@@ -44,7 +44,7 @@ def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
 
 
 def _stuck(shot: Shot, opened: Bool, axis: int) -> Bool:
-    """Find lines whose every reading is the same, though masks opened there and no clipping explains it."""
+    """Find lines with a constant reading, although masks opened there and no clipping explains it."""
     measured = shot.measurement
     if measured.shape[axis] < _SHORTEST or measured.min() == measured.max():
         return np.zeros(measured.shape[1 - axis], bool)

@@ -1,7 +1,7 @@
-"""What a user should know about a measurement before believing anything that is made of it.
+"""Doubts about a measurement that a user should know before relying on its results.
 
 Here: the findings about light, masks and saturation, and about views that hardly explain the measurement. Not here:
-errors (`Shot.check` refuses what contradicts itself), doubts about motion and depth (`geometry.validity`).
+errors (`Shot.check` refuses contradictory data), doubts about motion and depth (`geometry.validity`).
 """
 
 from typing import Final
@@ -15,24 +15,24 @@ from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
 from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.measurement.jury import Jury
 
-# A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
+# A few clipped highlights are normal, and harmless if their neighbours are not clipped.
 SATURATION_WORTH_SAYING: Final = 0.01
-# Lamps, glints and broken pixels are fewer than this share of a picture.
+# Lamps, glints and defective pixels are less than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
-# Of the light of the brightest view: less than a step of an eight-bit sensor.
+# Share of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
-# What a lamp or a moving view may well do, in shares of the middle view's brightness, and standard errors beside it.
+# Normal differences of a lamp or a moving view, as a share of the middle view's brightness, and in standard errors.
 _BRIGHTER: Final = 0.1
 _STANDARD_ERRORS: Final = 4.0
 _MOSTLY_DARK: Final = 0.5
-# Of the residual that an even grey leaves. Right masks and little noise leave 0.1 to 0.4 of it.
+# Share of the residual of even grey views. With right masks and little noise it is 0.1 to 0.4.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
 
 
 def doubts_about(shot: Shot) -> tuple[Finding, ...]:
-    """Say what in a checked shot leaves views, path or depth open; nothing if all is ordinary."""
+    """Report what in a checked shot makes views, path or depth uncertain; nothing if all is normal."""
     return (*_doubts_about_light(shot), *_doubts_about_masks(shot))
 
 
@@ -63,9 +63,9 @@ def _doubts_about_scale(shot: Shot) -> list[Finding]:
 
 
 def _doubts_about_brightness(shot: Shot) -> list[Finding]:
-    """Say if some views are brighter than others, as the readings under their open elements tell.
+    """Report if some views are brighter than others, by the readings under their open elements.
 
-    The readings' regression on the masks gives each view's mean brightness, and its standard error.
+    The regression of the readings on the masks gives each view's mean brightness and its standard error.
     """
     coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
     gram = coded @ coded.T
@@ -106,7 +106,7 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
 
 
 def doubts_about_result(jury: Jury, views: F32) -> tuple[Finding, ...]:
-    """Say if recovered views, [N, H, W, C], explain the held-out pixels little better than an even grey does."""
+    """Report if recovered views, [N, H, W, C], explain the held-out pixels hardly better than even grey views."""
     left, grey = jury.residual_rms(views), jury.grey_rms()
     if left is None or grey is None or left <= _UNEXPLAINED_WORTH_SAYING * grey:
         return ()

@@ -1,4 +1,4 @@
-"""What the fit is told of regions where no mask opens: what the decoder made of their surroundings.
+"""Regions where no mask opens, filled for the fit with the decoder's continuation of their surroundings.
 
 Here: `fill_holes`. Not here: doubts about such regions (`doubts`), dead lines (`dead_lines`).
 """
@@ -14,16 +14,16 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import Coding
 
-# First Gaussians stand three pixels apart: what is nearer to an open pixel than this is held by its light.
+# First Gaussians are three pixels apart: those nearer to an open pixel than this are constrained by its light.
 _REACH_PX: Final = 3.0
 
 
 def fill_holes(shot: Shot, decoded: F32) -> Shot:
     """Return a measurement as if grey masks had shown the decoded views, [N, H, W, C], in wide dark regions.
 
-    Gaussians that reach no measured pixel feel only the term that makes them fade, and a dark region would turn black
-    whatever surrounds it. Masks are set to their mean over the open pixels there, so that the brightness of the
-    measurement does not jump at the rim.
+    Gaussians that reach no measured pixel are changed only by the term that makes them fade, and a dark region would
+    turn black whatever surrounds it. Masks are set to their mean over the open pixels there, so that the brightness of
+    the measurement does not jump at the region's border.
     """
     hole = distance_transform_edt(~shot.lit) > _REACH_PX
     if not hole.any():

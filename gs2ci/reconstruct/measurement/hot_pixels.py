@@ -1,7 +1,7 @@
 """Single pixels that read more light than any scene sends: found, and left out.
 
-Here: `close_hot_pixels`. Not here: dead rows and columns (`dead_lines`), what many such readings tell of masks and unit
-(`doubts`), pixels that a calibration knows to be bad (`gs2ci import --bad-pixels`).
+Here: `close_hot_pixels`. Not here: dead rows and columns (`dead_lines`), the doubt about masks and unit if such
+readings are many (`doubts`), pixels that a calibration knows to be bad (`gs2ci import --bad-pixels`).
 """
 
 from typing import Final
@@ -16,17 +16,17 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, beyond_white, without_pixels
 
 _SIDE: Final = 3
-# Of the pixels around, so many may be hot as well: with one in twenty hot, all but one in a hundred of the hot ones
-# have no more. A region that is brighter than white because the unit or the masks are wrong has more, and stays.
+# At most so many neighbours of a hot pixel may be hot as well: if one pixel in twenty is hot, 99 % of the hot pixels
+# have no more. A region that is brighter than white because of a wrong unit or wrong masks has more, and is kept.
 _NEIGHBOURS: Final = 2
 
 
 def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
-    """Close the masks over hot pixels, so that nothing is concluded from their readings; say how many.
+    """Close the masks over hot pixels, so that no stage uses their readings; report how many.
 
-    No view can explain them, and left to the fit each is a bright Gaussian that stands in the way of all views. A
-    reading that is known to be clipped says «at least» and is no hot pixel. Where many read too much, masks or unit are
-    wrong, and none is closed.
+    No view can explain them, and a fit would make a bright Gaussian of each that disturbs all views. A reading known to
+    be clipped is a lower bound and is not a hot pixel. If many pixels read too much, masks or unit are wrong, and none
+    is closed.
     """
     odd = beyond_white(shot)
     if odd.mean() > MOST_OUTLIERS:
@@ -42,6 +42,6 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
 
 
 def _count_in_square(odd: Bool) -> NDArray[np.int64]:
-    """Count the odd ones in the square around each pixel, itself included."""
+    """Count the marked pixels in the square around each pixel, itself included."""
     share = uniform_filter(odd.astype(np.float64), _SIDE, mode="constant")
     return np.rint(share * _SIDE**2).astype(np.int64)

@@ -1,6 +1,6 @@
-"""The pixels of the measurement that no stage sees, and what they say of views.
+"""The held-out pixels of the measurement, which no stage sees, and how they judge views.
 
-Here: which pixels are held out, how views are judged by them, and when a difference is sure. Not here: what follows
+Here: which pixels are held out, the residual of views at them, and when a difference is sure. Not here: what follows
 from a judgement (`pipeline`, `fit/stopping.py`).
 """
 
@@ -14,20 +14,20 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, Coding, beyond_white, without_pixels
 
-_HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
-# Share of the eligible pixels that is held out by default: enough to judge by, too few to lose detail by.
+_HELDOUT_STREAM: Final = 0x4E1D  # makes this random draw independent of all others of the same seed
+# Share of the eligible pixels held out by default: enough for a judgement, few enough to lose no detail.
 HELDOUT_SHARE: Final = 0.02
-# Of so many standard errors is what counts as sure.
+# A difference of so many standard errors counts as sure.
 SURE: Final = 2.0
 
 
 def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
     """Choose the pixels to hold out, [H, W] bool.
 
-    Only pixels that light reached through some mask and that are not saturated can judge a prediction. Nor do the few
-    that read more than a white scene sends: a hot pixel or a lamp would outvote hundreds. (Where those are many, all
-    judge alike.) Of the others a share is drawn, at least one and never more than half. With fewer than two of them,
-    or a share of zero, none is held out.
+    Only pixels that got light through some mask and are not saturated can judge a prediction. The few that read more
+    than a white scene sends are excluded too, since a hot pixel or a lamp would outweigh hundreds of others; if these
+    are many, none is excluded. Of the eligible pixels a share is drawn, at least one and at most half. If there are
+    fewer than two, or the share is zero, none is held out.
     """
     useful = shot.lit
     if shot.saturated is not None:
@@ -76,9 +76,9 @@ class Jury:
         return coded
 
     def residual_rms(self, views: F32) -> float | None:
-        """Return the residual of views [N, H, W, C] on the held-out pixels, in the measurement's unit.
+        """Return the residual of views [N, H, W, C] at the held-out pixels, in the measurement's unit.
 
-        None where no pixel was held out; infinite where the views are not finite.
+        None if no pixel was held out; infinite if the views are not finite.
         """
         if not self.heldout.any():
             return None
@@ -92,9 +92,9 @@ class Jury:
         return squared
 
     def grey_rms(self) -> float | None:
-        """Return the residual that the best even grey (or colour) leaves on the held-out pixels; None without any.
+        """Return the residual of the best even grey (or colour) at the held-out pixels; None without any.
 
-        It is what a decoder reaches that knows how many masks are open at a pixel, and nothing else.
+        A decoder that knows only how many masks are open at a pixel reaches the same.
         """
         if not self.heldout.any():
             return None
@@ -108,8 +108,9 @@ class Jury:
 def surely_larger(one: F64, other: F64) -> bool:
     """Tell whether the mean of the first exceeds that of the second by more than `SURE` standard errors.
 
-    By squares, the mean of several predictions is never worse than they are on average; that one of them beats it on
-    a few hundred pixels is often luck, and the luckiest was chosen.
+    The squared error of the mean of several predictions is never larger than the average of their squared errors. If
+    the best of them is better than the mean on a few hundred pixels, that is often chance, since it was selected on
+    them.
 
     Args:
         one: Squared residuals, [K].

@@ -1,13 +1,13 @@
-"""A shot's lens: where its sensor's pixels look on the canvas of a pinhole, and pictures from the one to the other.
+"""A shot's lens: the map between the sensor's pixels and the canvas of a pinhole, and pictures resampled by it.
 
     sensor    what was measured: masks, measurement, decoded and recovered views, depth
-    canvas    what a pinhole with the same focal lengths and optical axis would see of it: straight lines stay straight.
-              There corners are tracked, poses found and depth swept. It is as large as it must be for every pixel of
-              the sensor to lie in it; a barrel's corners see more than the frame.
+    canvas    the picture of a pinhole with the same focal lengths and optical axis, in which straight lines stay
+              straight. On it corners are tracked, poses estimated and depth swept. It is large enough to contain every
+              pixel of the sensor; with barrel distortion the sensor's corners see more than its own frame.
 
-The Gaussians know nothing of a lens: their renderer blends each pixel where it looks (`gs2ci.render.sampling`), so that
-no view is resampled on its way into the measurement. Here: the canvas, and resampling for the geometry stage. Not here:
-the formula (`gs2ci.core.lens`), the renderer (`fit/rendering.py`).
+The fit needs no canvas: its renderer blends each pixel along that pixel's own ray (`gs2ci.render.sampling`), so that
+no view is resampled before it enters the measurement. Here: the canvas, and resampling for the geometry stage. Not
+here: the formula (`gs2ci.core.lens`), the renderer (`fit/rendering.py`).
 """
 
 from dataclasses import dataclass
@@ -23,32 +23,33 @@ from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stre
 from gs2ci.core.records import Shot
 from gs2ci.render.sampling import CanvasSampling
 
-# A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
-# best, and boards give coefficients other than 0 for every lens.
+# A lens that moves no pixel by more than this is treated as a pinhole: corners in decoded views are accurate to a tenth
+# of a pixel at best, and calibration boards give nonzero coefficients for every lens.
 LEAST_SHIFT_PX: Final = 0.05
-# More canvas than that holds little but the rim of a wide lens, stretched; its memory and time are the user's.
+# A larger canvas, relative to the sensor, would contain little but the stretched border of a wide lens, at a cost in
+# memory and time.
 LARGEST_CANVAS: Final = 2.0
-# Less canvas than that cannot hold the detail of the sensor, and coefficients so large are a mistake.
+# A smaller canvas cannot hold the detail of the sensor, and coefficients so large are a mistake.
 SMALLEST_CANVAS: Final = 0.5
-# So that interpolation finds neighbours about every place.
+# Gives interpolation neighbours around every position.
 _BORDER_PX: Final = 1
-# SciPy puts the centre of the first pixel at 0, the house at 0.5.
+# SciPy puts the centre of the first pixel at 0, this project at 0.5.
 _CENTRE_OFFSET: Final = 0.5
-# Orders of splines. A cubic one shifts what it shows by less than a hundredth of a pixel; OpenCV's cubic kernel shifts
-# it by up to 0.06 px, here one way and there another.
+# Orders of splines. A cubic spline displaces the picture by less than a hundredth of a pixel; OpenCV's cubic kernel
+# displaces it by up to 0.06 px, in directions that vary over the picture.
 _CUBIC: Final[Literal[3]] = 3
 _LINEAR: Final[Literal[1]] = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A lens that distorts, as one sensor sees through it.
+    """A lens that distorts, for one sensor.
 
     Args:
         intrinsics: Camera matrix of the pinhole in the sensor's pixels, [3, 3].
-        sampling: Where each of the sensor's pixels looks on the canvas.
-        seen_at: Where the sensor sees each pixel of the canvas, as (x, y) in px, [Hc, Wc, 2].
-        seen: Whether it sees it, [Hc, Wc].
+        sampling: Position of each of the sensor's pixels on the canvas.
+        seen_at: Position of each pixel of the canvas on the sensor, as (x, y) in px, [Hc, Wc, 2].
+        seen: Whether the sensor sees it, [Hc, Wc].
     """
 
     intrinsics: F64
@@ -58,7 +59,7 @@ class Lens:
 
     @classmethod
     def of(cls, shot: Shot) -> Self | None:
-        """Take a shot's lens; None where it shifts nothing that could be noticed.
+        """Return a shot's lens; None if its distortion is negligible.
 
         Raises:
             InputError: It folds the picture over, or its canvas would be far larger or smaller than the sensor.
@@ -75,28 +76,28 @@ class Lens:
         rays = slopes_of(pixel_centres(sampling.canvas) + sampling.origin, intrinsics)
         seen_at = pixels_of(distorted(rays, coefficients), intrinsics)
         frame = np.array([shot.size[1], shot.size[0]], np.float64)
-        seen_at = np.clip(seen_at, -frame, 2 * frame)  # farther outside, a coordinate says nothing more
+        seen_at = np.clip(seen_at, -frame, 2 * frame)  # positions farther outside are not needed
         inside = (seen_at >= 0) & (seen_at <= frame)
         seen = inside.all(axis=-1) & (stretch(rays, coefficients) >= LEAST_STRETCH)
         return cls(intrinsics, sampling, seen_at, seen)
 
     @property
     def canvas_intrinsics(self) -> F64:
-        """Get the camera matrix of the canvas, [3, 3]: the pinhole's, its pixels counted from the canvas's corner."""
+        """Get the camera matrix of the canvas, [3, 3]: the pinhole's, with pixels counted from the canvas's corner."""
         moved: F64 = self.sampling.intrinsics_of_canvas(torch.from_numpy(self.intrinsics)).numpy()
         return moved
 
     def straightened(self, views: F32) -> F32:
-        """Show the sensor's views, [N, H, W, C], on the canvas, [N, Hc, Wc, C]; what is not seen repeats the rim."""
+        """Resample the sensor's views, [N, H, W, C], to the canvas, [N, Hc, Wc, C]; unseen pixels repeat the border."""
         return _resampled(views, self.seen_at, _CUBIC)
 
     def bent(self, views: F32) -> F32:
-        """Show views of the canvas, [N, Hc, Wc, C], as the sensor sees them, [N, H, W, C]."""
+        """Resample views of the canvas, [N, Hc, Wc, C], to the sensor, [N, H, W, C]."""
         return _resampled(views, self.sampling.places, _LINEAR)
 
 
 def straightened(views: F32, lens: Lens | None) -> F32:
-    """Show views, [N, H, W, C], as a pinhole sees them, [N, Hc, Wc, C]: unchanged without a lens."""
+    """Resample views, [N, H, W, C], to a pinhole's, [N, Hc, Wc, C]: unchanged without a lens."""
     return views if lens is None else lens.straightened(views)
 
 

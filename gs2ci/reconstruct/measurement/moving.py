@@ -1,11 +1,11 @@
-"""What a still scene leaves of the measurement because something moves: a test, and where.
+"""A test whether motion explains part of a still scene's residual, and where.
 
-If the picture of view i is X, displaced by v tᵢ because something moves with the velocity v, then to first order the
-still scene leaves Σ wᵢ Mᵢ ⊙ (−tᵢ ∇X·v) of the measurement. So the residual is regressed, block by block, on the coded
-sums of tᵢ ∂X/∂x and tᵢ ∂X/∂y: two numbers for a few hundred pixels. Whatever else a fit leaves (noise, detail that it
-lacks) does not follow the times of the masks, and what a camera's motion would leave has been fitted away with the
-poses. The test costs two coded sums, and no fit. Where motion is longer than detail is wide the first order no longer
-holds, but the sign of it does, and that it is there is all that is asked.
+If something moves with velocity v, view i shows X displaced by v tᵢ, and to first order the residual of the still scene
+is Σ wᵢ Mᵢ ⊙ (−tᵢ ∇X·v). So the residual is regressed, block by block, on the coded sums of tᵢ ∂X/∂x and tᵢ ∂X/∂y: two
+numbers for a few hundred pixels. The rest of the residual (noise, missing detail) does not follow the times of the
+masks, and the effect of the camera's motion has been fitted by the poses. The test costs two coded sums and no fit. If
+things move farther than their detail is wide, the first order no longer holds, but its sign does, and only the presence
+of motion is tested.
 
 Here: the regression and its significance. Not here: what follows from it (`gs2ci.reconstruct.moving`).
 """
@@ -22,21 +22,21 @@ from gs2ci.reconstruct.measurement.jury import Jury
 _BLOCK_PX: Final = 16
 # A picture of one row or column has no gradient across it.
 _LEAST_SIDE_PX: Final = 2
-# Fewer pixels of a block than this say nothing of its motion.
+# A block with fewer pixels is not tested.
 _LEAST_PIXELS: Final = 32
-# A block's chance, if nothing moved, to speak so loudly for motion.
+# Significance level of a block: the probability of such a result if nothing moves.
 _CHANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
 class LeftByMotion:
-    """What motion would explain of a still scene's residual.
+    """The part of a still scene's residual that motion explains.
 
     Args:
-        explained: Share of the residual's power that velocities of blocks explain, beyond what as many numbers explain
-            by chance; 0 where they explain no more.
-        surely: Share of the blocks that speak for motion more loudly than one in a thousand would by chance.
-        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 where it says nothing.
+        explained: Share of the residual's power that velocities of blocks explain, minus the share that as many numbers
+            explain by chance; 0 if they explain no more.
+        surely: Share of the blocks with a significant motion.
+        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 if it is not tested.
     """
 
     explained: float
@@ -45,7 +45,7 @@ class LeftByMotion:
 
 
 def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
-    """Regress what still views leave of the measurement on motion.
+    """Regress the residual of still views on motion.
 
     Args:
         jury: The measurement.
@@ -58,7 +58,7 @@ def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
     asked = shot.lit & (True if shot.saturated is None else ~shot.saturated)
     residual = _blocks((shot.measurement - jury.coded(views)) * asked[..., None])
     weighted = views * times.astype(np.float32)[:, None, None, None]
-    # Central differences, as the fit's own detail is no finer than a pixel.
+    # Central differences suffice, since the fit's detail is not finer than a pixel.
     along = [-jury.coded(np.gradient(weighted, axis=axis).astype(np.float32)) for axis in (2, 1)]
     design = np.stack([_blocks(part * asked[..., None]) for part in along], axis=-1)
     pixels = _blocks(np.broadcast_to(asked[..., None], shot.measurement.shape).astype(np.float32)).sum(axis=2)
