@@ -1,11 +1,11 @@
-"""A radiance field fitted to one coded measurement, its camera path refined with it: SCINeRF's way (Li et al. 2024).
+"""A radiance field fitted to one coded measurement together with its camera path, as in SCINeRF (Li et al. 2024).
 
 Here: the fit. Not here: the field and its rendering (`radiance_field`). Random pixels of the measurement are predicted
 from the rays of all views through them, Σ wᵢ Mᵢ Xᵢ, and field and poses follow the gradient of the absolute error: the
-ℓ1 part of our own fit's loss. SSIM looks through a window, and single pixels have none.
+ℓ1 part of our own fit's loss. SSIM needs a window, which single pixels do not have.
 
-Two things are not SCINeRF's, and favour the field: a hash grid in place of a deep network, which needs a few thousand
-steps where that one needs a hundred thousand, and a path that begins where our tracks found it and not at rest.
+Two things differ from SCINeRF and favour the field: a hash grid instead of a deep network, which needs a few thousand
+steps instead of a hundred thousand, and a path that starts from our tracks and not at rest.
 """
 
 from dataclasses import dataclass, field
@@ -23,9 +23,9 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.render import se3
 
-# Rays at once where whole views are rendered.
+# Number of rays rendered at once for whole views.
 _RAYS_AT_ONCE: Final = 4096
-# The frustum reaches beyond the first depths by this much: they are rough.
+# Factors by which the frustum exceeds the range of the first depths, which are rough.
 _NEARER, _FARTHER = 1.5, 0.5
 
 
@@ -35,11 +35,11 @@ class FieldSettings:
 
     Args:
         iterations: Steps of Adam.
-        pixels: Of the measurement, in each step; every one costs a ray for each view.
+        pixels: Pixels of the measurement in each step; each costs one ray for each view.
         samples: Along a ray.
         rate: Step size of the grid and the networks; it falls to a twentieth.
-        pose_rate: Of the poses, in radians and scene units (the median depth is about 1); it falls alike.
-        poses_from: From which share of the iterations on poses move.
+        pose_rate: Of the poses, in radians and scene units (the median depth is about 1); it falls in the same way.
+        poses_from: Share of the iterations after which poses move.
     """
 
     iterations: int = 2500
@@ -53,7 +53,7 @@ class FieldSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count is below 1, a rate is not positive, or the share is not one.
+            InputError: A count is below 1, a rate is not positive, or the share is out of range.
         """
         counts, rates = (self.iterations, self.pixels, self.samples), (self.rate, self.pose_rate)
         if min(counts) < 1 or not all(0 < rate < np.inf for rate in rates) or not 0 <= self.poses_from <= 1:
@@ -63,7 +63,7 @@ class FieldSettings:
 
 @dataclass(frozen=True)
 class FittedField:
-    """What was found.
+    """The result of the fit.
 
     Args:
         scene: The field.
@@ -121,7 +121,7 @@ def fit_field(
     scene = RadianceField(frustum, generator=generator)
     readings = _Readings(shot)
     first = torch.from_numpy(geometry.world_to_camera).float()
-    first = first @ se3.inverse(first[geometry.reference])  # the field's world is the reference camera's
+    first = first @ se3.inverse(first[geometry.reference])  # the field's world frame is the reference camera's
     twists = torch.zeros(shot.views, 6, requires_grad=True)
     moves = torch.ones(shot.views, 1)
     moves[geometry.reference] = 0.0
@@ -153,7 +153,7 @@ def fit_field(
 
 
 class _Readings:
-    """The measurement pixel by pixel: those that some mask opens, their places, transmissions and readings."""
+    """The pixels that some mask opens: their positions, transmissions and readings."""
 
     def __init__(self, shot: Shot) -> None:
         lit = np.flatnonzero(shot.lit)
@@ -172,7 +172,7 @@ class _Readings:
         return torch.randint(len(self.places), (count,), generator=generator)
 
     def loss(self, chosen: Tensor, seen: Tensor) -> Tensor:
-        """Return the mean absolute error of what views, [N, P, 3], predict; clipped readings say only «at least»."""
+        """Return the mean absolute error of the prediction by views, [N, P, 3]; clipped readings are lower bounds."""
         coded = (self._transmissions[:, chosen, None] * seen).sum(dim=0)
         if self._channels is not None:
             coded = coded.gather(1, self._channels[chosen, None])

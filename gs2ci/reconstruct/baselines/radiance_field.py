@@ -1,8 +1,8 @@
-"""A small radiance field before one camera: a hash grid, two small networks, and volume rendering along rays.
+"""A small radiance field in front of a camera: a hash grid, two small networks, and volume rendering along rays.
 
 Here: the frustum in which the field lives, its encoding (Müller et al., "Instant neural graphics primitives", 2022),
 density and colour, samples along rays, and their compositing (Max 1995; Mildenhall et al. 2020, eq. 3). Not here: the
-fit to a coded measurement (`field_fit`). Slow, as torch on processors is: it is compared with, not used.
+fit to a coded measurement (`field_fit`). It is slow, as it runs in torch on the processor: it exists for comparison.
 
 Depth along a ray is counted as s, which runs from 0 at the near to 1 at the far plane evenly in inverse depth, so that
 the same step is about the same parallax everywhere. Densities are per unit of s.
@@ -19,7 +19,7 @@ from torch.nn import functional
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 
-# Of the image's sides, by which the frustum is wider than the reference camera's view: others look past it.
+# Share of the image's sides by which the frustum exceeds the reference camera's view, since other cameras see more.
 _MARGIN: Final = 0.25
 # exp(12) per unit of s stops all light within a thousandth of a sample; more would leave float32.
 _MOST_LOG_DENSITY: Final = 12.0
@@ -28,7 +28,7 @@ _PRIMES: Final = (1, 2_654_435_761, 805_459_861)
 
 @dataclass(frozen=True)
 class Frustum:
-    """What the field fills: the view of the reference camera, somewhat widened, between two depths.
+    """The volume of the field: the view of the reference camera, somewhat widened, between two depths.
 
     Args:
         intrinsics: Camera matrix in px, [3, 3].
@@ -69,7 +69,7 @@ class Frustum:
 
 
 class HashGrid(nn.Module):
-    """Features on grids from coarse to fine, interpolated; where a grid is larger than its table, places share entries.
+    """Features on grids from coarse to fine, interpolated; if a grid is larger than its table, positions share entries.
 
     Args:
         coarsest: Cells of the coarsest grid along each axis.
@@ -144,7 +144,7 @@ class HashGrid(nn.Module):
 
 
 class RadianceField(nn.Module):
-    """Density and colour at every place of a frustum, the colour by direction as well.
+    """Density and colour at every point of a frustum; the colour also depends on direction.
 
     Args:
         frustum: Where.
@@ -196,7 +196,7 @@ class RadianceField(nn.Module):
 
 
 def composite(density: Tensor, colour: Tensor, edges: Tensor) -> tuple[Tensor, Tensor]:
-    """Sum the light along rays: each interval emits and absorbs evenly, and behind the last one nothing passes.
+    """Sum the light along rays: each interval emits and absorbs uniformly, and the last one stops all light.
 
     Args:
         density: Of each interval, [R, S], at least 0.
@@ -245,7 +245,7 @@ def cast(
         generator: Of the samples' places, drawn within their intervals; None takes the middles.
 
     Returns:
-        Colours [R, 3], and at which inverse depth, seen from the camera, half of the light is stopped, [R].
+        Colours [R, 3], and the inverse depth from the camera at which half of the light is stopped, [R].
     """
     frustum = field.frustum
     matrix = torch.as_tensor(frustum.intrinsics, dtype=pixels.dtype)

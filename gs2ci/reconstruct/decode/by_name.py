@@ -1,7 +1,7 @@
-"""The decoders that a reconstruction begins with, by their names.
+"""The decoders with which a reconstruction may start, by name.
 
-Here: GAP-TV, and the patch decoder in its two lengths. Not here: any of them; decoders of the command line that no
-reconstruction begins with (`gs2ci.api.decoders`).
+Here: GAP-TV, and the patch decoder in its two lengths. Not here: the decoders themselves; those of the command line
+with which no reconstruction starts (`gs2ci.api.decoders`).
 """
 
 from dataclasses import replace
@@ -17,11 +17,11 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 
 
 def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings | None:
-    """Return what a name says of the patch decoder; None where it is not used.
+    """Return the settings of the patch decoder for a name; None if it is not used.
 
     Args:
         name: Of the decoder.
-        start: The decode by GAP-TV that it begins with.
+        start: Settings of the decode by GAP-TV with which it starts.
     """
     if name == "gap-tv":
         return None
@@ -45,7 +45,7 @@ def decode_by_name(shot: Shot, name: FirstLookName, settings: GapTvSettings, pro
         shot: A checked shot.
         name: Of the decoder.
         settings: Of GAP-TV, with which the patch decoder begins.
-        progress: Hears of each iteration and its relative residual.
+        progress: Receives each iteration and its relative residual.
 
     Raises:
         InputError: The settings make no sense.

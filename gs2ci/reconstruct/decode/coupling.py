@@ -1,7 +1,7 @@
-"""How strongly consecutive views are alike: chosen by what held-out pixels of the measurement say.
+"""How strongly a decode couples consecutive views, chosen by held-out pixels of the measurement.
 
-Where the camera stands still, total variation along the views gains as much as 1 dB; where every pixel moves, it loses
-as much. Pixels that no decode saw tell which it is. Here: the choice.
+If the camera stands still, total variation along the views gains as much as 1 dB; if every pixel moves, it loses as
+much. Pixels that no decode saw decide. Here: the choice.
 """
 
 from collections.abc import Sequence
@@ -18,13 +18,13 @@ COUPLINGS: Final = (0.0, 0.3, 0.6)
 def choose_coupling(
     shot: Shot, settings: GapTvSettings, seed: int, candidates: Sequence[float] = COUPLINGS
 ) -> GapTvSettings:
-    """Set the coupling with which a decode foretells held-out pixels best.
+    """Set the coupling with which a decode predicts held-out pixels best.
 
     Args:
         shot: A checked shot.
         settings: Everything but the coupling.
         seed: Of the draw of the held-out pixels.
-        candidates: Couplings to try, each at the price of one decode. The first stands where no pixel can be held out.
+        candidates: Couplings to try, each at the cost of one decode. The first is used if no pixel can be held out.
 
     Raises:
         InputError: The settings make no sense.

@@ -1,4 +1,4 @@
-"""What a plug-and-play decoder calls between its projections: the `Denoiser` protocol, and two that need no weights.
+"""Denoisers of plug-and-play decoders: the `Denoiser` protocol, and two that need no weights.
 
 Here: total variation and non-local means. Not here: learned denoisers (`learned.onnx_denoiser`), the decoders (`pnp`).
 """
@@ -17,7 +17,7 @@ from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 
 
 class Denoiser(Protocol):
-    """Takes white noise off images."""
+    """Removes white noise from images."""
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise a stack.
@@ -39,9 +39,9 @@ class TotalVariation:
         weight_per_sigma: λ in units of sigma. On photographs 0.7 is within 0.2 dB of the best for any sigma between
             12/255 and 50/255.
         inner: Steps.
-        coupling: How much a difference between consecutive views counts against one between neighbouring pixels; 0
-            leaves the views apart. Where the camera stands still and little moves, 0.3 to 0.6 gain as much as 1 dB;
-            where every pixel moves, they lose as much.
+        coupling: Weight of a difference between consecutive views relative to one between neighbouring pixels; 0
+            denoises each view by itself. If the camera stands still and little moves, 0.3 to 0.6 gain as much as 1 dB;
+            if every pixel moves, they lose as much.
     """
 
     weight_per_sigma: float = 0.7
@@ -61,7 +61,7 @@ class TotalVariation:
                 denoise_coupled(plane, weight, self.coupling, self.inner)
                 views[:, c] = plane
             return views
-        views = np.ascontiguousarray(views)  # a reshape of anything else would copy, and the work be lost
+        views = np.ascontiguousarray(views)  # a reshape of another layout would copy, and the result would be lost
         denoise_planes(views.reshape(-1, *views.shape[2:]), weight, self.inner)
         return views
 
@@ -70,11 +70,11 @@ class TotalVariation:
 class NonLocalMeans:
     """Means over patches that look alike (Buades 2005, in scikit-image's fast form by Darbon 2008).
 
-    Better than total variation on white noise; worse inside a decoder, where what the masks leave behind is not white
-    and finds patches like itself (`python -m tests.benchmarks decoders`).
+    Better than total variation on white noise; worse inside a decoder, where the residue of the masks is not white and
+    matches other patches of residue (`python -m tests.benchmarks decoders`).
 
     Args:
-        cutoff_per_sigma: How unlike patches may be, h in units of sigma. On photographs 0.7 is within 0.1 dB
+        cutoff_per_sigma: How different patches may be, h in units of sigma. On photographs 0.7 is within 0.1 dB
             of the best for any sigma between 6/255 and 50/255.
         patch_px: Width of a patch.
         reach_px: How far patches are searched in each direction.

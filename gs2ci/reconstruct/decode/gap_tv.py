@@ -1,7 +1,7 @@
 """GAP-TV: generalised alternating projection with a total-variation denoiser (Yuan 2016, accelerated form).
 
-Here: the decoder that the pipeline calls. Not here: its loop (`pnp`, `kernels`), other denoisers. Its views
-are good enough to track and to sweep for depth; they are never a photometric target of the fit.
+Here: the decoder that the pipeline calls. Not here: its loop (`pnp`, `kernels`), other denoisers. Its views are good
+enough for tracking and plane sweeps; they are never a photometric target of the fit.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class GapTvSettings:
         iterations: GAP steps. 24.17 dB after 40 and 24.22 after 60 on one eight-view scene.
         weight: Total-variation weight in units of a view's full scale.
         inner: Denoiser steps in each iteration.
-        coupling: How much a difference between consecutive views counts against one between neighbouring pixels.
+        coupling: Weight of a difference between consecutive views relative to one between neighbouring pixels.
     """
 
     iterations: int = 40
@@ -50,26 +50,26 @@ def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress
     """Decode one coded measurement into approximate views.
 
     Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels count for nothing.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
         settings: How long and how smooth to decode.
-        progress: Hears of each iteration and its relative residual.
+        progress: Receives each iteration and its relative residual.
 
     Returns:
-        Views, [N, H, W, C] float32 in [0, 1]; C is 3 behind a colour filter array.
+        Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
 
     Raises:
         InputError: The settings make no sense.
 
-    Pixels that no mask opens hold what smoothness makes of their surroundings. A mosaic is projected as it was
-    measured, and demosaicked before each denoising: on synthetic mosaics of two scenes this gave 22.1 and 20.1 dB,
-    against 20.8 and 19.3 for decoding the four colour planes apart and joining them afterwards.
+    Pixels that no mask opens are filled smoothly from their surroundings. A mosaic is projected as it was measured, and
+    demosaicked before each denoising: on synthetic mosaics of two scenes this gave 22.1 and 20.1 dB, compared with 20.8
+    and 19.3 for decoding the four colour planes separately and joining them afterwards.
     """
     decoded = decode_signed(shot, settings, progress)
     return np.clip(decoded, 0, 1, out=decoded)
 
 
 def decode_signed(shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None) -> F32:
-    """Decode without the knowledge that light is positive and at most at full scale, as a residual needs it.
+    """Decode without the bounds that light is positive and at most at full scale, for residuals.
 
     Arguments, errors and shape as for `gap_tv`; the values are not clipped.
     """

@@ -1,7 +1,7 @@
-"""Plug-and-play decoding: projections onto the measurement in turn with any denoiser (Yuan 2020).
+"""Plug-and-play decoding: projections onto the measurement alternate with any denoiser (Yuan 2020).
 
 Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inner loop (`kernels`), the denoisers
-(`denoisers`, `learned.onnx_denoiser`). The views are approximate: good enough to track and to look at, never a
+(`denoisers`, `learned.onnx_denoiser`). The views are approximate: good enough for tracking and display, never a
 photometric target of a fit.
 """
 
@@ -24,14 +24,14 @@ from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
 Beginning = Literal["average", "transpose"]
-# From views as they are measured, [N, C or mosaic, H, W], to denoised views as they are measured and as they are seen.
+# From views as the sensor measures them, [N, C or mosaic, H, W], to denoised views: as measured, and in full colour.
 _Prior = Callable[[F32, float], tuple[F32, F32]]
 
-# A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
-# of the mean energy Σ (wM)² the projection is damped instead; for binary masks nothing lies below it but 0 itself.
+# The projection divides by a pixel's transmission, which would amplify the noise of pixels with hardly any light. Below
+# this share of the mean energy Σ (wM)² it is damped; with binary masks only 0 is below it.
 _ENERGY_FLOOR: Final = 0.02
-# Pixels without a reading start from those within about such a length; the mean of all weighs as much as one of them
-# that is three such lengths away does.
+# Pixels without a reading start from a weighted mean of those within about this length; the mean of all pixels gets the
+# weight of one pixel at three times this length.
 _FILL_PX: Final = 2.0
 _LEAST_NEARBY: Final = 1e-3
 
@@ -41,15 +41,15 @@ class PlugAndPlaySettings:
     """Which scheme, and how the noise level falls.
 
     Args:
-        scheme: `gap` projects onto the measurement and asks again for what earlier steps left unexplained
-            (accelerated generalised alternating projection, λ = 1); `admm` keeps a multiplier instead.
-        sigmas: Noise levels handed to the denoiser, one after the other, full scale 1.
+        scheme: `gap` projects onto the measurement plus the accumulated residual of earlier steps (accelerated
+            generalised alternating projection, λ = 1); `admm` uses a multiplier instead.
+        sigmas: Noise levels given to the denoiser, one after the other, full scale 1.
         iterations: Steps at each level.
-        gamma: Of ADMM: how much the denoised views weigh against the measurement, in units of the energy of one
-            open mask.
-        begin: What every view is at first: `average`, the measurement divided by its total exposure; or `transpose`,
-            its mask times the measurement, several times too bright, as the authors' program begins (Yuan et al. 2020,
-            github.com/liuyang12/PnP-SCI_python): to be compared with its figures.
+        gamma: For ADMM: weight of the denoised views relative to the measurement, in units of the energy of one open
+            mask.
+        begin: The first views: `average`, the measurement divided by its total exposure; or `transpose`, each mask
+            times the measurement, several times too bright, as in the authors' program (Yuan et al. 2020,
+            github.com/liuyang12/PnP-SCI_python), for comparison with its figures.
     """
 
     scheme: Scheme = "gap"
@@ -62,7 +62,7 @@ class PlugAndPlaySettings:
         """Return self if the settings make sense.
 
         Raises:
-            InputError: An unknown scheme or beginning, a count below 1, or a level or gamma that is not a positive
+            InputError: An unknown scheme or start, a count below 1, or a level or gamma that is not a positive
                 finite number.
         """
         numbers = (*self.sigmas, self.gamma)
@@ -92,18 +92,18 @@ def plug_and_play(
     """Decode one coded measurement into approximate views.
 
     Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels count for nothing. A mosaic
-            is projected as it was measured, and demosaicked before each denoising.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. A mosaic is
+            projected as it was measured, and demosaicked before each denoising.
         denoise: The denoiser.
         settings: Scheme and schedule.
-        progress: Hears of each iteration and its relative residual.
-        start: Views to begin with, as they are returned; without them every view begins as the settings say.
-        enough: Asked after each step, with its views as they are seen, [N, C, H, W]; where it says so, that step is
-            the last.
+        progress: Receives each iteration and its relative residual.
+        start: First views, in the form that is returned; None: as in the settings.
+        enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
+            last.
 
     Returns:
-        Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 behind a colour filter array. Pixels that no mask
-        opens hold what the denoiser makes of their surroundings.
+        Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 with a colour filter array. Pixels that no mask
+        opens are filled by the denoiser from their surroundings.
 
     Raises:
         InputError: The settings make no sense.
@@ -116,7 +116,7 @@ def plug_and_play(
     inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
     prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
-    # What earlier steps left unexplained: nothing is known of a first average, and a start is taken as it is.
+    # The measurement plus accumulated residual: it is zero before a first average, and the measurement for given views.
     target = np.zeros_like(measured) if start is None else measured.copy()
     if start is not None:
         views = _as_measured(shot, start)
@@ -185,7 +185,7 @@ def _relative(row_energy: F64, measured: F32) -> float:
 
 
 def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
-    """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 where a pixel shall not count."""
+    """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 at pixels that do not count."""
     energy = (masks.astype(np.float64) ** 2).sum(0)
     inverse = 1.0 / (np.maximum(energy, _ENERGY_FLOOR * energy.mean()) + gamma)
     counts = energy > 0
@@ -197,8 +197,8 @@ def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
 def _average_exposure(masks: F32, measured: F32, counts: Bool) -> F32:
     """Start every view from the measurement divided by its total exposure, [N, C, H, W].
 
-    Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would
-    take long to fill them, and a wide hole never.
+    Pixels that do not count start from a mean of those nearby, or of all if none is near: smoothing alone would take
+    long to fill them, and never fill a wide hole.
     """
     exposure = masks.sum(0)
     average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
@@ -226,7 +226,7 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
 
 
 def _as_measured(shot: Shot, views: F32) -> F32:
-    """Return views, [N, H, W, C], planar and, behind a colour filter array, as the mosaic that it passes."""
+    """Return views, [N, H, W, C], in planar form; with a colour filter array, as a mosaic."""
     planar = np.ascontiguousarray(views.transpose(0, 3, 1, 2), np.float32)
     if shot.cfa is None:
         return planar.copy()

@@ -1,9 +1,9 @@
-"""What the scene leaves unexplained, decoded.
+"""The decode of a scene's residual.
 
-A Gaussian scene shows every view what all views agree on. What they do not agree on (gloss, the grain of real
-surfaces, whatever the Gaussians have not resolved) is left in the measurement's residual, and the residual is a
-coded measurement like any other: a few steps of GAP-TV decode it. Here: that. Not here: how much of it is put back into
-the views (`gs2ci.reconstruct.fit.refinement`).
+A Gaussian scene can show only what all views agree on. The rest (gloss, the grain of real surfaces, detail that the
+Gaussians have not resolved) remains in the measurement's residual, which is a coded measurement like any other: a few
+steps of GAP-TV decode it. Here: that decode. Not here: the share of it that is added to the views
+(`gs2ci.reconstruct.fit.refinement`).
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ class ResidualSettings:
     inner: int = 5
 
     def steps(self) -> GapTvSettings:
-        """Return them as the decoder takes them.
+        """Return the settings in the form of the decoder.
 
         Raises:
             InputError: A count below 1, or a weight that is not a positive finite number.
@@ -41,15 +41,15 @@ class ResidualSettings:
 
 
 def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F32:
-    """Decode what views of a scene leave of the measurement.
+    """Decode the measurement's residual by views of a scene.
 
     Args:
-        shot: The measurement, or the part of it that may be seen.
+        shot: The measurement, with or without its held-out pixels.
         scene_views: Views of the scene, [N, H, W, C] float32; need not be clamped.
         settings: How the residual is decoded.
 
     Returns:
-        What the views lack, [N, H, W, C] float32, of either sign.
+        The missing part of the views, [N, H, W, C] float32, of either sign.
 
     Raises:
         InputError: The settings make no sense, or the views do not fit the shot.

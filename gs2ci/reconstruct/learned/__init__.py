@@ -1,1 +1,1 @@
-"""All that needs trained weights: denoisers, image priors, perceptual distance, VGGT, and their conversion to ONNX."""
+"""Everything that needs trained weights: denoisers, perceptual distance, VGGT, decoders, and conversion to ONNX."""

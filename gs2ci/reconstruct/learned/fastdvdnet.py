@@ -4,10 +4,10 @@ Here: the network as its paper describes it, for any number of channels and of c
 graph. Not here: running the model (`onnx_video_denoiser`). The package `onnx` is needed to write a graph and imported
 only then.
 
-Five frames are denoised in two steps. A small U-Net takes three frames, each with a map of sigma, and gives the middle
-one; it is applied to frames 1 to 3, 2 to 4 and 3 to 5, and a second one of the same shape to the three results. A
-U-Net has a stage at full size, two that halve it, two that double it, and one that gives the noise of the middle
-frame. Narrower variants with the same stages (LiteDVDNet) are read as well.
+Five frames are denoised in two steps. A small U-Net takes three frames, each with a map of sigma, and returns the
+middle one; it is applied to frames 1 to 3, 2 to 4 and 3 to 5, and a second one of the same shape to the three results.
+A U-Net has a stage at full size, two that halve it, two that double it, and one that returns the noise of the middle
+frame. Narrower variants with the same stages (LiteDVDNet) can be read as well.
 """
 
 import re
@@ -28,7 +28,7 @@ from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold,
 
 FRAMES: Final = 5
 _AT_ONCE: Final = 3
-# The names under which the authors keep the stages of a U-Net, in the order in which they are passed.
+# The authors' names of the stages of a U-Net, in their order.
 _STAGES: Final = ("inc", "downc0", "downc1", "upc2", "upc1", "outc")
 _NAME: Final = re.compile(r"(temp[12])\.(\w+?)\.(.*\.)(weight|bias|running_mean|running_var)$")
 _ALLOWED: Final = "the state dictionary of FastDVDnet for colour: temp1 and temp2, each with " + ", ".join(_STAGES)
@@ -36,7 +36,7 @@ _ALLOWED: Final = "the state dictionary of FastDVDnet for colour: temp1 and temp
 
 @dataclass(frozen=True)
 class NetworkLayer:
-    """A convolution, and whether a ReLU follows it (where a batch normalisation did)."""
+    """A convolution, and whether a ReLU follows it (if a batch normalisation did)."""
 
     convolution: Convolution
     rectified: bool
@@ -72,7 +72,7 @@ class FastDvdNet:
     second: UNet
 
     def __call__(self, frames: Tensor, sigma: Tensor) -> Tensor:
-        """Denoise the middle one of frames [N, 5, 3, H, W] of noise sigma, [N]: the readable statement of the graph.
+        """Denoise the middle one of frames [N, 5, 3, H, W] of noise sigma, [N]: the readable definition of the graph.
 
         H and W must be multiples of 4.
         """
@@ -118,7 +118,7 @@ def export_fastdvdnet(network: FastDvdNet, path: Path) -> Path:
 
 
 def _stage_layers(modules: dict[str, dict[str, Tensor]]) -> tuple[NetworkLayer, ...]:
-    """Fold each batch normalisation into the convolution before it; none where something else stands there."""
+    """Fold each batch normalisation into the convolution before it; none if the modules do not form such pairs."""
     layers: list[NetworkLayer] = []
     for module in modules.values():
         weight = module.get("weight")
@@ -138,7 +138,7 @@ def _stage_layers(modules: dict[str, dict[str, Tensor]]) -> tuple[NetworkLayer, 
 
 
 def _fits(stages: dict[str, tuple[NetworkLayer, ...]]) -> bool:
-    """Tell whether every layer takes what the one before gives, over both halvings and doublings."""
+    """Tell whether each layer's input fits the output of the one before, through all halvings and doublings."""
     channels = _AT_ONCE * 4
     given: dict[str, int] = {}
     for stage, layers in stages.items():
@@ -162,7 +162,7 @@ def _stride(stage: str, layer: int) -> int:
 
 
 def _groups(stage: str, layer: int) -> int:
-    """Each frame has filters of its own in the very first layer."""
+    """Return the groups of a convolution: in the very first layer each frame has its own filters."""
     return _AT_ONCE if stage == "inc" and layer == 0 else 1
 
 

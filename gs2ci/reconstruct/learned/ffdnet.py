@@ -1,12 +1,12 @@
 """FFDNet (Zhang, Zuo, Zhang 2018): reading a user's trained weights and writing them as an ONNX denoiser.
 
 Here: the network as its paper describes it, the layouts of weight files, and the ONNX graph. Not here: running the
-model (`onnx_denoiser`). the package `onnx` is needed to write a graph and imported only then.
+model (`onnx_denoiser`). The package `onnx` is needed to write a graph and imported only then.
 
 The network rearranges an image into four half-sized ones, adds a map of sigma, runs 3 × 3 convolutions with ReLU in
-between at that size, and rearranges back. Batch normalisations are folded into the convolutions before them. Files
-say neither whether the map comes before the image or after it, nor whether the last layer gives the image or its
-noise: both are decided by trying which of the four denoises.
+between at that size, and rearranges back. Batch normalisations are folded into the convolutions before them. Files do
+not state whether the map comes before the image or after it, nor whether the last layer returns the image or its noise:
+all four combinations are tried, and the one that denoises is used.
 """
 
 import re
@@ -26,10 +26,11 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.reconstruct.learned.onnx_models import OPSET
 from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
 
-# Of the file format: that of the operators' time.
+# Version of the file format, contemporary with the operator set.
 IR_VERSION: Final = 8
 _PROBE_SIGMA: Final = 25 / 255
-# The right order and sign leave less than a fifth of the noise of a smooth image, each wrong one more than twice of it.
+# With the right order and sign less than a fifth of the noise of a smooth image remains, with each wrong combination
+# more than twice the noise.
 _PROBE_SHARE_LEFT: Final = 0.75
 
 
@@ -53,7 +54,7 @@ class FfdNet:
         return int(self.layers[-1].weight.shape[0]) // 4
 
     def __call__(self, images: Tensor, sigma: Tensor) -> Tensor:
-        """Denoise images, [N, C, H, W] with even H and W, of noise sigma, [N]: the readable statement of the graph."""
+        """Denoise images, [N, C, H, W] with even H and W, of noise sigma, [N]: the readable definition of the graph."""
         small = functional.pixel_unshuffle(images, 2)
         level = sigma.reshape(-1, 1, 1, 1).expand(len(images), 1, *small.shape[2:])
         x = torch.cat([level, small] if self.map_first else [small, level], dim=1)
@@ -127,7 +128,7 @@ def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
 
 
 def _chained(layers: list[Convolution]) -> bool:
-    """Tell whether each layer takes what the one before gives, and the whole what FFDNet takes and gives."""
+    """Tell whether each layer's input fits the output before it, and the whole has FFDNet's input and output."""
     if len(layers) < 2:
         return False
     shapes = [layer.weight.shape for layer in layers]

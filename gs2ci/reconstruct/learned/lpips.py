@@ -1,9 +1,9 @@
 """LPIPS (Zhang et al. 2018) from an ONNX file that the user supplies, differentiable.
 
-Here: the few operators that such a network is made of, run by torch, so that the distance has a gradient, which ONNX
-Runtime does not give; and the check against ONNX Runtime that they mean the same. Not here: any weights.
+Here: the few operators of such a network, run by torch, so that the distance has a gradient, which ONNX Runtime does
+not compute; and the check against ONNX Runtime that the operators agree. Not here: any weights.
 
-The file is the plain export of the original module: two images, [1, 3, H, W] float32 in [−1, 1], and one number.
+The file is the plain export of the original module: two images, [1, 3, H, W] float32 in [−1, 1], in, one number out.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_mo
 
 _CALLED: Final = "two images [1, 3, H, W] float32 in [-1, 1]; one number comes out"
 _TRIAL_SIDE: Final = 64  # four halvings leave four pixels
-# Convolutions sum in another order in torch than in ONNX Runtime: float32, a million terms.
+# Tolerance: convolutions sum in a different order in torch and in ONNX Runtime, in float32 over a million terms.
 _AGREEMENT: Final = 1e-3
 
 Attributes = Mapping[str, Any]
@@ -34,9 +34,9 @@ class Lpips:
         path: The file.
 
     Raises:
-        InputError: No such file, the package onnx is not installed, ONNX Runtime refuses the file, it is not two
-            images in and one number out, it holds an operator that is not known here, or one that is understood in
-            another way than ONNX Runtime does.
+        InputError: No such file, the package onnx is not installed, ONNX Runtime refuses the file, it does not take two
+            images and return one number, it contains an operator that is not known here, or one whose result differs
+            from ONNX Runtime's.
     """
 
     name = "LPIPS"
@@ -55,7 +55,7 @@ class Lpips:
         """Compare images [H, W, 3], full scale 1; the gradient reaches `image` only.
 
         Raises:
-            InputError: The file's image size is fixed, and another.
+            InputError: The file's image size is fixed, and differs.
         """
         if any(side not in (None, had) for side, had in zip(self._sides, image.shape[:2], strict=True)):
             raise InputError(
@@ -104,7 +104,7 @@ class _Graph:
         for node in graph.node:
             attributes = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
             if node.op_type == "Constant":
-                kind, value = next(iter(attributes.items()))  # "value" is a tensor; "value_floats" and the like are not
+                kind, value = next(iter(attributes.items()))  # "value" is a tensor; "value_floats" etc. are not
                 self._constants[node.output[0]] = _tensor(
                     onnx.numpy_helper.to_array(value) if kind == "value" else value
                 )
@@ -173,7 +173,7 @@ def _reducer(reduce: Callable[..., Tensor]) -> Operator:
 
 
 def _root(parts: Sequence[Tensor], _: Attributes) -> Tensor:
-    # The derivative of a root at zero is infinite, and zero times infinite is NaN: dead features give such zeros.
+    # The derivative of a root at zero is infinite, and zero times infinity is NaN: dead features give such zeros.
     return parts[0].clamp(min=torch.finfo(torch.float32).tiny).sqrt()
 
 

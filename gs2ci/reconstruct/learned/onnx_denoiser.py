@@ -1,7 +1,7 @@
 """Denoisers from ONNX files, run by ONNX Runtime on the CPU.
 
-Here: what signatures are understood, and every way in which a file or its answer can be wrong. Not here: how such a
-file is made (`ffdnet` exports one). ONNX Runtime is imported when a model is loaded.
+Here: the supported signatures, and an error for every way in which a file or its output can be wrong. Not here: how
+such a file is made (`ffdnet` exports one). ONNX Runtime is imported when a model is loaded.
 
 A model takes a noisy image, [N, C, H, W] float32 with C = 1 or 3 and full scale 1, and, unless it is blind, sigma:
 as a number, as [N] or [1], as [N, 1, 1, 1], or as a map of the image's height and width. It returns the denoised
@@ -17,8 +17,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
 
-# Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, where the
-# model leaves them open.
+# Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, if the model
+# leaves them open.
 _SIDE_MULTIPLE: Final = 8
 _CALLED: Final = (
     "an image [N, 1 or 3, H, W] float32, then, if at all, sigma: [], [N], [N, 1, 1, 1] or [N, 1, H, W] float32"
@@ -32,8 +32,8 @@ class OnnxDenoiser:
         path: The file.
 
     Raises:
-        InputError: No such file, a file that ONNX Runtime refuses (damaged, of an operator set it does not know), or
-            inputs and outputs other than those of a denoiser.
+        InputError: No such file, a file that ONNX Runtime refuses (damaged, of an unknown operator set), or inputs and
+            outputs other than those of a denoiser.
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,10 +53,10 @@ class OnnxDenoiser:
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise a stack, [N, C, H, W].
 
-        A grey model takes the colours of an image one by one; a colour model sees a grey image three times.
+        A grey model gets the colours of an image one by one; a colour model gets a grey image three times.
 
         Raises:
-            InputError: The model's image size is fixed and another.
+            InputError: The model's image size is fixed and differs.
             NumericsError: The model failed on this image, changed its shape, or returned NaN or infinity.
         """
         n, c, height, width = views.shape
@@ -75,7 +75,7 @@ class OnnxDenoiser:
         height, width = images.shape[2:]
         padded = self._padded(images)
         batch = fixed_side(self._image.shape[0]) or 1
-        # One image at a time unless the model wants more: its working memory is hundreds of times its image.
+        # One image at a time unless the model requires more: its working memory is hundreds of times its image.
         denoised = []
         for first in range(0, len(padded), batch):
             part = padded[first : first + batch]
@@ -124,7 +124,7 @@ class OnnxDenoiser:
     def _sigma_like(self, images: F32, sigma: float) -> F32:
         shape = self._sigma.shape if self._sigma is not None else []
         n, _, height, width = images.shape
-        # An open or a one: sigma per image; open or equal sides: a map.
+        # An axis that is open or of length one: sigma per image; open sides or those of the image: a map.
         if len(shape) < 4:
             return np.full((fixed_side(shape[0]) or n,) if shape else (), sigma, np.float32)
         sides = [1 if fixed_side(s) == 1 else whole for s, whole in zip(shape[2:], (height, width), strict=True)]

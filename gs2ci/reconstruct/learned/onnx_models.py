@@ -1,6 +1,6 @@
-"""Model files of others, as ONNX Runtime loads them, and where this machine's user keeps them.
+"""Third-party model files: loading them by ONNX Runtime, and the list of those that the user has added.
 
-Here: opening a file with every refusal as a clear error, running it, and the list of models that the user has added
+Here: opening a file with a clear error for every refusal, running it, and the list of models that the user has added
 by name. Not here: what any model takes and returns (`onnx_denoiser`, `priors2d.onnx_prior`, `vggt`). ONNX
 Runtime is imported when a model is loaded.
 """
@@ -30,10 +30,10 @@ def open_model(path: Path, remedy: str) -> Any:
 
     Args:
         path: The file.
-        remedy: What to do where there is none.
+        remedy: What the error advises if there is no such file.
 
     Raises:
-        InputError: No such file, or one that ONNX Runtime refuses (damaged, of an operator set it does not know).
+        InputError: No such file, or one that ONNX Runtime refuses (damaged, of an unknown operator set).
     """
     if not path.is_file():
         raise InputError(f"no model file {path}", remedy=remedy)
@@ -41,9 +41,9 @@ def open_model(path: Path, remedy: str) -> Any:
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = max(1, torch.get_num_threads())
-    # Waiting threads that spin slow every other thread pool down.
+    # Spinning threads slow down all other thread pools.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.log_severity_level = 4  # its errors come back as exceptions
+    options.log_severity_level = 4  # its errors are raised as exceptions
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:
@@ -58,19 +58,19 @@ def run_model(session: Any, name: str, feed: Mapping[str, Any], remedy: str) -> 
     """Run a model; returns its outputs by name.
 
     Raises:
-        NumericsError: It failed; says on what.
+        NumericsError: It failed; the error names the inputs.
     """
     names = [one.name for one in session.get_outputs()]
     try:
         return dict(zip(names, session.run(names, dict(feed)), strict=True))
     except Exception as error:
-        # ONNX Runtime's exceptions share no base of their own.
+        # ONNX Runtime's exceptions have no common base class.
         shapes = ", ".join(f"{key} {list(np.shape(value))}" for key, value in feed.items())
         raise NumericsError(f"{name} failed on {shapes}: {first_line(error)}", remedy=remedy) from error
 
 
 def fixed_side(side: int | str | None) -> int | None:
-    """Return a fixed axis' length, None for an open one (ONNX Runtime gives open axes a name, or none)."""
+    """Return the length of a fixed axis, None for an open one (for which ONNX Runtime gives a name or nothing)."""
     return side if isinstance(side, int) and side > 0 else None
 
 
@@ -80,7 +80,7 @@ def first_line(error: Exception) -> str:
 
 
 def signature(session: Any) -> str:
-    """Say what a model takes."""
+    """Describe a model's inputs."""
     found = ", ".join(f"{one.name} {one.shape} {one.type}" for one in session.get_inputs())
     return found or "nothing"
 
@@ -99,7 +99,7 @@ class KnownModel:
 
 
 def add_model(name: ModelName, path: Path) -> KnownModel:
-    """Note where a model lies and what its content was; an earlier note of the same name is replaced.
+    """Record a model's path and checksum; an earlier record of the same name is replaced.
 
     Raises:
         InputError: There is no such file.
@@ -115,7 +115,7 @@ def add_model(name: ModelName, path: Path) -> KnownModel:
 
 
 def known_model(name: ModelName) -> KnownModel | None:
-    """Return what was added under a name; None where nothing was.
+    """Return the model added under a name; None if there is none.
 
     Raises:
         StorageError: The list cannot be read.
@@ -128,7 +128,7 @@ def find_model(name: ModelName) -> Path:
     """Return the file added under a name.
 
     Raises:
-        InputError: None was added, it is gone, or its content has changed since.
+        InputError: None was added, the file is gone, or its content has changed.
         StorageError: The list cannot be read.
     """
     known, again = known_model(name), f"gs2ci models add {name} FILE"

@@ -1,9 +1,9 @@
-"""Networks from a measurement and its masks straight to views, from ONNX files, run by ONNX Runtime on the CPU.
+"""Networks that map a measurement and its masks to views, from ONNX files, run by ONNX Runtime on the CPU.
 
-Here: what signature is understood, which shots a network takes, and every way in which a file or its answer can be
-wrong. Not here: any network. The signature is that of EfficientSCI and STFormer (Wang et al. 2023, 2022): what their
-programs (github.com/ucaswangls) hand to a network in `tools/test.py`. `tests/benchmarks/small_network.py` trains a tiny
-one on the simulator.
+Here: the supported signature, the shots that a network accepts, and an error for every way in which a file or its
+output can be wrong. Not here: any network. The signature is that of EfficientSCI and STFormer (Wang et al. 2023, 2022),
+as their programs (github.com/ucaswangls) call a network in `tools/test.py`. `tests/benchmarks/small_network.py` trains
+a tiny one on the simulator.
 
 A model takes, in this order and float32,
 
@@ -14,7 +14,7 @@ A model takes, in this order and float32,
 and returns first the views in the full scale of one view: [1, N, H, W] from a grey network, [1, 3, N, H, W] from one
 for colour, which takes a mosaic whose first row begins R G.
 
-A grey network is asked for each colour of a colour measurement, and for each of the four lattices of a mosaic, whose
+A grey network is run for each colour of a colour measurement, and for each of the four lattices of a mosaic, whose
 views are then demosaicked. Sides may be open, and are then padded to a multiple of 8, or fixed.
 """
 
@@ -33,7 +33,7 @@ from gs2ci.reconstruct.measurement.coding import cfa_channels
 # Networks halve their images up to three times.
 _SIDE_MULTIPLE: Final = 8
 _RANK: Final = 4
-# Which axes, rows and columns, turn a mosaic into one that begins R G.
+# Axes (rows, columns) whose reversal makes a mosaic start with R G.
 _FLIPS: Final[dict[str, tuple[int, ...]]] = {"RGGB": (), "GRBG": (1,), "GBRG": (0,), "BGGR": (0, 1)}
 _CALLED: Final = "y [1, 1, H, W], masks [1, N, H, W] and, if at all, their sum [1, 1, H, W], float32"
 _REMEDY: Final = "wrap the network so that it has this signature, and export it again"
@@ -62,7 +62,7 @@ class OnnxVideoDecoder:
         self._colour = len(outputs[0].shape) == 5
 
     def __call__(self, shot: Shot) -> F32:
-        """Decode a shot into views, [N, H, W, C] float32, not clamped; C is 3 behind a colour filter array.
+        """Decode a shot into views, [N, H, W, C] float32, not clamped; C is 3 with a colour filter array.
 
         Raises:
             InputError: The model is for another number of masks or size, or for colour and the shot is no mosaic of
@@ -116,7 +116,7 @@ class OnnxVideoDecoder:
                 remedy="export the model with open axes, or crop the measurement",
             )
         rows, columns = (0 if s else -had % _SIDE_MULTIPLE for s, had in zip(sides, (height, width), strict=True))
-        # Mirrored about the last pixel, which keeps the colours of a mosaic in their places.
+        # Mirrored about the last pixel, which keeps the pattern of a mosaic.
         around = ((0, 0), (0, 0), (0, rows), (0, columns))
         y, phi = (np.pad(one, around, mode="reflect") for one in (measurement[None, None], masks[None]))
         total = phi.sum(axis=1, keepdims=True)

@@ -1,7 +1,7 @@
 """Video denoisers from ONNX files, run by ONNX Runtime on the CPU: several frames in, the middle one out.
 
-Here: what signature is understood, frames beyond both ends, and every way in which a file or its answer can be wrong.
-Not here: how such a file is made (`fastdvdnet` exports one), denoisers of single images (`onnx_denoiser`).
+Here: the supported signature, frames beyond both ends, and an error for every way in which a file or its output can be
+wrong. Not here: how such a file is made (`fastdvdnet` exports one), denoisers of single images (`onnx_denoiser`).
 
 A model takes `[N, F, C, H, W]` float32: F frames in the order of exposure, F fixed and odd, C = 1 or 3, full scale 1;
 and sigma, `[]` or `[N]`. It returns the middle frame, `[N, C, H, W]`.
@@ -53,9 +53,10 @@ class OnnxVideoDenoiser:
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise a stack, [N, C, H, W], each view with those before and after it; arguments as for `Denoiser`.
 
-        Beyond the first and the last view the stack is mirrored. A grey model takes the colours one by one. A colour
-        model sees a grey image three times, and is told √3 sigma: the same noise in three channels is so much longer
-        than noise drawn for each. On a photograph that left 9.5/255 of noise of 25/255, and 14.6/255 without.
+        Beyond the first and the last view the stack is mirrored. A grey model gets the colours one by one. A colour
+        model gets a grey image three times, and √3 sigma, since the same noise in three channels has √3 times the norm
+        of independent noise per channel. On a photograph 9.5/255 remained of noise of 25/255, and 14.6/255 without the
+        factor.
 
         Raises:
             NumericsError: The model failed on these frames, changed their shape, or returned NaN or infinity.
@@ -109,7 +110,7 @@ class OnnxVideoDenoiser:
 
 
 def open_denoiser(path: Path) -> Denoiser:
-    """Open a denoiser of images or of video, by the rank of what it takes.
+    """Open a denoiser of images or of video, by the rank of its input.
 
     Raises:
         InputError: As for the two.

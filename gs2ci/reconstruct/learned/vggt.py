@@ -1,7 +1,8 @@
 """VGGT (Wang et al. 2025) by ONNX Runtime: poses and depth of a few views at once, from a file of the user.
 
-Here: the model's signature, the way from our views to its images and back, and every way in which a file or its answer
-can be wrong. Not here: how far its answer is believed (`hierarchy`), how such a file is made (`vggt_export`).
+Here: the model's signature, the conversion of our views to its images and back, and an error for every way in which a
+file or its output can be wrong. Not here: which outputs are accepted (`hierarchy`), how such a file is made
+(`vggt_export`).
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
 with or without the leading 1:
@@ -10,7 +11,7 @@ with or without the leading 1:
       or extrinsics [S, 3, 4] and intrinsics [S, 3, 3]; world to camera, OpenCV axes
     depth or depth_map          [S, H, W, 1] or [S, H, W]
 
-Other outputs are not looked at.
+Other outputs are ignored.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,16 +35,16 @@ _CALLED: Final = (
 _REMEDY: Final = "export it again with `gs2ci models export-vggt`, or take --geometry tracks"
 _POSES: Final = ("pose_enc", "pose_encoding")
 _DEPTHS: Final = ("depth", "depth_map")
-# Half precision inside the network leaves about three digits.
+# Tolerance: half precision inside the network gives about three digits.
 _ROTATION_TOLERANCE: Final = 0.05
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of views, in their own order and size.
+    """The model's prediction for views, in their own order and size.
 
     Args:
-        world_to_camera: [N, 4, 4], rigid; in whatever frame and unit the model chose.
+        world_to_camera: [N, 4, 4], rigid; in the frame and unit that the model chose.
         focal_px: Of each view, [N].
         depth: Along the optical axis, [N, H, W], not checked for its sign.
     """
@@ -84,15 +85,15 @@ class Vggt:
 
     @property
     def taken(self) -> str:
-        """Get how many views it takes, in words."""
+        """Get the number of views that it takes, in words."""
         count = fixed_side(self._images.shape[-4])
         return "any number of views" if count is None else f"exactly {count} views"
 
     def predict(self, views: F32, order: Sequence[int]) -> Prediction:
-        """Ask about views, [N, H, W, C] in [0, 1], shown in some order; the answer is in the order of `views`.
+        """Predict poses and depth of views, [N, H, W, C] in [0, 1], given in some order; returned in that of `views`.
 
         Raises:
-            InputError: The file's number of views is fixed, and another.
+            InputError: The file's number of views is fixed, and differs.
             NumericsError: The model failed, an output has another shape, is not finite, or is no rotation.
         """
         shape = self._images.shape[-4:]
@@ -135,7 +136,7 @@ class Vggt:
         return poses, (matrices[:, [1, 0], [1, 0]] / np.array(frame.scale)).mean(axis=1)
 
     def _output(self, answer: Mapping[str, Any], names: Sequence[str], shape: tuple[int, ...]) -> F32:
-        """Take an output by one of its names, without axes of length one that the shape does not have."""
+        """Return an output by one of its names, without axes of length one that the shape does not have."""
         name = next(name for name in names if name in answer)
         value = np.asarray(answer[name])
         if value.size != int(np.prod(shape)) or [s for s in value.shape if s > 1] != [s for s in shape if s > 1]:
@@ -150,12 +151,12 @@ class Vggt:
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where a view lies in the model's image.
+    """The place of a view in the model's image.
 
     Args:
         size: Of the view, height and width.
-        inner: The size to which it is brought.
-        total: Of the model's image; the view lies in its middle, white around it as in training.
+        inner: The size to which it is resized.
+        total: Of the model's image; the view lies in its middle, with white around it as in training.
     """
 
     size: tuple[int, int]
@@ -164,7 +165,7 @@ class _Frame:
 
     @classmethod
     def of(cls, size: tuple[int, ...], rows: int | None, columns: int | None) -> "_Frame":
-        """Fit a view into sides that are fixed, or choose multiples of the patch where they are open."""
+        """Fit a view into fixed sides, or choose multiples of the patch size for open ones."""
         height, width = size
         if rows is None and columns is None:
             shrink = LONGER_SIDE / max(height, width)
@@ -184,7 +185,7 @@ class _Frame:
         return (self.total[0] - self.inner[0]) // 2, (self.total[1] - self.inner[1]) // 2
 
     def filled(self, view: F32) -> F32:
-        """Bring a view, [H, W, C], into the model's image, [rows, columns, 3]."""
+        """Resize a view, [H, W, C], into the model's image, [rows, columns, 3]."""
         shrinks = self.inner[0] < self.size[0]
         resized = cv2.resize(
             view, self.inner[::-1], interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
@@ -195,7 +196,7 @@ class _Frame:
         return image
 
     def restored(self, maps: F32) -> F32:
-        """Bring maps of the model's image, [N, rows, columns], back to the size of the views."""
+        """Resize maps of the model's image, [N, rows, columns], to the size of the views."""
         top, left = self._corner
         inner = maps[:, top : top + self.inner[0], left : left + self.inner[1]]
         resized = [cv2.resize(one, self.size[::-1], interpolation=cv2.INTER_LINEAR) for one in inner]

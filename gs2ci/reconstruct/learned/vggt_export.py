@@ -1,6 +1,6 @@
-"""From VGGT's own code and weights, where a user has both, to the ONNX file that `vggt` runs.
+"""Export of VGGT, from the authors' code and weights if a user has both, to the ONNX file that `vggt` runs.
 
-Here: the wrapper, the tracing, and the check of what was written. Not here: the network; it is imported from the
+Here: the wrapper, the tracing, and the check of the written file. Not here: the network; it is imported from the
 package `vggt` of its authors, which gs2ci neither ships nor needs otherwise.
 """
 
@@ -20,9 +20,9 @@ from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.reconstruct.learned.onnx_models import OPSET
 from gs2ci.reconstruct.learned.vggt import LONGER_SIDE, Vggt
 
-# A protobuf holds 2 GB at most; larger weights lie in a second file beside it.
+# A protobuf holds at most 2 GB; larger weights are written to a second file.
 _ONE_FILE_BYTES: Final = 1_500_000_000
-# Twenty-four layers of attention in float32, summed in another order.
+# Tolerance: twenty-four layers of attention in float32, summed in a different order.
 _AGREEMENT: Final = 0.02
 
 
@@ -55,7 +55,7 @@ def load_vggt(weights: Path) -> torch.nn.Module:
 
 
 class _PosesAndDepth(torch.nn.Module):
-    """Images, [S, 3, H, W], to pose encodings, [S, 9], and depth, [S, H, W, 1]; the other heads are left out."""
+    """Maps images, [S, 3, H, W], to pose encodings, [S, 9], and depth, [S, H, W, 1]; the other heads are left out."""
 
     def __init__(self, network: Any) -> None:
         super().__init__()
@@ -69,18 +69,18 @@ class _PosesAndDepth(torch.nn.Module):
 
 
 def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int = LONGER_SIDE) -> Path:
-    """Write the network as an ONNX file with a dynamic view axis if it traces so, else for exactly `views` views.
+    """Write the network as an ONNX file with a dynamic view axis if possible, otherwise for exactly `views` views.
 
     Args:
         network: From `load_vggt`.
         path: The file; weights beyond 2 GB go into a second one, `path` with ".data" appended.
-        views: With which it is traced.
+        views: Number of views with which it is traced.
         side: Of its square images, px; a multiple of 14.
 
     Raises:
         InputError: The package `onnx` is not installed, or a number is out of range.
-        NumericsError: What was written answers otherwise than the network.
-        StorageError: It cannot be written.
+        NumericsError: The written file's output differs from the network's.
+        StorageError: The file cannot be written.
     """
     if views < 2 or side < 14 or side % 14:
         raise InputError(f"{views} views of {side} px", allowed="at least 2 views, and a multiple of 14")
@@ -91,7 +91,7 @@ def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int 
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
             written = _write(wrapped, images[:views], Path(folder), path.name, dynamic=True)
-            if not _agrees(written, wrapped, images):  # one view more than it was traced with
+            if not _agrees(written, wrapped, images):  # with one view more than in tracing
                 written = _write(wrapped, images[:views], Path(folder), path.name, dynamic=False)
                 if not _agrees(written, wrapped, images[:views]):
                     raise NumericsError(
@@ -117,7 +117,7 @@ def _write(wrapped: torch.nn.Module, images: Tensor, folder: Path, name: str, *,
         made.mkdir()
     axes = {key: {0: "views"} for key in ("images", "pose_enc", "depth")} if dynamic else None
     with warnings.catch_warnings(), torch.no_grad():
-        # Tracing warns at each of the network's assertions, and that another exporter exists.
+        # Tracing warns about each of the network's assertions, and that another exporter exists.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             wrapped,

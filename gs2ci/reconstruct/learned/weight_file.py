@@ -1,6 +1,6 @@
-"""Weight files of PyTorch: reading them without running anything from them, and convolutions ready to be written.
+"""Weight files of PyTorch: reading them without running code from them, and folding their batch normalisations.
 
-Here: the state dictionary with every refusal as a clear error, and batch normalisations folded into convolutions. Not
+Here: the state dictionary with a clear error for every refusal, and batch normalisations folded into convolutions. Not
 here: which layers a network has (`ffdnet`, `fastdvdnet`).
 """
 
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from gs2ci.core.errors import InputError
 
-# How files of PyTorch begin: the archives of today, and pickles of before.
+# First bytes of PyTorch files: present archives, and older pickles.
 _OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
 _BATCH_NORM_EPSILON: Final = 1e-5
 BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
@@ -49,7 +49,7 @@ def read_state(path: Path, network: str) -> dict[str, Tensor]:
             allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
             remedy="check that it is the file of the weights, and whole",
         ) from error
-    for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
+    for key in ("state_dict", "params"):  # training scripts often store the weights together with other data
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
@@ -65,7 +65,7 @@ def fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance
 
 
 def _what_is_wrong(path: Path, error: Exception) -> str:
-    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
+    """Describe a file that PyTorch refuses; its own message only if it is a PyTorch file."""
     with path.open("rb") as stream:
         head = stream.read(24)
     if not head:

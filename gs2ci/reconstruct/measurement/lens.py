@@ -119,10 +119,10 @@ def pixel_centres(size: tuple[int, int]) -> F64:
 
 
 def _resampled(views: F32, places: F64, order: Literal[1, 3]) -> F32:
-    """Read views, [N, H, W, C], at places, [h, w, 2]; beyond the rim it repeats."""
+    """Interpolate views, [N, H, W, C], at positions, [h, w, 2]; beyond the border it is repeated."""
     at = np.moveaxis(places, -1, 0)[::-1] - _CENTRE_OFFSET
     shown = np.empty((len(views), *places.shape[:2], views.shape[3]), np.float32)
     for view, channel in np.ndindex(len(views), views.shape[3]):
         shown[view, ..., channel] = map_coordinates(views[view, ..., channel], at, order=order, mode="nearest")
-    # Splines overshoot beside edges; no view is brighter or darker for being shown elsewhere.
+    # Splines overshoot beside edges; resampling must not extend the range of values.
     return np.clip(shown, views.min(), views.max(), out=shown)

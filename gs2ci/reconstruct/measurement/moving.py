@@ -36,7 +36,7 @@ class LeftByMotion:
         explained: Share of the residual's power that velocities of blocks explain, minus the share that as many numbers
             explain by chance; 0 if they explain no more.
         surely: Share of the blocks with a significant motion.
-        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 if it is not tested.
+        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 if it is not significant.
     """
 
     explained: float

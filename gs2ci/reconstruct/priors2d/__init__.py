@@ -1,1 +1,1 @@
-"""Priors on single images: what a rendered view should rather look like, for the fine stage."""
+"""Priors on single images, which improve rendered views, for the fine stage."""

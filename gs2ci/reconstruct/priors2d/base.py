@@ -1,7 +1,7 @@
-"""What a prior on images is given and what it returns.
+"""The interface of priors on images.
 
-A prior is frozen: it is asked once, before the fine stage, and its answers are targets of small weight. Whether they
-did any good is not its own judgement but that of held-out pixels (`fit/fine.py`).
+A prior is frozen: it is called once, before the fine stage, and its results are targets of small weight. Held-out
+pixels judge whether they helped (`fit/fine.py`).
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from gs2ci.core.errors import NumericsError
 
 @dataclass(frozen=True)
 class SeenViews:
-    """Views of a scene, with all that a prior may want to know of them.
+    """Views of a scene, with the data that a prior may need.
 
     Args:
         images: [V, H, W, 3] float32, full scale 1, not clamped.
-        depths: Along the optical axis in scene units, [V, H, W] float32; 0 where less than half of the light is
-            stopped.
+        depths: Along the optical axis in scene units, [V, H, W] float32; 0 at pixels where less than half of the light
+            is stopped.
         world_to_camera: [V, 4, 4].
     """
 
@@ -31,14 +31,14 @@ class SeenViews:
 
 @dataclass(frozen=True)
 class Question:
-    """What a prior is asked: how should these pseudo-views look?
+    """The input of a prior: pseudo-views to improve, and the data to do so.
 
     Args:
-        pseudo: The scene as rendered from the synthesised poses.
-        recovered: The scene as rendered from the recovered cameras.
-        details: What the measurement's residual adds to the recovered cameras' views, [N, H, W, 3] float32.
+        pseudo: The scene rendered from the synthesised poses.
+        recovered: The scene rendered from the recovered cameras.
+        details: Decoded residual of the measurement in the recovered cameras' views, [N, H, W, 3] float32.
         intrinsics: Camera matrix in px, [3, 3].
-        distortion: Of the lens through which all of them are seen, [5] as in `Shot`; None for a pinhole.
+        distortion: Of the lens of all views, [5] as in `Shot`; None for a pinhole.
     """
 
     pseudo: SeenViews
@@ -49,23 +49,23 @@ class Question:
 
 
 class ImagePrior(Protocol):
-    """Says how rendered views should look."""
+    """Makes target images for rendered views."""
 
     @property
     def name(self) -> str:
-        """Get the name that reports call it by."""
+        """Get its name in reports."""
 
     def __call__(self, question: Question) -> F32:
         """Return targets for the pseudo-views, [V, H, W, 3] float32, full scale 1.
 
         Raises:
             InputError: The prior cannot work on views of this size.
-            NumericsError: It failed, or its answer is not finite.
+            NumericsError: It failed, or its result is not finite.
         """
 
 
 def check_targets(name: str, targets: F32, images: F32) -> F32:
-    """Return a prior's targets, clamped to [0, 1], if they are images like those it was given.
+    """Return a prior's targets, clamped to [0, 1], if they have the shape of its input and are finite.
 
     Raises:
         NumericsError: Another shape, or values that are not finite.

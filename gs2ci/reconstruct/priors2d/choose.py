@@ -1,4 +1,4 @@
-"""From the name of a prior to the prior."""
+"""Priors on images by name."""
 
 from pathlib import Path
 from typing import Final
@@ -21,7 +21,7 @@ def load_prior(name: str, seed: int) -> ImagePrior:
 
     Args:
         name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; "onnx:FILE"; or
-            "difix-or-consistent", the former where it has been added; or that of a plug-in, called with the seed.
+            "difix-or-consistent", the former if it has been added; or the name of a plug-in, called with the seed.
         seed: For a model that draws at random.
 
     Raises:

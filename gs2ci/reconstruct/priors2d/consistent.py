@@ -1,9 +1,9 @@
 """A prior without weights that uses all views together: detail on which several cameras agree is kept.
 
-What the scene leaves unexplained in the measurement is decoded into every camera's view (`decode.residual`). Some of
-it is texture that the Gaussians have not resolved, some is what decoding leaves behind. Texture lies on surfaces: seen
-from the place of a pseudo-view, through the depth there, it falls on the same pixel from every camera; residue does
-not. So the median over the cameras keeps the one and drops the other.
+The measurement's residual is decoded into every camera's view (`decode.residual`). Part of it is texture that the
+Gaussians have not resolved, part is residue of the decode. Texture lies on surfaces: warped to a pseudo-view by the
+depth there, it falls on the same pixel from every camera; residue does not. So the median over the cameras keeps the
+texture and drops the residue.
 
 Here: the warp, its occlusion test and the median. Not here: the residual.
 """
@@ -25,8 +25,8 @@ class ConsistentDetail:
     """The median over the cameras of the detail that each of them sees at a point.
 
     Args:
-        neighbours: How many cameras, the nearest, are asked.
-        depth_tolerance: Relative difference from which on a camera sees something else than the point.
+        neighbours: How many of the nearest cameras are used.
+        depth_tolerance: Relative difference of depth from which on a camera sees something other than the point.
     """
 
     neighbours: int = 5
@@ -49,13 +49,13 @@ class ConsistentDetail:
         return check_targets(self.name, targets, images)
 
     def _seen_from(self, question: Question, view: int, camera: int) -> F32:
-        """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN where it does not see the same point."""
+        """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN if it does not see the same point."""
         pixels, depth = _project(question, view, question.recovered.world_to_camera[camera])
         x, y = (np.ascontiguousarray(pixels[..., k], np.float32) for k in (0, 1))
         border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
         found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
         detail: F32 = cv2.remap(question.details[camera], x, y, cv2.INTER_LINEAR, **border)
-        # Depth 0, outside or where no light is stopped, agrees with nothing; NaN compares as False.
+        # Depth 0, outside or where no light is stopped, never agrees; NaN compares as False.
         same: Bool = np.abs(found - depth) < self.depth_tolerance * depth
         return np.where(same[..., None], detail, np.float32(np.nan))
 
@@ -80,7 +80,7 @@ def _project(question: Question, view: int, camera_from_world: F64) -> tuple[F64
 
 
 def _median(details: F32) -> F32:
-    """Take the median over what is known, [K, H, W, 3], and nothing where fewer than two cameras know."""
+    """Return the median of the values that are not NaN, [K, H, W, 3]; 0 if fewer than two cameras have one."""
     known = (~np.isnan(details[..., :1])).sum(axis=0)
     # Sorted, NaN comes last: the known values of each pixel lie in front.
     ordered = np.sort(details, axis=0)

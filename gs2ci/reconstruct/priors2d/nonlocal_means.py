@@ -1,4 +1,4 @@
-"""A prior without weights that looks at one image at a time: non-local means.
+"""A prior without weights on one image at a time: non-local means.
 
 Here: the strength. Not here: the filter (`decode.denoisers`).
 """
@@ -25,7 +25,7 @@ class NonLocalMeansPrior:
     """Means over patches that look alike, in each pseudo-view by itself.
 
     Args:
-        strength: Noise that is assumed, in units of what the view's own fine grain shows (`grain`).
+        strength: Assumed noise, in units of the noise estimated from the view's own fine grain (`grain`).
     """
 
     strength: float = 1.0
@@ -48,6 +48,6 @@ class NonLocalMeansPrior:
 
 
 def grain(image: F32) -> float:
-    """Estimate the standard deviation of white noise in an image, [H, W, C]; its median makes texture count little."""
+    """Estimate the standard deviation of white noise in an image, [H, W, C], by a median, robust against texture."""
     response = cv2.filter2D(image, -1, _GRAIN_FILTER, borderType=cv2.BORDER_REFLECT_101)
     return float(np.median(np.abs(response))) / (6 * _MEDIAN_OF_NORMAL)

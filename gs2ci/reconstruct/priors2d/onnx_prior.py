@@ -1,7 +1,7 @@
 """A prior in an ONNX file: an image-to-image network, such as an export of Difix.
 
-Here: the signature, and every way in which a file or its answer can be wrong. Not here: the network; the prompt and
-the diffusion timestep are baked in when it is exported.
+Here: the signature, and an error for every way in which a file or its output can be wrong. Not here: the network; the
+prompt and the diffusion timestep are fixed when it is exported.
 
 A model takes images, [B, 3, H, W] float32 in [−1, 1], and, if its encoder draws at random, a seed: one integer, [] or
 [1]. It returns images of the same shape and range. Open sides are padded to multiples of 8 and cropped again.
@@ -48,11 +48,11 @@ class OnnxPrior:
 
     @property
     def name(self) -> str:
-        """Get the name that reports call it by: the file's."""
+        """Get its name in reports: that of the file."""
         return self.path.name
 
     def __call__(self, question: Question) -> F32:
-        """Ask it for each pseudo-view by itself; arguments as for `ImagePrior`."""
+        """Run the network on each pseudo-view by itself; arguments as for `ImagePrior`."""
         images = question.pseudo.images
         if not len(images):
             return images
@@ -67,7 +67,7 @@ class OnnxPrior:
         remedy = "check the model with its own images; export it with dynamic height and width"
         first = self._session.get_outputs()[0].name
         answer = np.asarray(run_model(self._session, self.name, feed, remedy)[first])
-        # A wrong shape is left as it is, for `check_targets` to refuse by name.
+        # A wrong shape is returned unchanged; `check_targets` refuses it with the prior's name.
         if answer.shape != feed[self._image.name].shape:
             return answer
         restored: F32 = ((answer[0, :, :height, :width].transpose(1, 2, 0) + 1) / 2).astype(np.float32)

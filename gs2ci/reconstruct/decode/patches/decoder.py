@@ -1,7 +1,8 @@
 """The patch decoder: GAP with groups of similar patches of nearly low rank, after DeSCI (Liu 2019).
 
-Here: the schedule, from GAP-TV's views on. Not here: the loop (`pnp`), the denoiser (`denoiser`). Unlike DeSCI a group
-draws on windows that follow the optical flow, and each iteration uses a part of the groups.
+Here: the schedule, starting from GAP-TV's views. Not here: the loop (`pnp`), the denoiser (`denoiser`). Unlike in
+DeSCI, patches of a group are searched for in windows that follow the optical flow, and each iteration uses a part of
+the groups.
 """
 
 from collections.abc import Callable
@@ -21,15 +22,15 @@ from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
 @dataclass(frozen=True)
 class PatchSettings:
-    """How a decode by similar patches goes.
+    """Schedule and parameters of a decode by similar patches.
 
     Args:
         iterations: GAP steps.
         first_sigma: Noise level of the first step, full scale 1.
-        last_sigma: Noise level of the last; the levels between fall geometrically.
-        refind_every: After so many uses of a phase of the lattice similar patches are sought again.
+        last_sigma: Noise level of the last; the levels between decrease geometrically.
+        refind_every: After so many uses of a phase of the lattice, similar patches are searched for again.
         lattice: Where patches lie, and how many make a group.
-        start: Of the decode that it begins with.
+        start: Settings of the decode with which it starts.
     """
 
     iterations: int = 96
@@ -50,7 +51,7 @@ class PatchSettings:
         return tuple(np.geomspace(self.first_sigma, self.last_sigma, self.iterations).tolist())
 
     def entered_at(self, sigma: float) -> "PatchSettings":
-        """Return the rest of the schedule from a noise level on; all of it where it begins below that level."""
+        """Return the rest of the schedule from a noise level on; all of it if it starts below that level."""
         rest = tuple(level for level in self.sigmas if level <= sigma)
         if not rest or self.first_sigma <= sigma:
             return self
@@ -58,25 +59,25 @@ class PatchSettings:
 
     @classmethod
     def from_scene(cls) -> "PatchSettings":
-        """Return the schedule that begins with a scene's views, which err by a few hundredths of full scale."""
+        """Return the schedule that starts from a scene's views, which err by a few hundredths of full scale."""
         return cls(iterations=32, first_sigma=25 / 255)
 
     @classmethod
     def from_scene_briefly(cls) -> "PatchSettings":
-        """Return a few steps of it, which show whether it is worth its time."""
+        """Return a few steps of that schedule, which show whether the whole is worth its time."""
         return cls(iterations=4, first_sigma=10 / 255)
 
     @classmethod
     def polish(cls) -> "PatchSettings":
-        """Return the schedule that begins with views which need little more, and keeps nearly all of them."""
+        """Return the schedule that starts from nearly right views, and changes them little."""
         return cls(iterations=8, first_sigma=10 / 255)
 
     @classmethod
     def polish_sparsely(cls) -> "PatchSettings":
         """Return a schedule that polishes a scene's views for a tenth of the time of a whole decode.
 
-        Reference patches lie side by side. Groups are half as large as those of a decode: good views tell the few
-        patches that are alike from those that only look so.
+        Reference patches do not overlap. Groups are half as large as those of a decode: in good views, truly similar
+        patches can be told from those that only look so.
         """
         lattice = Lattice()
         few = replace(lattice.side_by_side, per_group=lattice.per_group // 2)
@@ -84,17 +85,17 @@ class PatchSettings:
 
     @property
     def sparse(self) -> "PatchSettings":
-        """Get half the steps with patches side by side: about a third of the time for 1 dB less."""
+        """Get the schedule with half the steps and no overlap of patches: about a third of the time for 1 dB less."""
         return replace(self, iterations=max(1, self.iterations // 2), lattice=self.lattice.side_by_side)
 
     @property
     def last_steps(self) -> "PatchSettings":
-        """Get a third of the steps, all at the last level: for views that were decoded without some of the pixels."""
+        """Get a third of the steps, all at the last level, to include pixels without which views were decoded."""
         return replace(self, iterations=max(1, self.iterations // 3), first_sigma=self.last_sigma)
 
     @classmethod
     def to_the_end(cls) -> "PatchSettings":
-        """Return the last steps, at the lowest noise level: for views that were decoded without some of the pixels."""
+        """Return last steps at the lowest noise level, to include pixels without which views were decoded."""
         return cls(iterations=8, first_sigma=cls.last_sigma)
 
     def check(self) -> "PatchSettings":
@@ -120,12 +121,12 @@ def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Pr
     """Decode one coded measurement into approximate views, by groups of similar patches.
 
     Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels count for nothing.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
         settings: How long, and which patches.
-        progress: Hears of each iteration and its relative residual.
+        progress: Receives each iteration and its relative residual.
 
     Returns:
-        Views, [N, H, W, C] float32 in [0, 1]; C is 3 behind a colour filter array.
+        Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
 
     Raises:
         InputError: The settings make no sense.
@@ -141,14 +142,14 @@ def patch_decode_from(
     progress: Progress | None = None,
     enough: Callable[[F32], bool] | None = None,
 ) -> F32:
-    """Decode one coded measurement likewise, from views that are there already.
+    """Decode one coded measurement by groups of similar patches, starting from given views.
 
     Args:
         shot: See `patch_decode`.
-        start: Views to begin with, and to find similar patches in at first, [N, H, W, C] float32.
+        start: The first views, in which similar patches are first searched for, [N, H, W, C] float32.
         settings: How long, and which patches; their own start is not used.
         progress: See `patch_decode`.
-        enough: Asked after each step, with its views, [N, C, H, W]; where it says so, that step is the last.
+        enough: Called after each step with its views, [N, C, H, W]; if it returns True, that step is the last.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1].

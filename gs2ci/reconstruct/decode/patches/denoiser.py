@@ -1,6 +1,6 @@
-"""A denoiser for plug-and-play decoding that takes groups of similar patches from all views at once.
+"""A denoiser for plug-and-play decoding by groups of similar patches from all views.
 
-Here: which groups are used when, and colour. Not here: where they are found (`matching`), what is done with them
+Here: which groups are used when, and colour. Not here: the search for them (`matching`), the denoising of a group
 (`low_rank`), the schedule (`decoder`).
 """
 
@@ -14,20 +14,20 @@ from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
 from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
 
 # Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which patches are
-# compared; in the others pictures vary little, so that their noise is told from them the better.
+# compared; in the other rows pictures vary little, so that noise is easier to separate.
 _OPPONENT: Final = np.linalg.qr(np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]], np.float64).T)[0].T.astype(np.float32)
 
 
 class SimilarPatches:
-    """Denoises a stack of views by what similar patches of all of them have in common.
+    """Denoises a stack of views by the common part of similar patches from all views.
 
     Args:
-        start: Views from which it is known at first what is similar, [N, C, H, W]; afterwards what was denoised last.
+        start: Views in which similar patches are first searched for, [N, C, H, W]; later the last denoised views.
         lattice: Of the reference patches.
-        refind_every: After so many uses of a phase of the lattice its groups are sought again.
+        refind_every: After so many uses of a phase of the lattice, its groups are searched for again.
 
-    One call uses one phase of the lattice, the next call the next: over the calls of a decoder every place is the
-    reference of some group, at a fraction of the price.
+    Each call uses the next phase of the lattice: over the calls of a decoder every position is the reference of some
+    group, at a fraction of the cost.
     """
 
     def __init__(self, start: F32, lattice: Lattice, refind_every: int) -> None:
@@ -36,7 +36,7 @@ class SimilarPatches:
         self._calls = 0
 
     def seeks(self, call: int) -> bool:
-        """Tell whether a call, counted from 0, seeks its groups, and does not use those of an earlier one again."""
+        """Tell whether a call, counted from 0, searches for its groups instead of using those of an earlier call."""
         return call // self._lattice.parts(len(self._last)) % self._refind_every == 0
 
     def __call__(self, views: F32, sigma: float) -> F32:
@@ -46,7 +46,7 @@ class SimilarPatches:
         self._calls += 1
         before = _opponent(self._last)
         if seeks:
-            # In units of which white is 1 for a grey and for a coloured picture.
+            # Scaled so that white is 1 in a grey and in a coloured picture.
             guide = np.ascontiguousarray(before[:, 0]) / np.float32(np.sqrt(views.shape[1]))
             self._groups[phase] = find_groups(guide, Flow.between(guide), self._lattice, phase)
         patch = self._lattice.patch((views.shape[2], views.shape[3]))

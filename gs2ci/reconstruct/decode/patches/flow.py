@@ -1,7 +1,7 @@
-"""Where a patch of one view is seen in the views before and after it.
+"""The positions of a patch in the views before and after its own.
 
-Here: dense optical flow between decoded views (OpenCV's DIS, Kroeger 2016), and places followed along it. Not here: the
-search around these places (`matching`).
+Here: dense optical flow between decoded views (OpenCV's DIS, Kroeger 2016), and positions followed along it. Not here:
+the search around these positions (`matching`).
 """
 
 from collections.abc import Iterator
@@ -16,11 +16,11 @@ import torch
 
 from gs2ci.core.arrays import F32, F64, U8
 
-# DIS matches windows of 8 pixels on a picture halved at least once; anything smaller is taken as standing still.
+# DIS matches windows of 8 pixels on a picture halved at least once; smaller pictures are treated as standing still.
 _LEAST_SIDE_PX: Final = 16
-# A few saturated spots must not leave the rest dark in 8 bits.
+# White level of the 8-bit pictures: a few saturated spots must not make the rest dark.
 _WHITE_PERCENTILE: Final = 99.5
-# Full scale 1: views darker than this show nothing that could be followed.
+# Full scale 1: darker views show nothing that could be tracked.
 _LEAST_WHITE: Final = 1e-6
 
 
@@ -38,7 +38,7 @@ class Flow:
 
     @classmethod
     def between(cls, views: F32) -> "Flow":
-        """Estimate it from grey views, [N, H, W]; none where they are too small to tell."""
+        """Estimate it from grey views, [N, H, W]; zero if they are too small."""
         count, height, width = views.shape
         if count < 2 or min(height, width) < _LEAST_SIDE_PX:
             none = np.zeros((max(count - 1, 0), height, width, 2), np.float32)
@@ -50,13 +50,13 @@ class Flow:
         return cls(flows[: count - 1], flows[count - 1 :])
 
     def follow(self, places: F64, at: int, first: int, count: int) -> F64:
-        """Follow places of one view through others.
+        """Follow positions of one view through a range of views.
 
         Args:
             places: Row and column in view `at`, [G, 2].
-            at: That view; one of the others.
-            first: The first of the others.
-            count: How many they are.
+            at: That view; it lies in the range.
+            first: The first view of the range.
+            count: How many views it has.
 
         Returns:
             Row and column in each of them, [G, count, 2]; they may lie outside the picture.
@@ -90,7 +90,7 @@ def _as_bytes(views: F32) -> U8:
 
 @contextmanager
 def _one_opencv_thread() -> Iterator[None]:
-    """DIS deals a picture out in as many stripes as there are threads, and its result changes with them."""
+    """Run OpenCV on one thread: DIS divides a picture into as many stripes as threads, which changes its result."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

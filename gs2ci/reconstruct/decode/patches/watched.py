@@ -1,7 +1,7 @@
-"""A decode by similar patches that ends when pixels that it has not seen gain no more.
+"""A decode by similar patches that ends when the residual at held-out pixels no longer decreases.
 
-How long a decode is worth going on differs: most clips gain down to the lowest noise level, a picture full of texture
-begins to lose its detail half way.
+The best length of a decode differs: most clips improve down to the lowest noise level, but a picture full of texture
+starts to lose detail half way.
 
 Here: the watch, and the decode under it. Not here: the schedule and the steps (`decoder`).
 """
@@ -16,25 +16,25 @@ from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.measurement.jury import Jury
 
-# A lattice has four phases at most: after so many steps every place has been the reference of a group.
+# A lattice has at most four phases: after so many steps every position has been the reference of a group.
 _LOOK_EVERY: Final = 4
-# Groups are sought again after three uses of each phase, which makes the residual fall in steps.
+# Groups are searched for again after three uses of each phase, so that the residual decreases in steps.
 _ROUND: Final = 12
-# A decode that presses for time goes on as long as a round takes so much off the residual.
+# A hurried decode continues as long as a round reduces the residual by at least this share.
 LEAST_GAIN: Final = 0.02
-# A few hundred pixels do not tell residuals apart that differ by less. On a piece of a clip (traffic) theirs was least
-# at step 32 of 96, and 3 % more at step 72, whose views were 1.2 dB better; at 96, where it was 18 % more, those were
-# 1.4 dB worse again.
+# A few hundred pixels do not distinguish residuals that differ by less. On a piece of a clip (traffic) the held-out
+# residual was smallest at step 32 of 96, and 3 % larger at step 72, whose views were 1.2 dB better; at step 96 it was
+# 18 % larger, and the views were 1.4 dB worse again.
 _ALIKE: Final = 0.05
 
 
 @dataclass(frozen=True)
 class Settled:
-    """What a decode came to.
+    """The result of a decode.
 
     Args:
-        views: The latest that left about the least of the held-out pixels, [N, H, W, C] float32 in [0, 1].
-        sigma: The noise level at which they were found, full scale 1.
+        views: The latest with about the smallest held-out residual, [N, H, W, C] float32 in [0, 1].
+        sigma: The noise level of their step, full scale 1.
         steps: How many steps were made.
     """
 
@@ -44,11 +44,11 @@ class Settled:
 
 
 class _Watch:
-    """Keeps the latest views that are about the best, and says when it is enough.
+    """Keeps the latest views that are about the best, and decides when to stop.
 
     Args:
         jury: The measurement, and its held-out pixels.
-        least_gain: By which share a round has to lessen the residual; None: it has only not to be worse throughout.
+        least_gain: The share by which a round has to reduce the residual; None: it only must not be worse throughout.
     """
 
     def __init__(self, jury: Jury, least_gain: float | None) -> None:
@@ -58,7 +58,7 @@ class _Watch:
         self.best: tuple[int, F32] | None = None
 
     def __call__(self, planar: F32) -> bool:
-        """Look at views, [N, C, H, W], after a step; tell whether it was the last."""
+        """Judge the views, [N, C, H, W], of a step; tell whether it was the last."""
         self.steps += 1
         if self.steps % _LOOK_EVERY:
             return False
@@ -85,15 +85,15 @@ def decode_until_settled(
     progress: Progress | None = None,
     least_gain: float | None = LEAST_GAIN,
 ) -> Settled:
-    """Decode a measurement without its held-out pixels, for as long as these gain.
+    """Decode a measurement without its held-out pixels, as long as the residual at these decreases.
 
     Args:
-        jury: The measurement, and its held-out pixels. Without any the schedule is gone through to its end.
-        start: Views to begin with, [N, H, W, C] float32.
+        jury: The measurement, and its held-out pixels. Without any, the whole schedule is run.
+        start: The first views, [N, H, W, C] float32.
         settings: The whole schedule.
-        progress: Hears of each iteration and its relative residual.
-        least_gain: Where a round of twelve steps takes less than this share off the residual the decode ends; None: it
-            ends only where all of a round has been clearly worse.
+        progress: Receives each iteration and its relative residual.
+        least_gain: The decode ends if a round of twelve steps reduces the residual by less than this share; None: it
+            ends only if all steps of a round were clearly worse.
 
     Raises:
         InputError: The settings make no sense.
@@ -107,9 +107,9 @@ def decode_until_settled(
 
 
 def seen_to_the_end(jury: Jury, blind: F32, sigma: float) -> F32:
-    """Let a decode see all pixels, by a few last steps at the noise level at which it ended.
+    """Continue a decode with all pixels, by a few last steps at the noise level at which it ended.
 
-    On crops of two clips eight steps gave what a decode of all pixels gives, within 0.03 dB, for a twelfth of it.
+    On crops of two clips eight steps were within 0.03 dB of a decode of all pixels, at a twelfth of its cost.
 
     Args:
         jury: The measurement.

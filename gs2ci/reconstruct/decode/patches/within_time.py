@@ -1,9 +1,9 @@
-"""The patch decode within a time: as many steps as it leaves, at noise levels that fall as it goes by.
+"""The patch decode within a given time: as many steps as fit, at noise levels that decrease with the time used.
 
-A decode of few steps is best made of many cheap ones: its reference patches lie side by side, not half over each other
-as those of the whole schedule do. Every step is timed; from the time that is left follows how many more there will be,
-and by how much the noise level falls. So the last step is at the last level whatever else the machine does, and
-the result depends on its speed.
+A short decode is best made of many cheap steps: its reference patches lie side by side and do not overlap by half, as
+those of the whole schedule do. Every step is timed; the remaining time determines the number of further steps and the
+next noise level. So the last step is at the last level, whatever else runs on the machine, and the result depends on
+the machine's speed.
 
 Here: the clock, the levels, the end. Not here: where the time comes from (`gs2ci.api.decoding`), the steps (`decoder`).
 """
@@ -24,11 +24,11 @@ from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.matching import Lattice
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
-# Steps do not all take the same; so much more than the last of its kind each of the next is reckoned with.
+# Steps vary in duration; each further one is expected to take so many times the last of its kind.
 _MARGIN: Final = 1.1
 
 
-# So many steps with a sparse lattice come to what the whole schedule comes to with the dense one, and take as long.
+# So many steps with a sparse lattice reach the same result as the whole schedule with the dense one, in the same time.
 _MOST_STEPS: Final = 144
 
 
@@ -38,12 +38,12 @@ def _sparse() -> PatchSettings:
 
 @dataclass(frozen=True)
 class InTime:
-    """What a decode came to in the time that it had.
+    """The result of a decode within a time.
 
     Args:
         views: [N, H, W, C] float32 in [0, 1].
-        steps: How many were made; 0 where there was time for GAP-TV alone.
-        settings: As they were used; `iterations` is the most that there could have been.
+        steps: How many were made; 0 if there was only time for GAP-TV.
+        settings: As used; `iterations` is the largest possible number.
     """
 
     views: F32
@@ -58,13 +58,13 @@ def decode_until(
     progress: Progress | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> InTime:
-    """Decode one coded measurement by groups of similar patches, and end before a moment.
+    """Decode one coded measurement by groups of similar patches, and end before a deadline.
 
     Args:
         shot: See `patch_decode`.
-        until_s: The moment, on `clock`. GAP-TV, with which a decode begins, does not keep to it.
-        settings: The first and the last noise level, the most steps that there is a use for, and which patches.
-        progress: Hears of each step and its relative residual.
+        until_s: The deadline, on `clock`. GAP-TV, with which a decode starts, does not heed it.
+        settings: The first and the last noise level, the largest number of steps, and which patches.
+        progress: Receives each step and its relative residual.
         clock: The time in seconds; never decreases.
 
     Raises:
@@ -83,7 +83,7 @@ def decode_until(
 
 @dataclass
 class _Steps:
-    """The steps of a decode, each at the level that the time says.
+    """The steps of a decode, each at the level that the remaining time determines.
 
     Attributes:
         sigmas: Noise levels of the steps that were made.
@@ -96,12 +96,12 @@ class _Steps:
     clock: Callable[[], float]
     sigmas: list[float] = field(default_factory=list)
     _began_s: float = 0.0
-    # Of the latest step that sought patches, and of the latest that did not.
+    # Durations of the latest step that searched for patches, and of the latest that did not.
     _searching_s: float = 0.0
     _plain_s: float | None = None
 
     def denoise(self, views: F32, sigma: float) -> F32:
-        """Make a step; of the levels that the loop hands over only the first is used."""
+        """Make a step; of the levels that the loop passes only the first is used."""
         if not self.sigmas:
             self._began_s = self.clock()
         else:
@@ -111,7 +111,7 @@ class _Steps:
         return self.patches(views, sigma)
 
     def enough(self, _: F32) -> bool:
-        """Take the time of a step, with what the loop did around it, and tell whether it was the last."""
+        """Time a step, including the loop around it, and tell whether it was the last."""
         now_s, done = self.clock(), len(self.sigmas)
         took_s, self._began_s = now_s - self._began_s, now_s
         if self.patches.seeks(done - 1):
@@ -123,7 +123,7 @@ class _Steps:
         return left == 0 or self.sigmas[-1] <= self.settings.last_sigma
 
     def _affordable(self) -> int:
-        """Count the steps that there is time for from now on."""
+        """Return the number of steps for which there is still time."""
         done, left_s, more = len(self.sigmas), self.until_s - self.clock(), 0
         plain_s = self._searching_s if self._plain_s is None else self._plain_s
         while done + more < self.settings.iterations:

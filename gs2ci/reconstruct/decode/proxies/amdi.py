@@ -3,7 +3,7 @@
 Here: the windows, their choice and the regularised solution (supplement, eqs. 5 to 8). Not here: when AMDI is the right
 choice (`gs2ci.reconstruct.decode.proxies.routing`).
 
-Cost: with E = N(N + 1)/2 + NC box sums a window size costs O(E) for each pixel that no smaller window served,
+Cost: with E = N(N + 1)/2 + NC box sums a window size costs O(E) for each pixel that no smaller window sufficed for,
 whatever its width, plus one Cholesky factorisation, O(N³), and one eigendecomposition for the few that pass it.
 """
 
@@ -24,25 +24,25 @@ _Ints = NDArray[np.int64]
 
 # The paper's set, section I of its supplement.
 WINDOW_SIZES: Final = (3, 5, 7, 9, 11, 13, 15, 17, 21, 25, 31, 41, 57, 81)
-# Beyond it sizes grow as its last ones do, by about a half-octave.
+# Beyond the paper's set, sizes grow like its last ones, by about half an octave.
 _GROWTH: Final = 2**0.5
 LAMBDA_MIN: Final = 1.0
 KAPPA_FACTOR: Final = 2.0
 RIDGE: Final = 1e-3
-# Eigenvalues and box sums are rounded: a window that meets a bound exactly, as windows of binary masks do, meets it.
+# Tolerance for rounding of eigenvalues and box sums: windows of binary masks often meet a bound exactly.
 _ROUNDING: Final = 1e-9
-# Rows of one piece of work are as many as keep its box sums near this size: larger ones leave the cache.
+# Rows are processed in bands whose box sums are about this large: larger ones do not fit the cache.
 _BAND_BYTES: Final = 12 * 2**20
 _MIN_BAND_ROWS: Final = 8
 
 
 @dataclass(frozen=True)
 class MaskDecoding:
-    """What AMDI found.
+    """The result of AMDI.
 
     Args:
         views: [N, H, W, C] float32, full scale 1, not clamped.
-        windows: Width of the window that served each pixel, [H, W, P] int32, in pixels; P is 1, or 3 for the three
+        windows: Width of the window used for each pixel, [H, W, P] int32, in pixels; P is 1, or 3 for the three
             colours of a mosaic.
     """
 
@@ -62,11 +62,11 @@ def mask_decoded_views(shot: Shot) -> MaskDecoding:
             own pixels with windows of its own; saturated pixels do not count.
 
     Raises:
-        InputError: The masks of the whole image do not tell the views apart (two are equal, one is closed, or all
+        InputError: The masks of the whole image do not distinguish the views (two are equal, one is closed, or all
             are nearly the same), so that no window can.
 
-    Windows end at the border of the image. Sums are float64 integral images: against λ_min ≥ 1 their rounding, at
-    most 1e-16 of the sum over a band, does not show; for binary masks G is exact.
+    Windows end at the border of the image. Sums are float64 integral images: compared with λ_min ≥ 1 their rounding, at
+    most 1e-16 of the sum over a band, is negligible; for binary masks G is exact.
     """
     views = np.empty((shot.views, *shot.size, shot.channels), np.float32)
     windows = np.empty((*shot.size, 3 if shot.cfa else 1), np.int32)
@@ -105,7 +105,7 @@ def admissible(grams: F64, kappa_limit: float) -> Bool:
     """
     n = grams.shape[-1]
     # A Cholesky factorisation costs a sixth of the eigenvalues. 1ᵀG1/N is a lower bound of λ_max, so a matrix from
-    # which max(1, λ_max / limit) cannot be subtracted on the diagonal fails for certain; the rest are looked at.
+    # which max(1, λ_max / limit) cannot be subtracted on the diagonal surely fails; the others are tested exactly.
     floor = np.maximum(LAMBDA_MIN, grams.sum(axis=(1, 2)) / (n * kappa_limit)) * (1 - 1e-6)
     shifted = torch.from_numpy(grams - floor[:, None, None] * np.eye(n))
     passes: Bool = torch.linalg.cholesky_ex(shifted).info.numpy() == 0
@@ -176,7 +176,7 @@ def _box_sums(plane: CodedPlane, first_row: int, pixels: _Ints, radius: int) -> 
 
     Args:
         plane: The whole image.
-        first_row: Where the pixels' rows are counted from.
+        first_row: The row from which the pixels' rows are counted.
         pixels: Row and column of each, [P, 2].
         radius: Of the windows: they are 2 radius + 1 wide.
     """

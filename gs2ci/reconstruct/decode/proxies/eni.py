@@ -20,8 +20,8 @@ from gs2ci.reconstruct.decode.proxies.planes import coded_planes
 
 _Mask = Bool
 
-# A grey mask opens a pixel, and the pixel is a sample of its view, from half of the mask's open level on. The open
-# level is a high percentile and not the maximum, so that one bright calibration pixel cannot move it.
+# A pixel counts as open under a grey mask, and as a sample of its view, from half of the mask's open level on. The open
+# level is a high percentile and not the maximum, so that one bright calibration pixel cannot change it.
 _OPEN_SHARE: Final = 0.5
 _OPEN_PERCENTILE: Final = 99.0
 
@@ -30,19 +30,19 @@ def energy_normalised_views(shot: Shot) -> F32:
     """Estimate each view from the pixels that its mask opens.
 
     The measurement is divided by its total transmission a = Σ wᵢ Mᵢ; where mask i is open, the quotient is a sample
-    of view i. Between samples the view is linear on their Delaunay triangles; outside their convex hull, and where
-    they span no triangle, it is the nearest sample.
+    of view i. Between samples the view is linear on their Delaunay triangles; outside their convex hull, and if they
+    span no triangle, it is the nearest sample.
 
     Args:
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks. A mosaic's colours are completed each from
             its own pixels; saturated pixels are no samples.
 
     Returns:
-        Views, [N, H, W, C] float32, full scale 1, not clamped. A view without any sample (its mask closed, or its
-        slot of no weight) is completed from the samples of all views.
+        Views, [N, H, W, C] float32, full scale 1, not clamped. A view without any sample (its mask is closed, or its
+        weight is 0) is completed from the samples of all views.
 
     Raises:
-        InputError: No pixel that counts is open in any mask, so that there is nothing to see.
+        InputError: No pixel that counts is open in any mask.
     """
     planes = coded_planes(shot)
     views = np.empty((shot.views, *shot.size, shot.channels), np.float32)
@@ -73,7 +73,7 @@ def complete(values: F64, known: _Mask) -> F64:
     Returns:
         [H, W, C], equal to `values` where known.
 
-    Where four samples on a circle leave the triangulation open, Qhull's choice stands.
+    If four samples on a circle leave the triangulation ambiguous, Qhull's choice is used.
     """
     if known.all():
         return values.copy()
@@ -91,7 +91,7 @@ def complete(values: F64, known: _Mask) -> F64:
 
 
 def _samples(transmission: F64, counts: _Mask) -> _Mask:
-    """Find the pixels that a mask opens; all that count where it opens none."""
+    """Find the pixels that a mask opens; all that count if it opens none."""
     light = transmission[transmission > 0]
     if not light.size:
         return counts

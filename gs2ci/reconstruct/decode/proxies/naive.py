@@ -1,6 +1,6 @@
-"""The naive proxy of the paper's table S-II: the measurement as each mask let it through, Y ⊙ Mᵢ, dark elsewhere.
+"""The naive proxy of the paper's table S-II: the measurement times each mask, Y ⊙ Mᵢ, dark elsewhere.
 
-Here: that. It is there to compare with: the views' light is still mixed, and the masks' grain lies over all of them.
+Here: that proxy. It exists for comparison: the light of the views is still mixed, and each shows the pattern of a mask.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ def masked_measurements(shot: Shot) -> F32:
         seen = plane.transmissions.sum(axis=0) > 0
         if not seen.any():
             continue
-        # What no mask opens says nothing, and no mask lets it through.
+        # A pixel that no mask opens carries no information, and no mask transmits it.
         measured = complete(plane.measured, seen)
         views[..., plane.channels] = transmissions[..., None] * measured
     return views

@@ -1,6 +1,6 @@
-"""A shot as the proxies see it: one coded plane per set of pixels that share their masks.
+"""A shot in the form that the proxies use: one coded plane for each set of pixels that share their masks.
 
-Here: the split of a measurement by colour, and what does not count. Not here: any estimate.
+Here: the split of a measurement by colour, and the pixels that do not count. Not here: any estimate.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class CodedPlane:
     """Some channels of a measurement, with the transmissions under which they were measured.
 
     Args:
-        transmissions: wᵢ Mᵢ, [N, H, W]; 0 at every pixel that says nothing about these channels.
+        transmissions: wᵢ Mᵢ, [N, H, W]; 0 at every pixel that does not measure these channels.
         measured: [H, W, C'].
         channels: Which channels of a view these are.
     """
@@ -30,8 +30,8 @@ class CodedPlane:
 def coded_planes(shot: Shot) -> list[CodedPlane]:
     """Split a shot into planes in which every pixel has one set of transmissions.
 
-    RGB and mono shots are one plane. Each colour of a mosaic is a measurement of its own, seen through masks that
-    are also closed wherever the filter array shows another colour. Masks are closed at saturated pixels.
+    RGB and mono shots are one plane. Each colour of a mosaic is a measurement of its own, through masks that are also
+    closed wherever the filter array passes another colour. Masks are closed at saturated pixels.
 
     Args:
         shot: A checked shot.

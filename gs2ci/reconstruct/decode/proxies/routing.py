@@ -1,7 +1,7 @@
 """Which proxy for which masks: the multiplicity and the rule (paper, eq. 3).
 
-Here: the rule, what happens when it cannot be kept, and the decoded views instead. Not here: the constructions (`eni`,
-`amdi`, and `naive`, which is only compared with and never chosen).
+Here: the rule, the fallback if it cannot be followed, and the choice of decoded views instead. Not here: the
+constructions (`eni`, `amdi`, and `naive`, which exists for comparison and is never chosen).
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from gs2ci.reconstruct.decode.proxies.naive import masked_measurements
 
 ProxyMethod = Literal["naive", "eni", "amdi"]
 
-# τ_μ: from so many views in a pixel on, a normalised sample is a mixture and no longer a view.
+# τ_μ: from so many views in a pixel on, a normalised sample is a mixture of views and no longer a sample of one.
 MULTIPLICITY_THRESHOLD: Final = 4.0
-# Random masks of a quarter of 16 views have a multiplicity of 4 by design and of 3.9988, say, by their draw. The paper
-# sends that setting to AMDI. So a multiplicity counts as τ_μ that falls short of it by no more than so many standard
-# errors of a mean over pixels drawn independently. (Ours: the paper does not say what happens at the threshold.)
+# Random masks that open a quarter of 16 views have a multiplicity of 4 by design, but of 3.9988, say, by their draw.
+# The paper uses AMDI for that setting. So a multiplicity below τ_μ by at most so many standard errors of a mean over
+# independently drawn pixels counts as τ_μ. (This is ours: the paper does not state what happens at the threshold.)
 _SAMPLING_ERRORS: Final = 3.0
 
 
@@ -34,9 +34,9 @@ class Proxies:
 
     Args:
         views: [N, H, W, C] float32 in [0, 1]. For geometry only: never a photometric target.
-        method: What made them.
+        method: The method that made them.
         multiplicity: Mean number of views in a pixel of the measurement.
-        note: Why the method is not what the multiplicity asks for; None where it is.
+        note: Why the method is not the one that the multiplicity selects; None if it is.
     """
 
     views: F32
@@ -60,8 +60,8 @@ def route(shot: Shot) -> ProxyMethod:
     """Choose by the masks alone: ENI below a multiplicity of 4, AMDI from it on, within sampling error.
 
     Args:
-        shot: With its masks as they were calibrated. Pixels that were closed since (held out, dead, hot) count for less
-            than the masks' design says: close none before asking.
+        shot: With its calibrated masks: pixels closed later (held out, dead, hot) would make the multiplicity smaller
+            than that of the masks' design.
     """
     slack = max(_SAMPLING_ERRORS * multiplicity_error(shot), 1e-9)
     return "eni" if multiplicity(shot) < MULTIPLICITY_THRESHOLD - slack else "amdi"
@@ -72,12 +72,12 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto", ma
 
     Args:
         shot: A checked shot.
-        method: One of the three, or `auto` for that of ENI and AMDI that the masks ask for. Where `auto` asks for AMDI
-            and the masks do not tell the views apart (equal or all-open masks), ENI stands in, and `note` says so.
-        masks_of: Whose masks `auto` asks, where those of the shot have been closed over some pixels.
+        method: One of the three, or `auto`, which selects ENI or AMDI by the masks. If it selects AMDI and the masks do
+            not distinguish the views (equal or all-open masks), ENI is used instead, and `note` says so.
+        masks_of: The shot whose masks `auto` uses, if those of `shot` have been closed over some pixels.
 
     Raises:
-        InputError: An unknown method; AMDI was asked for by name and the masks do not allow it; no pixel of the
+        InputError: An unknown method; AMDI was requested by name and the masks do not allow it; no pixel of the
             measurement counts.
     """
     if method not in ("auto", *get_args(ProxyMethod)):
@@ -98,16 +98,16 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto", ma
 
 
 def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName, masks_of: Shot) -> tuple[F32, tuple[Finding, ...]]:
-    """Return the views that the geometry stage looks at, [N, H, W, C], and what is to be said of them.
+    """Return the views for the geometry stage, [N, H, W, C], and the findings about them.
 
     Args:
-        seen: The measurement as far as it may be seen.
-        decoded: Its views as GAP-TV decodes them.
-        proxy: Which views are wanted.
-        masks_of: The measurement with its masks as they were calibrated, which route.
+        seen: The measurement without its held-out pixels.
+        decoded: Its views decoded by GAP-TV.
+        proxy: Which views are requested.
+        masks_of: The measurement with its calibrated masks, which select the proxy.
 
     Raises:
-        InputError: The masks do not allow the proxies that are wanted.
+        InputError: The masks do not allow the requested proxies.
     """
     if proxy == "gap-tv":
         return decoded, ()
