@@ -1,6 +1,6 @@
-"""A coded rendering whose gradient is asked for by a call: what a fit does hundreds of times over.
+"""A coded rendering whose gradient is computed by a function call, as a fit does hundreds of times.
 
-Torch's graph costs a small rendering more than its kernels do, so a backend may hand out the gradient itself. Here:
+For a small rendering, torch's graph costs more than the kernels do, so a backend may compute the gradient itself. Here:
 that interface, and the same by torch's graph for scenes and backends that need it. Not here: any rendering.
 """
 
@@ -23,7 +23,7 @@ Pull = Callable[[F32], F32]
 
 @runtime_checkable
 class AdjointBackend(Backend, Protocol):
-    """A backend that differentiates without a graph."""
+    """A backend that differentiates without torch's graph."""
 
     def coded_with_pull(
         self,
@@ -66,7 +66,7 @@ def coded_with_pull(
 
 
 def accumulate(scene: Gaussians, gradients: Mapping[str, F32]) -> None:
-    """Add gradients to those of a scene's parameters, by their names; the arrays are the scene's from now on."""
+    """Add gradients to those of a scene's parameters, by name; the scene owns the arrays afterwards."""
     parameters = scene.parameters()
     for name, gradient in gradients.items():
         tensor, added = parameters[name], torch.from_numpy(gradient)

@@ -1,7 +1,7 @@
-"""The renderers that there are, by name.
+"""The available renderers, by name.
 
-`reference` is the float64 definition, for tests and small scenes; `cpu` is what reconstructions run on. A further one
-(CUDA) is one class and one entry in `_BACKENDS`. Not here: what a renderer does (`gs2ci.render.interface`).
+`reference` is the float64 definition, for tests and small scenes; `cpu` is used by reconstructions. Another renderer
+(CUDA) needs one class and one entry in `_BACKENDS`. Not here: what a renderer does (`gs2ci.render.interface`).
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from gs2ci.render.settings import RasterSettings
 
 
 def _load_cpu(settings: RasterSettings) -> Backend:
-    # Importing Numba takes a second; only who renders on the CPU pays it.
+    # Imported here, since importing Numba takes a second, which only rendering on the CPU should cost.
     from gs2ci.render.cpu.backend import CpuBackend  # noqa: PLC0415
 
     return CpuBackend(settings)
@@ -32,8 +32,8 @@ def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> B
     """Return a new backend by name.
 
     Args:
-        name: Which.
-        settings: What it may leave out; None takes the defaults.
+        name: Of the backend.
+        settings: What it may leave out; None uses the defaults.
 
     Raises:
         InputError: There is none of that name, or the settings make no sense.
@@ -44,7 +44,7 @@ def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> B
 
 
 def needs_compiling(name: str) -> bool:
-    """Tell whether a backend's first rendering on this machine waits for its kernels to be compiled."""
+    """Tell whether a backend's first rendering on this machine has to wait until its kernels are compiled."""
     if name != "cpu":
         return False
     from gs2ci.render.cpu.compile import is_compiled  # noqa: PLC0415

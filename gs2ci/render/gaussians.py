@@ -1,6 +1,6 @@
-"""A scene of 3D Gaussians as optimisable parameters, and the sound arithmetic of opacities and rotations.
+"""A scene of 3D Gaussians as optimisable parameters, with numerically stable opacities and rotations.
 
-Here: the parameters, where they are at a moment, their checks and conversions. Not here: files (`ply.py`), rendering,
+Here: the parameters, their positions at a moment, their checks and conversions. Not here: files (`ply.py`), rendering,
 densification rules (`gs2ci.reconstruct.fit.density`).
 """
 
@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import QUATERNION_NORM_MIN
 
 HARMONICS: Final = (0, 3, 8, 15)
-"""How many spherical harmonics there are above the constant one up to degree 0, 1, 2 and 3."""
+"""Number of spherical harmonics above the constant one up to degree 0, 1, 2 and 3."""
 
 _FIELD_COLUMNS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": None, "colours": 3}
 
@@ -31,12 +31,12 @@ class Gaussians:
         quaternions: Rotations own axes -> world, (w, x, y, z), of any norm, [G, 4]; zero means no rotation.
         opacity_logits: Opacity = sigmoid, [G].
         colours: Linear, in the unit of a view's full scale, not clamped, [G, 3].
-        motion: How the centres move, [G, K, 3]: at time t they are at means + sum_k motion_k t^k, k = 1 ... K. The unit
-            of time is the user's; a reconstruction counts it from −1 to 1 over the exposure, so that the first row is
-            half of what a velocity covers in it. None: nothing moves.
-        harmonics: What of the colours changes with the direction from which a Gaussian is seen: coefficients of the
-            spherical harmonics of degree 1 up to 1, 2 or 3, [G, 3, 8 or 15, 3], the last axis RGB
-            (`gs2ci.render.harmonics`). None: nothing does, and the colours are seen as they are.
+        motion: Motion of the centres, [G, K, 3]: at time t they are at means + sum_k motion_k t^k, k = 1 ... K. The
+            caller chooses the unit of time; a reconstruction counts from −1 to 1 over the exposure, so that the first
+            row is the distance covered in half the exposure. None: nothing moves.
+        harmonics: The direction-dependent part of the colours: coefficients of the spherical harmonics of degree 1 up
+            to 1, 2 or 3, [G, 3, 8 or 15, 3], the last axis RGB (`gs2ci.render.harmonics`). None: colours do not depend
+            on direction.
     """
 
     means: Tensor
@@ -51,11 +51,11 @@ class Gaussians:
         return int(self.means.shape[0])
 
     def _repr_png_(self) -> bytes | None:
-        """Show the centres in their colours, seen from where most cameras of ours stand: before them, a little above.
+        """Show the centres in their colours, from in front and slightly above, like most of our cameras.
 
-        Centres alone need no rasteriser; None where there is nothing to see.
+        Centres alone need no rasteriser; None if nothing is visible.
         """
-        from gs2ci.core.notebook import png_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.core.notebook import png_of  # noqa: PLC0415  imported only if a picture is drawn
         from gs2ci.render.sketch import sketch  # noqa: PLC0415  as above
 
         own = self.detach().map(lambda tensor: tensor.double())
@@ -80,19 +80,19 @@ class Gaussians:
         return card("scene", facts, self._repr_png_(), caption="centres of the Gaussians")
 
     def parameters(self) -> dict[str, Tensor]:
-        """Return the tensors by field name; `motion` and `harmonics` only where there are any."""
+        """Return the tensors by field name; `motion` and `harmonics` only if there are any."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: tensor for name, tensor in found.items() if tensor is not None}
 
     def means_at(self, times: Tensor) -> Tensor:
-        """Return the centres at moments [V]: [V, G, 3], or [G, 3] for all of them where nothing moves."""
+        """Return the centres at moments [V]: [V, G, 3], or [G, 3] for all of them if nothing moves."""
         if self.motion is None:
             return self.means
         powers = torch.stack([times**k for k in range(1, self.motion.shape[1] + 1)], dim=1).to(self.motion.dtype)
         return self.means + torch.einsum("vk,gkc->vgc", powers, self.motion)
 
     def at(self, moment: float) -> "Gaussians":
-        """Return the scene as it stands at a moment: nothing in it moves."""
+        """Return the scene at one moment, as a still scene."""
         still = {name: tensor for name, tensor in self.parameters().items() if name != "motion"}
         means = self.means_at(torch.tensor([moment], dtype=self.means.dtype))
         return Gaussians(**(still | {"means": means.reshape(-1, 3)}))
@@ -102,7 +102,7 @@ class Gaussians:
         return Gaussians(**{name: function(tensor) for name, tensor in self.parameters().items()})
 
     def detach(self) -> "Gaussians":
-        """Return the same numbers cut off from any graph."""
+        """Return the same numbers detached from any graph."""
         return self.map(torch.Tensor.detach)
 
     def check(self) -> "Gaussians":
@@ -129,7 +129,7 @@ def _harmonics_of(tensor: Tensor) -> int:
     """Return how many harmonics a tensor [G, K, 3] has.
 
     Raises:
-        InputError: It is none of such numbers.
+        InputError: K is not one of the possible numbers.
     """
     found = int(tensor.shape[1]) if tensor.ndim == 3 else 0
     if found not in HARMONICS[1:]:
@@ -161,8 +161,9 @@ def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
 
 
 def all_finite(tensor: Tensor) -> bool:
-    """Tell whether all numbers of a tensor are finite: a fit asks for it several times an iteration."""
-    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
+    """Tell whether all numbers of a tensor are finite; fast, since a fit calls it several times in each iteration."""
+    # A finite sum proves it; only if the sum is not finite, which may be an overflow, are the numbers tested one by
+    # one.
     return math.isfinite(float(tensor.sum())) or bool(torch.isfinite(tensor).all())
 
 
@@ -172,9 +173,9 @@ def logit(probability: Tensor) -> Tensor:
 
 
 def transmittance_preserving_opacity(opacity_logits: Tensor) -> Tensor:
-    """Return the logits of alpha' = 1 - sqrt(1 - alpha): two such layers let through what one did.
+    """Return the logits of alpha' = 1 - sqrt(1 - alpha): two such layers transmit as much as the one.
 
-    The opacity for both halves of a split or duplicated Gaussian (revised densification; paper, section III-E).
+    This is the opacity for both halves of a split or duplicated Gaussian (revised densification; paper, section III-E).
     In logit space: with r = sqrt(1 - alpha), alpha' / (1 - alpha') = (1 - r) / r, where
     ln r = ln(sigmoid(-x)) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and
     logits of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
@@ -183,7 +184,7 @@ def transmittance_preserving_opacity(opacity_logits: Tensor) -> Tensor:
         opacity_logits: x with alpha = sigmoid(x), any shape.
     """
     log_root = 0.5 * torch.nn.functional.logsigmoid(-opacity_logits)
-    # Where alpha underflows (x < -87 in float32), 1 - r is 0 and its log infinite: bound it once, here.
+    # If alpha underflows (x < -87 in float32), 1 - r is 0 and its log infinite: it is bounded here.
     smallest = torch.finfo(log_root.dtype).tiny
     return torch.log((-torch.expm1(log_root)).clamp(min=smallest)) - log_root
 

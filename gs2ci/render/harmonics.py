@@ -1,7 +1,7 @@
-"""Colours that change with the direction they are seen from: real spherical harmonics up to degree 3.
+"""Direction-dependent colours: real spherical harmonics up to degree 3.
 
-Here: the basis, and the step from a scene's coefficients to the colours that each view sees, in the convention of 3D
-Gaussian splatting files. Not here: files (`ply`), blending (backends blend colours per view).
+Here: the basis, and the colours that each view sees from a scene's coefficients, in the convention of 3D Gaussian
+splatting files. Not here: files (`ply`), blending (backends blend colours per view).
 """
 
 import math
@@ -25,7 +25,7 @@ _3: Final = tuple(math.sqrt(n / math.pi) for n in (35 / 32, 105 / 4, 21 / 32, 7 
 
 
 def coefficients(degree: int) -> int:
-    """Return how many harmonics above the constant one there are up to a degree.
+    """Return the number of harmonics above the constant one up to a degree.
 
     Raises:
         InputError: The degree is not 0 to 3.
@@ -36,16 +36,16 @@ def coefficients(degree: int) -> int:
 
 
 def degree_of(scene: Gaussians) -> int:
-    """Return the highest degree of a scene's harmonics; 0 where its colours are seen as they are."""
+    """Return the highest degree of a scene's harmonics; 0 if its colours do not depend on direction."""
     return 0 if scene.harmonics is None else HARMONICS.index(scene.harmonics.shape[1])
 
 
 def basis(directions: Tensor) -> Tensor:
     """Evaluate the harmonics of degrees 1 to 3, [..., 3] -> [..., 15].
 
-    Within a degree l the orders run from -l to l. The phase (-1)^m of Condon and Shortley is in, as Kerbl et al.
-    (2023) and the files of their program have it. Orthonormal over the sphere: Sloan, "Stupid Spherical Harmonics
-    Tricks" (2008), appendix A2.
+    Within a degree l the orders run from -l to l. The phase (-1)^m of Condon and Shortley is included, as in Kerbl et
+    al. (2023) and the files of their program. Orthonormal over the sphere: Sloan, "Stupid Spherical Harmonics Tricks"
+    (2008), appendix A2.
 
     Args:
         directions: Unit vectors, from the camera to what it sees.
@@ -71,8 +71,8 @@ def basis(directions: Tensor) -> Tensor:
 def colours_seen(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None = None) -> Tensor:
     """Return each Gaussian's colour from each camera, [V, G, 3], at least 0: light is never negative.
 
-    Differentiable in colours and harmonics and, through the direction of sight, in the centres and the poses. Where
-    light would be negative all gradients are zero, as in Kerbl et al. (2023).
+    Differentiable in colours and harmonics and, through the viewing direction, in the centres and the poses. If light
+    would be negative, all gradients are zero, as in Kerbl et al. (2023).
 
     Args:
         scene: Its colours are the constant part, 0.5 + SH_DC f_dc.
@@ -95,15 +95,15 @@ def colours_seen(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None
 
 
 def colours_from(scene: Gaussians, world_to_camera: Tensor) -> Tensor:
-    """Return the colours, [G, 3], that one camera sees, [4, 4]: the scene's own where they change with nothing."""
+    """Return the colours, [G, 3], that one camera sees, [4, 4]; without harmonics, the scene's own."""
     return scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera[None])[0]
 
 
 def turned(harmonics: Tensor, rotation: Tensor) -> Tensor:
-    """Return the coefficients of a scene that is turned, [G, K, 3]: seen from turned places it looks as before.
+    """Return the coefficients of a rotated scene, [G, K, 3]: seen from rotated positions it looks the same.
 
-    Each degree turns within itself. Its matrix is found by what it does to the basis in more directions than there are
-    orders, which is exact: harmonics of one degree are closed under rotation.
+    A rotation maps the harmonics of each degree to combinations of themselves. The matrix is solved for from the basis
+    in more directions than there are orders, which is exact.
 
     Args:
         harmonics: [G, K, 3].

@@ -1,4 +1,4 @@
-"""Checks of what a renderer is given, shared by all backends."""
+"""Checks of a renderer's input, shared by all backends."""
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from gs2ci.render.screen import ScreenStatistics
 
 
 def check_masks(masks: Tensor) -> None:
-    """Accept mask values [N, H, W].
+    """Check mask values [N, H, W].
 
     Raises:
         InputError: Another shape, an empty image, or a value that is negative or not finite.
@@ -23,7 +23,7 @@ def check_masks(masks: Tensor) -> None:
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Accept an image size.
+    """Check an image size.
 
     Raises:
         InputError: Height or width below one pixel.
@@ -33,10 +33,10 @@ def check_size(size: tuple[int, int]) -> None:
 
 
 def check_screen(screen: ScreenStatistics | None, scene: Gaussians) -> None:
-    """Accept the record that a rendering is to fill, if there is one.
+    """Check the record that a rendering is to fill, if there is one.
 
     Raises:
-        InputError: It is that of another number of Gaussians.
+        InputError: It is for another number of Gaussians.
     """
     if screen is not None and len(screen.sightings) != len(scene):
         raise InputError(
@@ -53,7 +53,7 @@ def check_rendering(
     colours: Tensor | None = None,
     times: Tensor | None = None,
 ) -> None:
-    """Accept a scene, poses and intrinsics.
+    """Check a scene, poses and intrinsics.
 
     Args:
         scene: The Gaussians.
@@ -64,7 +64,7 @@ def check_rendering(
         times: When each pose was taken, [V], or None.
 
     Raises:
-        InputError: Shapes disagree, a number is not finite, or a scene moves and nothing says when it is seen.
+        InputError: Shapes disagree, a number is not finite, or a scene moves and no times are given.
     """
     scene.check()
     count = int(world_to_camera.shape[0]) if views is None and world_to_camera.ndim else (views or 0)

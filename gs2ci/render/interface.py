@@ -1,7 +1,7 @@
-"""The interface behind which renderers are exchangeable.
+"""The common interface of renderers.
 
-A backend renders whole views, and the coded sum of views without making images of them. Not here: the renderers that
-there are (`gs2ci.render.backend`).
+A backend renders whole views, and the coded sum of views without making images of them. Not here: the available
+renderers (`gs2ci.render.backend`).
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from gs2ci.render.stopping import StoppedLight
 
 @dataclass(frozen=True)
 class MaskSet:
-    """A mask set as a backend prepared it; what else is in it is the backend's own business.
+    """A mask set prepared by a backend; its other contents are internal to the backend.
 
     Args:
         views: N.
@@ -29,40 +29,40 @@ class MaskSet:
 
 
 class Reuse:
-    """What renderings of one population of Gaussians may share; what is in it is the backend's own business.
+    """Data that renderings of the same Gaussians may share; its contents are internal to the backend.
 
-    It belongs to a population: whoever adds, removes or reorders Gaussians, or puts others in their place, takes a new
-    one. It serves one rendering at a time.
+    It is valid for one population: code that adds, removes, reorders or replaces Gaussians has to get a new one. It may
+    be used by one rendering at a time.
     """
 
 
 class Backend(Protocol):
     """A differentiable renderer of Gaussian scenes over a black background.
 
-    A scene with a motion is rendered as it stands at each pose's time, one with harmonics in the colours that each pose
-    sees (`gs2ci.render.harmonics.colours_seen`). World-to-camera matrices have OpenCV axes (x
-    right, y down, z forward); pixel centres lie at +0.5. Gradients reach all fields of the scene, per-view colours and
-    the upper three rows of the poses; as a pose's gradient is that of its twelve numbers, compose it with `se3.exp` to
-    stay among rigid motions. The intrinsics get no gradient.
+    A moving scene is rendered at each pose's time, one with harmonics in the colours that each pose sees
+    (`gs2ci.render.harmonics.colours_seen`). World-to-camera matrices have OpenCV axes (x right, y down, z forward);
+    pixel centres lie at +0.5. Gradients reach all fields of the scene, per-view colours and the upper three rows of the
+    poses. A pose's gradient is that of its twelve numbers; parametrise poses by `se3.exp` to keep them rigid. The
+    intrinsics get no gradient.
     """
 
     @property
     def name(self) -> str:
-        """Get the name under which `gs2ci.render.backend.load_backend` knows it."""
+        """Get its name for `gs2ci.render.backend.load_backend`."""
 
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> MaskSet:
         """Prepare a mask set, once.
 
         Args:
             masks: Mask value times slot weight, [N, H, W] float32, not negative; pixels at 0 are never rendered.
-            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+            sampling: Positions of the pixels on the canvas, for a lens; None: the pinhole's own pixel grid.
 
         Raises:
             InputError: Not [N, H, W], negative or not finite, or a sampling of another size.
         """
 
     def reuse(self) -> Reuse:
-        """Return what the renderings of a population may share from now on."""
+        """Return a new object for the data that renderings of the same Gaussians share."""
 
     def coded(
         self,
@@ -79,20 +79,20 @@ class Backend(Protocol):
         Args:
             scene: The Gaussians.
             world_to_camera: The pose under each mask, [N, 4, 4].
-            intrinsics: Camera matrix in pixels, [3, 3]; of the pinhole, where pixels look elsewhere.
+            intrinsics: Camera matrix in pixels, [3, 3]; with a sampling, that of the pinhole.
             mask_set: From `code`.
             screen: Filled during the backward pass through this rendering, if given.
-            reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
+            reuse: From `reuse`: results of earlier renderings of these Gaussians, used as far as the backend's settings
                 allow; None shares nothing.
-            times: When each pose was taken, [V], in the unit of the scene's motion; needed where it moves, and not read
-                where nothing does.
+            times: Time of each pose, [V], in the unit of the scene's motion; required for a moving scene, ignored for a
+                still one.
 
         Returns:
             Y, [H, W, 3] float32, in the unit of the colours.
 
         Raises:
             InputError: Shapes disagree, a number is not finite, mask set or `reuse` is another backend's, or `screen`
-                is that of another number of Gaussians.
+                is for another number of Gaussians.
         """
 
     def views(
@@ -113,8 +113,8 @@ class Backend(Protocol):
             intrinsics: Camera matrix in pixels, [3, 3].
             size: Height and width, px.
             colours: Colours that differ from view to view, [V, G, 3], instead of the scene's own and their harmonics;
-                None takes the scene's.
-            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+                None uses the scene's.
+            sampling: Positions of the pixels on the canvas, for a lens; None: the pinhole's own pixel grid.
             times: See `coded`.
 
         Returns:
@@ -133,7 +133,7 @@ class Backend(Protocol):
         sampling: CanvasSampling | None = None,
         times: Tensor | None = None,
     ) -> StoppedLight:
-        """Find where the light of each pixel is stopped (`gs2ci.render.stopping`); not differentiable.
+        """Find the depths at which the light of each pixel is stopped (`gs2ci.render.stopping`); not differentiable.
 
         Args:
             scene: The Gaussians.

@@ -53,11 +53,11 @@ _HEADER_BYTES_MAX: Final = 1 << 20
 
 @dataclass(frozen=True)
 class PlyScene:
-    """A scene as read from a file, and what of the file it leaves out.
+    """A scene read from a file, and the names of the properties that were ignored.
 
     Args:
-        gaussians: float32; without harmonics where the file has none, or only zeros.
-        ignored: Names of further properties that were read over.
+        gaussians: float32; without harmonics if the file has none, or only zeros.
+        ignored: Names of other properties, which were skipped.
     """
 
     gaussians: Gaussians
@@ -72,7 +72,7 @@ class _Header:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a scene; what `read_ply_scene` tells beside it is dropped.
+    """Read a scene without the list of ignored properties.
 
     Raises:
         InputError: See `read_ply_scene`.
@@ -133,7 +133,7 @@ def _harmonics(table: NDArray[Any], names: tuple[str, ...]) -> torch.Tensor | No
 
 
 def _columns(table: NDArray[Any], names: tuple[str, ...]) -> torch.Tensor:
-    # An empty stack of columns has no dtype of its own to keep.
+    # The dtype is given, since an empty stack of columns has none of its own.
     with np.errstate(over="ignore"):
         return torch.from_numpy(np.stack([table[name].astype(np.float32) for name in names], axis=1))
 
@@ -194,7 +194,7 @@ def _parse_elements(path: Path, lines: list[list[str]]) -> tuple[str, list[tuple
             case ["property", type_, name] if elements and type_ in _TYPES:
                 elements[-1][2].append((name, _TYPES[type_]))
             case ["property", "list", *_] if elements and elements[-1][0] != "vertex":
-                pass  # faces and the like may follow the Gaussians
+                pass  # other elements, such as faces, may follow the Gaussians
             case _:
                 raise InputError(
                     f"{path}: PLY header line {' '.join(words)!r} makes no sense",
@@ -221,7 +221,8 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
     for row in range(header.count):
         words = file.readline().split()
         try:
-            # A tuple fills one row of the table; the wrong number of words or a word that is no number raises.
+            # A tuple fills one row of the table; a wrong number of words or a word that is not a number raises an
+            # error.
             table[row] = tuple(float(word) for word in words)
         except ValueError as error:
             raise InputError(
@@ -236,8 +237,8 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
     """Write a scene as binary little-endian PLY; the file appears whole or not at all.
 
     Args:
-        path: Of the file; what was there is replaced.
-        gaussians: The scene; of a motion, the format has nothing.
+        path: Of the file; an existing file is replaced.
+        gaussians: The scene; the format cannot store its motion.
 
     Returns:
         The path written.

@@ -1,7 +1,7 @@
 """The definition of the image model: every pixel against every Gaussian, in torch float64.
 
-It is written to be read and to be differentiated by autograd, and holds the fast paths to account. It never stops early
-and skips nothing, so it is for tests and small scenes.
+It is written for readability and for autograd, and tests compare the fast paths with it. It never stops early and skips
+nothing, so it is meant for tests and small scenes.
 """
 
 from dataclasses import dataclass, replace
@@ -50,7 +50,8 @@ class Splats:
         colours: [S, 3].
         index: Which of the scene's Gaussians each is, [S] int64.
         depths: Of the centres, [S].
-        depth_slopes: What depth gains per px on screen, [S, 2], where the Gaussian is densest along the ray.
+        depth_slopes: Change of depth per px on screen, [S, 2], at the point where the Gaussian is densest along the
+            ray.
         depth_sigmas: Standard deviation of depth along a ray, [S].
     """
 
@@ -147,8 +148,8 @@ def composite(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
         pixels: Pixel centres, [P, 2].
 
     Returns:
-        Colours [P, 3], alphas [P], and the margin: how near any alpha comes to the thresholds `ALPHA_MIN` and
-        `ALPHA_MAX`, relative to them. At a threshold the image jumps, so two correct renderers may differ there.
+        Colours [P, 3], alphas [P], and the margin: the smallest relative distance of any alpha from the thresholds
+        `ALPHA_MIN` and `ALPHA_MAX`. The image is discontinuous there, so two correct renderers may differ.
     """
     weights, stopped, margin = weights_at(splats, pixels)
     return weights.T @ splats.colours, stopped, margin
@@ -170,7 +171,7 @@ def weights_at(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
 
 
 def stop_light(splats: Splats, pixels: Tensor) -> tuple[StoppedLight, float]:
-    """Find where the light of pixels is stopped: the definition of depth (`stopping.py`).
+    """Find the depths at which the light of pixels is stopped: the definition of depth (`stopping.py`).
 
     Args:
         splats: S splats, nearest first.
@@ -217,7 +218,7 @@ def _distance(alphas: Tensor, threshold: float) -> float:
 
 
 def _moments(scene: Gaussians, views: int, times: Tensor | None) -> list[Gaussians]:
-    """Return the scene as it stands in each view."""
+    """Return the scene at the time of each view."""
     if times is None or scene.motion is None:
         return [scene] * views
     return [replace(scene, means=means) for means in scene.means_at(times.double())]
@@ -240,7 +241,7 @@ def pixel_centres(size: tuple[int, int]) -> Tensor:
 def looked_at(
     intrinsics: Tensor, size: tuple[int, int], sampling: CanvasSampling | None
 ) -> tuple[Tensor, tuple[int, int], Tensor]:
-    """Return the camera matrix, height and width of the frame to project into, and where pixels look, [H * W, 2]."""
+    """Return camera matrix, height and width of the frame to project into, and positions of pixels, [H * W, 2]."""
     if sampling is None:
         return intrinsics, size, pixel_centres(size)
     places = torch.from_numpy(sampling.places).reshape(-1, 2)
@@ -248,12 +249,12 @@ def looked_at(
 
 
 def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> None:
-    """Let the backward pass through these splats add one view to the record.
+    """Register that the backward pass through these splats adds one view to the record.
 
     A splat is seen if its footprint, where its alpha reaches `ALPHA_MIN`, can touch the frame.
 
     Args:
-        splats: S splats whose gradient will be asked for.
+        splats: S splats whose gradient will be computed.
         size: Height and width, px.
         screen: The record of the scene that they are part of.
     """
@@ -275,19 +276,19 @@ def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> No
 
 @dataclass(frozen=True)
 class ReferenceMaskSet(MaskSet):
-    """The masks, [N, H, W] float64, and where their pixels look."""
+    """The masks, [N, H, W] float64, and the positions of their pixels."""
 
     masks: Tensor
     sampling: CanvasSampling | None = None
 
 
 class ReferenceBackend:
-    """The definition behind the `Backend` interface; answers are float64.
+    """The definition behind the `Backend` interface; results are float64.
 
-    It never stops early and takes nothing over from earlier renderings: settings permit both and demand neither.
+    It never stops early and reuses nothing from earlier renderings: the settings permit both but do not require it.
 
     Args:
-        settings: What may be left out; None takes the defaults.
+        settings: What may be left out; None uses the defaults.
 
     Attributes:
         margin: Of the last rendering, see `composite`; for coded sums over the open pixels only.
@@ -384,7 +385,7 @@ class ReferenceBackend:
         sampling: CanvasSampling | None = None,
         times: Tensor | None = None,
     ) -> StoppedLight:
-        """Find where light is stopped; see `Backend.depths`."""
+        """Find the depths at which light is stopped; see `Backend.depths`."""
         check_size(size)
         check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, times=times)

@@ -1,8 +1,8 @@
-"""Where the pixels of an image look, if not at the lattice of a pinhole camera: behind a lens that distorts.
+"""Positions of an image's pixels on a pinhole's canvas, for a lens that distorts.
 
-A Gaussian has a value anywhere on the screen, so that a lens takes no resampling: each pixel is blended where its light
-would have fallen without the lens. Here: these places, and the pinhole's canvas that holds them all. Not here: the lens
-(`gs2ci.core.lens`).
+A Gaussian can be evaluated anywhere on the screen, so that a lens needs no resampling: each pixel is blended at the
+position where its light would have fallen without the lens. Here: these positions, and the pinhole's canvas that
+contains them all. Not here: the lens (`gs2ci.core.lens`).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gs2ci.core.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class CanvasSampling:
-    """Places on a pinhole's canvas, one for each pixel of an image.
+    """Positions on a pinhole's canvas, one for each pixel of an image.
 
     The canvas is a larger or smaller frame of the same pinhole camera: its pixel (0, 0) is the camera's pixel `origin`.
 
@@ -34,7 +34,7 @@ class CanvasSampling:
 
     @classmethod
     def around(cls, places: F64, border: int = 0) -> Self:
-        """Lay a canvas around places in the camera's frame, [H, W, 2] px, with so many more pixels on each side.
+        """Make a canvas around positions in the camera's frame, [H, W, 2] px, with a border of pixels on each side.
 
         Raises:
             InputError: Not [H, W, 2], or not finite.
@@ -42,7 +42,7 @@ class CanvasSampling:
         if places.ndim != 3 or places.shape[2] != 2 or not places.size or not np.isfinite(places).all():
             raise InputError(f"places of pixels of shape {list(places.shape)}", allowed="finite numbers, [H, W, 2]")
         low = np.floor(places.min(axis=(0, 1))).astype(int) - border
-        # A place on a whole number belongs to the pixel that begins there.
+        # A whole number belongs to the pixel that starts there.
         size = np.floor(places.max(axis=(0, 1))).astype(int) + 1 + border - low
         return cls(places - low, (int(low[0]), int(low[1])), (int(size[1]), int(size[0])))
 
@@ -52,17 +52,17 @@ class CanvasSampling:
         return int(self.places.shape[0]), int(self.places.shape[1])
 
     def intrinsics_of_canvas(self, intrinsics: Tensor) -> Tensor:
-        """Return the camera matrix, [3, 3], as the canvas counts its pixels."""
+        """Return the camera matrix, [3, 3], in the pixels of the canvas."""
         moved = intrinsics.clone()
         moved[:2, 2] -= torch.tensor(self.origin, dtype=intrinsics.dtype)
         return moved
 
 
 def check_sampling(sampling: CanvasSampling | None, size: tuple[Any, ...]) -> None:
-    """Accept a sampling of an image of this size, or none.
+    """Check that a sampling, if given, is for an image of this size.
 
     Raises:
-        InputError: It is that of an image of another size.
+        InputError: It is for an image of another size.
     """
     if sampling is not None and sampling.size != tuple(size):
         raise InputError(f"places of {sampling.size} pixels for an image of {tuple(size)}", allowed="equal sizes")

@@ -29,7 +29,7 @@ def _series(angle2: Tensor, first: int) -> Tensor:
 
 
 def _three_series(angle2: Tensor) -> Tensor:
-    """Return `_series` for first = 1, 2 and 3, [..., 3], in two operations: a fit asks for them at every iteration."""
+    """Return `_series` for first = 1, 2 and 3, [..., 3], in two operations, as each iteration of a fit needs them."""
     powers = range(_SERIES_TERMS)
     table = [[(-1) ** k / math.factorial(2 * k + first) for first in (1, 2, 3)] for k in powers]
     exponents = torch.tensor(powers, dtype=angle2.dtype, device=angle2.device)
@@ -37,7 +37,7 @@ def _three_series(angle2: Tensor) -> Tensor:
 
 
 def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return where the series apply, and arguments harmless to the series and to the closed form elsewhere.
+    """Return where the series apply, and safe arguments for the series and for the closed form elsewhere.
 
     `torch.where` passes zero times the unused branch's gradient back, so both branches must be finite everywhere.
     """
@@ -155,7 +155,7 @@ def _inverse_coefficient(angle2: Tensor) -> Tensor:
     for coefficient in reversed(_HALF_COTANGENT):
         series = series * (near / 4) + coefficient
     half = far2.sqrt() / 2
-    # h cot h as h cos h / sin h: no tangent that leaves the numbers at pi.
+    # h cot h as h cos h / sin h: the tangent would overflow at pi.
     closed = (1 - half * torch.cos(half) / torch.sin(half)) / far2
     return torch.where(small, series / 4, closed)
 

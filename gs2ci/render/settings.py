@@ -1,6 +1,6 @@
 """How exactly a fast renderer works: what it may leave out for speed. Data alone.
 
-Here: `RasterSettings`. Not here: which renderer (`backend.py`), nor the image model's own constants (`conventions.py`).
+Here: `RasterSettings`. Not here: which renderer (`backend.py`), the image model's own constants (`conventions.py`).
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 
-# Far beyond what pays: with wider ones every Gaussian is in every list, which takes memory like pixels × Gaussians.
+# Far wider than useful: with a wider margin every Gaussian is in every list, whose memory grows with pixels ×
+# Gaussians.
 WIDEST_MARGIN_PX: Final = 64.0
 
 
@@ -18,12 +19,12 @@ class RasterSettings:
     """What a backend may leave out.
 
     Args:
-        termination_transmittance: A group of pixels may be left once all let less light through than this: a pixel
-            changes by at most this share of the colour behind it. 0 blends to the end.
-        relist_every: Which Gaussians may touch which pixels, and their order in depth, is found anew at every so many
-            renderings of one population, and taken over by those between. 1 takes nothing over.
-        list_margin_px: Where something is taken over, footprints are listed wider by this on all sides. Wider ones
-            cost time; of a Gaussian that has moved or grown further, parts are missing until the next listing.
+        termination_transmittance: Blending of a group of pixels may stop once all let less light through than this: a
+            pixel changes by at most this share of the colour behind it. 0 blends to the end.
+        relist_every: The lists of Gaussians that may touch each pixel, in depth order, are made once in so many
+            renderings of one population and reused by those between. 1 reuses nothing.
+        list_margin_px: If lists are reused, they are made with footprints widened by this on all sides. A wider margin
+            costs time; if a Gaussian moves or grows further, parts of it are missing until the next lists.
     """
 
     termination_transmittance: float = TERMINATION_TRANSMITTANCE

@@ -11,12 +11,12 @@ import numpy as np
 from gs2ci.core.arrays import F64, U8
 
 SIZE_PX: Final = (300, 400)
-# Fewer opaque Gaussians say nothing of a surface; more discs than this look the same.
+# Less opaque Gaussians show no surface; more discs than this look the same.
 LEAST_OPACITY: Final = 0.1
 MOST_DISCS: Final = 60_000
-# Of the centres at either end of each axis: single Gaussians far away would make all else a dot.
+# Share of the centres left out at either end of each axis: single distant Gaussians would reduce the rest to a dot.
 _LEFT_OUT: Final = 0.02
-# Discs stand for what a Gaussian covers; the largest are the far background's.
+# Radius of a disc in standard deviations of its Gaussian, and its bound: the largest belong to the far background.
 _SHOWN_SIGMAS: Final = 0.8
 MOST_RADIUS_PX: Final = 12
 BACKGROUND: Final = 24
@@ -24,13 +24,13 @@ _MARGIN: Final = 1.15
 
 
 def sketch(centres: F64, colours: F64, opacities: F64, sizes: F64) -> U8 | None:
-    """Draw a scene's centres, [H, W, 3]; None where none is opaque enough to be seen.
+    """Draw a scene's centres, [H, W, 3]; None if none is opaque enough to be seen.
 
-    The camera looks along +z, as the first of ours do, from before the scene's middle.
+    The camera looks along +z, as our reference cameras do, from in front of the scene's middle.
 
     Args:
         centres: [G, 3].
-        colours: In [0, 1] where they are to be kept, [G, 3].
+        colours: Clipped to [0, 1], [G, 3].
         opacities: [G].
         sizes: Of each Gaussian, its standard deviation across, [G].
     """
@@ -43,7 +43,7 @@ def sketch(centres: F64, colours: F64, opacities: F64, sizes: F64) -> U8 | None:
     low, high = np.quantile(centres, (_LEFT_OUT, 1 - _LEFT_OUT), axis=0)
     middle, extent = (low + high) / 2, np.maximum(high - low, 1e-9)
     height, width = SIZE_PX
-    # Before the nearest of what is kept, so that near and far stay in proportion.
+    # In front of the nearest centre that is shown, far enough to keep near and far in proportion.
     stand = low[2] - max(extent[0] * height / width, extent[1], 0.5 * extent[2])
     depth = centres[:, 2] - stand
     before = depth > 1e-6 * (middle[2] - stand)

@@ -2,10 +2,10 @@
 
 Here: `write_spz`. The format is Niantic's, version 3 (github.com/nianticlabs/spz, `load-spz.cc`, MIT): gzip over a
 header of 16 bytes, then for all Gaussians together positions in 24-bit fixed point, opacities, colours and scales in
-8 bits, of each rotation the three smallest parts in 10 bits, and the coefficients of harmonics in 8 bits. Axes are
-right, up, back. Not here: motion, which the format has none of; reading.
+8 bits, the three smallest components of each rotation in 10 bits, and the coefficients of harmonics in 8 bits. Axes are
+right, up, back. Not here: motion, which the format cannot store; reading.
 
-What these bits leave: scales within 3.2 %, colours within 0.4 % of full scale in their range of -0.4 to 1.4,
+The accuracy of these bits: scales within 3.2 %, colours within 0.4 % of full scale in their range of -0.4 to 1.4,
 opacities within 0.2 %, rotations within a fifth of a degree, coefficients of harmonics within 0.004 in their range of
 -1 to 1.
 """
@@ -27,7 +27,7 @@ from gs2ci.render.harmonics import SH_DC, degree_of, turned
 
 MAGIC: Final = 0x5053474E
 VERSION: Final = 3
-# Readers refuse a file whose positions have none.
+# Readers refuse a file whose positions have no fractional bits.
 LEAST_FRACTION_BITS: Final = 1
 MOST_FRACTION_BITS: Final = 20
 # Positions have 24 bits, one of them the sign.
@@ -45,7 +45,7 @@ def write_spz(path: str | Path, gaussians: Gaussians) -> Path:
     """Write a scene as SPZ; the file appears whole or not at all.
 
     Args:
-        path: Of the file; what was there is replaced.
+        path: Of the file; an existing file is replaced.
         gaussians: The scene.
 
     Returns:
@@ -74,15 +74,15 @@ def write_spz(path: str | Path, gaussians: Gaussians) -> Path:
     )
     header = struct.pack("<IIIBBBB", MAGIC, VERSION, len(scene), degree_of(scene), bits, 0, 0)
     body = header + b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
-    # The same scene makes the same file, whenever it is written.
+    # Without a time stamp, so that the same scene always gives the same file.
     return write_whole(path, gzip.compress(body, mtime=0))
 
 
 def _fraction_bits(farthest: float) -> int:
-    """Return how many of a position's bits may stand behind the point.
+    """Return how many of a position's bits can be fractional.
 
     Raises:
-        InputError: None: it lies too far away.
+        InputError: Not even one, since a position is too far away.
     """
     whole = max(0, math.floor(math.log2(farthest)) + 1) if farthest >= 1 else 0
     bits = min(MOST_FRACTION_BITS, _WHOLE_BITS - whole)
@@ -97,7 +97,7 @@ def _fraction_bits(farthest: float) -> int:
 
 
 def _harmonics(scene: Gaussians) -> U8:
-    """Return the coefficients one after the other, each of red, green and blue, [G, K * 3]."""
+    """Return the coefficients one after the other, red, green and blue for each, [G, K * 3]."""
     if scene.harmonics is None:
         return np.zeros((len(scene), 0), np.uint8)
     found = turned(scene.harmonics.double(), _OUR_AXES).numpy()
@@ -109,9 +109,9 @@ def _bytes(values: F64) -> U8:
 
 
 def _smallest_three(quaternions: F64) -> U8:
-    """Pack unit quaternions (w, x, y, z), [G, 4], into four bytes: which part is the largest, and the three others.
+    """Pack unit quaternions (w, x, y, z), [G, 4], into four bytes: index of the largest component, and the others.
 
-    The others lie within ±√½; 9 bits hold each one's size and one its sign, that of the largest being taken as +.
+    The others lie within ±√½; 9 bits hold each one's magnitude and one its sign, with the largest made positive.
     """
     parts = quaternions[:, [1, 2, 3, 0]]
     largest = np.abs(parts).argmax(axis=1)
