@@ -138,7 +138,7 @@ def test_the_density_rule_is_taken_by_name(template, random_shot):
 def test_a_rule_under_another_name_than_its_own_is_refused(monkeypatch, template):
     still = import_module("gs2ci_lamp_array.density").STILL
     monkeypatch.setattr("gs2ci.reconstruct.fit.rules.load", lambda *_: still)
-    with pytest.raises(PluginError, match="'other' is no density rule"):
+    with pytest.raises(PluginError, match="'other' is not a density rule"):
         with_rule(PRESETS["draft"].fit, "other")
 
 

@@ -155,7 +155,7 @@ def look_closer(
     first = look(jury, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
-    progress.say("The camera seems only to have turned: its path is sought again in views decoded by similar patches.")
+    progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
     closer = look(jury, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
     return closer if closer.geometry.verdict == "full" else first
 

@@ -37,7 +37,7 @@ class Settings:
     Args:
         poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
             "vggt-or-tracks" (`geometry.choose`).
-        proxy: The views in which the geometry stage tracks points: the decoded ones ("gap-tv"), or the paper's proxies.
+        proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
         try_orders: Whether short fits compare both orders of depth (near and far exchanged) if tracks leave the order
             open (`attempts`).
         first_look: The decoder that runs before anything is fitted (`decode.by_name`).

@@ -40,7 +40,7 @@ class CanvasSampling:
             InputError: Not [H, W, 2], or not finite.
         """
         if places.ndim != 3 or places.shape[2] != 2 or not places.size or not np.isfinite(places).all():
-            raise InputError(f"places of pixels of shape {list(places.shape)}", allowed="finite numbers, [H, W, 2]")
+            raise InputError(f"positions of pixels of shape {list(places.shape)}", allowed="finite numbers, [H, W, 2]")
         low = np.floor(places.min(axis=(0, 1))).astype(int) - border
         # A whole number belongs to the pixel that starts there.
         size = np.floor(places.max(axis=(0, 1))).astype(int) + 1 + border - low
@@ -65,4 +65,4 @@ def check_sampling(sampling: CanvasSampling | None, size: tuple[Any, ...]) -> No
         InputError: It is for an image of another size.
     """
     if sampling is not None and sampling.size != tuple(size):
-        raise InputError(f"places of {sampling.size} pixels for an image of {tuple(size)}", allowed="equal sizes")
+        raise InputError(f"positions of {sampling.size} pixels for an image of {tuple(size)}", allowed="equal sizes")

@@ -133,7 +133,7 @@ def test_proxies_say_which_they_are(tmp_path, share, chosen, capsys):
     assert report["shots"][0]["method"]["name"] == chosen
     assert views.shape == (4, 32, 40, 3)
     assert report["psnr_db"] is None
-    assert ("do not tell their views apart" in capsys.readouterr().out) == (share == 1.0)
+    assert ("do not distinguish their views" in capsys.readouterr().out) == (share == 1.0)
 
 
 @pytest.mark.parametrize("method", ["eni", "amdi"])

@@ -197,7 +197,7 @@ def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
 
 
 def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_path):
-    with pytest.raises(InputError, match="too little"):
+    with pytest.raises(InputError, match="not enough"):
         reconstruct.run(measured, tmp_path / "run", budget="0.1s")
     assert not (tmp_path / "run").exists()
 

@@ -159,7 +159,7 @@ def test_places_that_are_none_are_refused(places):
 def test_places_for_an_image_of_another_size_are_refused(name, make):
     case, backend = make(), load_backend(name)
     other = CanvasSampling.around(centres((3, 4)))
-    with pytest.raises(InputError, match=r"places of \(3, 4\) pixels"):
+    with pytest.raises(InputError, match=r"positions of \(3, 4\) pixels"):
         backend.code(case.masks, other)
-    with pytest.raises(InputError, match=r"places of \(3, 4\) pixels"):
+    with pytest.raises(InputError, match=r"positions of \(3, 4\) pixels"):
         backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=other)

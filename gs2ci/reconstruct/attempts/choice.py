@@ -77,7 +77,7 @@ class Attempts:
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
             first = self._decoded_better(first, sparsely=True) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
-        self.fits.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
+        self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         still = self.fits.completed(still)
         first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.fits.jury.residual_rms(shown) or 0.0)

@@ -137,7 +137,7 @@ class Fits:
         try:
             more = fit_together(self.fit_one(tried.geometry), tried.later, self.progress, None, self.halt)
         except NumericsError as error:
-            self.progress.say(f"A companion of the fit was left out: {error.problem}.")
+            self.progress.say(f"One of the further fits failed and is left out: {error.problem}.")
             more = ()
         fits = (*tried.fits, *more)
         return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())

@@ -28,7 +28,7 @@ from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_tr
 from gs2ci.reconstruct.geometry.validity import Criteria
 
 LEAST_SCHEDULE: Final = 150
-"""If the whole fit has fewer iterations, no short fits are made: they would cost as much again. So it is in a draft."""
+"""If the whole fit has fewer iterations, no short fits are made, which would cost as much again. A draft has fewer."""
 # Iterations of a short fit. After 20, things did not yet hide one another, and chance reversed a given path.
 _ITERATIONS: Final = 60
 # Pairs of short fits at most: one for each of the two solutions of the tracks, since more pairs add little if these
@@ -101,7 +101,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
         The geometry in the preferred order, with a note if it was reversed or if the order is open. Its `order_errors`
         are then those of pixels, tracks and travel together.
     """
-    progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
+    progress.say("Near and far may be exchanged: short fits compare both orders of depth.")
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
     travel = 0.0 if told else _travel_errors(geometry)

@@ -45,7 +45,7 @@ def second_look(
         progress: Receives every step.
     """
     before = first.geometry
-    progress.say("The camera path is doubtful: it is sought again in the views of the fit.")
+    progress.say("The camera path is doubtful: it is estimated again from the views of the fit.")
     found = from_tracks(Request.of(first.jury.seen, views, settings.geometry, lens), progress)
     if found.verdict != "full":
         return None

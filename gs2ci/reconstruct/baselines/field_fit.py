@@ -141,7 +141,7 @@ def fit_field(
         seen, _ = cast(scene, poses.repeat_interleave(count, dim=0), rays, settings.samples, generator)
         loss = readings.loss(chosen, seen.reshape(shot.views, count, 3))
         if not torch.isfinite(loss):
-            raise NumericsError("the radiance field left the numbers", remedy="lower its rate")
+            raise NumericsError("the loss of the radiance field is not finite", remedy="lower its rate")
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()

@@ -132,7 +132,7 @@ class HashGrid(nn.Module):
         return torch.cat(found, dim=1)
 
     def _index(self, lowest: Tensor, level: int) -> Tensor:
-        """Return where the eight corners' features stand in the table, [P, 8], of cells with lowest corners [P, 3]."""
+        """Return the table indices of the eight corners' features, [P, 8], of cells with lowest corners [P, 3]."""
         if self._dense[level]:
             _, rows, columns = (int(side) + 1 for side in self.cells[level])
             strides = (rows * columns, columns, 1)

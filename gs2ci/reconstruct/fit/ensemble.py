@@ -148,7 +148,7 @@ def _one_after_another(
     """Run the fits in turn; with a deadline only the leader, which uses all the time."""
     if pace is not None:
         beginnings = beginnings[:1]
-        progress.say("Without OpenMP, fits cannot run side by side: within a budget there is one.")
+        progress.say("Without OpenMP, fits cannot run side by side: a budget allows only one.")
     led = fit_one(beginnings[0], progress, pace)
     return (
         led,
@@ -168,7 +168,7 @@ def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) ->
         try:
             found.append(companion())
         except NumericsError as error:
-            progress.say(f"A companion of the fit was left out: {error.problem}.")
+            progress.say(f"One of the further fits failed and is left out: {error.problem}.")
     return found
 
 

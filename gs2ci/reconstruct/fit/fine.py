@@ -265,7 +265,7 @@ def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: 
         return None
     pseudo = make_pseudo(coarse, renderer, fine.prior, refine, fine.settings.between)
     if not len(pseudo.poses):
-        raise InputError("there is one camera only, and no path to look beside")
+        raise InputError("there is only one camera, and no path for pseudo-views")
     loss = PseudoLoss(pseudo, fine.settings, fine.distance)
     first = loss(0, pseudo.targets[0], pseudo.alphas[0])
     if not torch.isfinite(first):

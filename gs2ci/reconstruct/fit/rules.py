@@ -61,6 +61,6 @@ def _plugged(name: str) -> RuleChoice:
         raise InputError(f"no density rule {name!r}", allowed=allowed(RULE_GROUP, RULE_NAMES))
     if not isinstance(found, RuleChoice) or found.rule().name != name:
         raise PluginError(
-            f"the plug-in {name!r} is no density rule", allowed=f"a {__name__}.RuleChoice whose rule has that name"
+            f"the plug-in {name!r} is not a density rule", allowed=f"a {__name__}.RuleChoice whose rule has that name"
         )
     return found

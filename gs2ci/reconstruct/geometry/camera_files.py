@@ -37,7 +37,7 @@ _ROTATION_TOLERANCE: Final = 1e-3
 
 @dataclass(frozen=True)
 class CameraFile:
-    """Cameras as they stand in a file.
+    """Cameras read from a file.
 
     Args:
         world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
@@ -82,7 +82,7 @@ def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 
     check_intrinsics(found.intrinsics)
     rotations = found.world_to_camera[:, :3, :3]
     if not np.isfinite(found.world_to_camera).all() or not _are_rotations(rotations):
-        raise InputError(f"{path} holds poses that are no rigid motions", remedy="check its matrices")
+        raise InputError(f"{path} holds poses that are not rigid motions", remedy="check its matrices")
     return found
 
 
@@ -109,7 +109,7 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
         model = pycolmap.Reconstruction(str(folder))
     except Exception as error:
         # pycolmap raises whatever its C++ side threw.
-        raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error
+        raise InputError(f"{folder} is not a COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error
     images = sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: _natural(image.name)
     )
@@ -157,7 +157,7 @@ def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
         poses = OPENCV_FROM_OPENGL @ np.linalg.inv(camera_to_world)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
         raise InputError(
-            f"{path} is no transforms.json: {type(error).__name__}: {error}",
+            f"{path} is not a transforms.json: {type(error).__name__}: {error}",
             allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
         ) from error
     names = tuple(str(frame["file_path"]) for frame in frames)

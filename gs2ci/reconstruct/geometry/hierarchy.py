@@ -257,7 +257,7 @@ def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tra
         error, limit = _dense_error_px(tracks, inverse_depth, poses, camera.intrinsics, criteria)
         if error > limit:
             raise GeometryError(
-                f"its depth and cameras put the tracks {error:.1f} px off where {limit:.1f} px are allowed{tried}"
+                f"its depth and cameras miss the tracks by {error:.1f} px, more than {limit:.1f} px{tried}"
             )
         checked = f"the tracks lie {error:.1f} px from them"
     else:

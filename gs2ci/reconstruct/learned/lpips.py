@@ -46,7 +46,7 @@ class Lpips:
         session = open_model(self.path, "name the ONNX file of an LPIPS of yours, or do without it")
         inputs = session.get_inputs()
         if len(inputs) != 2 or any(one.type != "tensor(float)" or len(one.shape) != 4 for one in inputs):
-            raise InputError(f"{self.path} is no LPIPS: it takes {signature(session)}", allowed=_CALLED)
+            raise InputError(f"{self.path} is not an LPIPS model: it takes {signature(session)}", allowed=_CALLED)
         self._sides = tuple(fixed_side(side) for side in inputs[0].shape[2:])
         self._graph = _Graph(self.path)
         self._check_against(session)
@@ -80,8 +80,7 @@ class Lpips:
             raise InputError(f"{self.path.name} returns {list(wanted.shape)} of two images", allowed=_CALLED)
         if abs(float(found.sum()) - float(wanted.sum())) > _AGREEMENT * max(1e-3, abs(float(wanted.sum()))):
             raise InputError(
-                f"{self.path.name} is understood here as {float(found.sum()):.6g} where ONNX Runtime finds "
-                f"{float(wanted.sum()):.6g}",
+                f"{self.path.name} gives {float(found.sum()):.6g} here, but in ONNX Runtime {float(wanted.sum()):.6g}",
                 remedy="export the original module without training-time operators (eval())",
             )
 

@@ -132,7 +132,7 @@ class OnnxDenoiser:
 
     def _refusal(self) -> InputError:
         return InputError(
-            f"{self.path} is no denoiser: it takes {signature(self._session)}",
+            f"{self.path} is not a denoiser: it takes {signature(self._session)}",
             allowed=_CALLED,
             remedy="wrap the network so that it has this signature, and export it again",
         )

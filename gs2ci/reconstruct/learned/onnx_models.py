@@ -160,9 +160,9 @@ def _listed() -> dict[str, dict[str, str]]:
         listed: dict[str, dict[str, str]] = parse_json(path.read_text())
         complete = all({"path", "sha256"} <= entry.keys() for entry in listed.values())
     except (OSError, ValueError, AttributeError) as error:
-        raise StorageError(f"cannot read {path}: {error}", remedy="mend or delete it") from error
+        raise StorageError(f"cannot read {path}: {error}", remedy="repair or delete it") from error
     if not complete:
-        raise StorageError(f"{path} lacks a path or sha256", remedy="mend or delete it")
+        raise StorageError(f"{path} lacks a path or sha256", remedy="repair or delete it")
     return listed
 
 

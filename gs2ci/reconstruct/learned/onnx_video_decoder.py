@@ -139,5 +139,7 @@ class OnnxVideoDecoder:
 
     def _refusal(self) -> InputError:
         return InputError(
-            f"{self.path} decodes no measurement: it takes {signature(self._session)}", allowed=_CALLED, remedy=_REMEDY
+            f"{self.path} is not a decoder of measurements: it takes {signature(self._session)}",
+            allowed=_CALLED,
+            remedy=_REMEDY,
         )

@@ -103,7 +103,7 @@ class OnnxVideoDenoiser:
 
     def _refusal(self) -> InputError:
         return InputError(
-            f"{self.path} is no video denoiser: it takes {signature(self._session)}",
+            f"{self.path} is not a video denoiser: it takes {signature(self._session)}",
             allowed=_CALLED,
             remedy="wrap the network so that it has this signature, and export it again",
         )

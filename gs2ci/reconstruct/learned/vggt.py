@@ -77,7 +77,8 @@ class Vggt:
             or not (posed and outputs.intersection(_DEPTHS))
         ):
             raise InputError(
-                f"{self.path} is no VGGT: it takes {signature(self._session)} and returns {', '.join(sorted(outputs))}",
+                f"{self.path} is not a VGGT model: it takes {signature(self._session)} and returns "
+                f"{', '.join(sorted(outputs))}",
                 allowed=_CALLED,
                 remedy=_REMEDY,
             )
@@ -131,7 +132,7 @@ class Vggt:
         u, _, vt = np.linalg.svd(extrinsics[:, :, :3])
         rotations = u @ vt
         if np.abs(rotations - extrinsics[:, :, :3]).max() > _ROTATION_TOLERANCE or (np.linalg.det(rotations) < 0).any():
-            raise NumericsError(f"{self.path.name} returned matrices that are no rotations", remedy=_REMEDY)
+            raise NumericsError(f"{self.path.name} returned matrices that are not rotations", remedy=_REMEDY)
         poses[:, :3, :3], poses[:, :3, 3] = rotations, extrinsics[:, :, 3]
         return poses, (matrices[:, [1, 0], [1, 0]] / np.array(frame.scale)).mean(axis=1)
 

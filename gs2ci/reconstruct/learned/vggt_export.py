@@ -95,7 +95,7 @@ def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int 
                 written = _write(wrapped, images[:views], Path(folder), path.name, dynamic=False)
                 if not _agrees(written, wrapped, images[:views]):
                     raise NumericsError(
-                        "the exported file answers otherwise than the network", remedy="try another version of torch"
+                        "the exported file's output differs from the network's", remedy="try another version of torch"
                     )
             for part in sorted(written.parent.iterdir(), reverse=True):
                 shutil.move(part, path.parent / part.name)

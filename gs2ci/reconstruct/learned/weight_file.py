@@ -45,9 +45,9 @@ def read_state(path: Path, network: str) -> dict[str, Tensor]:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
         raise InputError(
-            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
+            f"{path} is not a PyTorch weight file: {_what_is_wrong(path, error)}",
             allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
-            remedy="check that it is the file of the weights, and whole",
+            remedy="check that it is the weight file, and complete",
         ) from error
     for key in ("state_dict", "params"):  # training scripts often store the weights together with other data
         if isinstance(state, dict) and isinstance(state.get(key), dict):

@@ -97,7 +97,7 @@ class Budget:
         sentence = (
             f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
-            f"{iterations} iterations, and {spoken_duration(afterwards_s)} to end and report."
+            f"{iterations} iterations, and {spoken_duration(afterwards_s)} to finish and report."
         )
         return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
 
@@ -119,7 +119,7 @@ class Budget:
         shortest_s = 2 * LADDER[-1].least * timed.iteration_s + 2 * (LOOKS_AFTERWARDS + 1) * timed.look_s
         needed_s = (spent_s + shortest_s + afterwards_s) / (1 - KEPT_BACK)
         return InputError(
-            f"{spoken_duration(self.seconds)} are too little: start, decode and geometry took "
+            f"{spoken_duration(self.seconds)} are not enough: start, decode and geometry took "
             f"{spoken_duration(spent_s)}, the shortest fit takes {spoken_duration(shortest_s)}, the report "
             f"{spoken_duration(afterwards_s)}",
             allowed=f"{math.ceil(needed_s)} s or more for this shot on this machine",

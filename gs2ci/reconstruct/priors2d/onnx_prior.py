@@ -87,7 +87,7 @@ class OnnxPrior:
 
     def _refusal(self) -> InputError:
         return InputError(
-            f"{self.path} is no prior on images: it takes {signature(self._session)}",
+            f"{self.path} is not a prior on images: it takes {signature(self._session)}",
             allowed=_CALLED,
             remedy="wrap the network so that it has this signature, and export it again",
         )

@@ -123,7 +123,9 @@ def test_a_companion_whose_numbers_run_away_is_left_out_and_told(layer, scattere
 
     found = fit_together(fit_one, beginnings, listener, None)
     assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 2.0]
-    assert listener.sentences == ["A companion of the fit was left out: the first iteration of the fit is not finite."]
+    assert listener.sentences == [
+        "One of the further fits failed and is left out: the first iteration of the fit is not finite."
+    ]
 
 
 def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
@@ -167,7 +169,7 @@ def test_within_a_deadline_fits_that_cannot_run_side_by_side_are_one(scattered, 
     pace = Fixed(5)
     assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), listener, pace)) == 1
     assert paces == [pace]
-    assert "within a budget there is one" in listener.sentences[0]
+    assert "a budget allows only one" in listener.sentences[0]
 
 
 def test_where_fits_run_in_turn_none_begins_after_it_was_asked_to_halt(scattered, monkeypatch):

@@ -221,7 +221,7 @@ def test_one_camera_has_nothing_beside_its_path(coarse):
     single = replace(before, world_to_camera=before.world_to_camera[:1], views=before.views)
     after = run(coarse, Prior(), fit=single)
     assert after.scene is before.scene
-    assert "there is one camera only" in after.notes[-1].sentence
+    assert "there is only one camera" in after.notes[-1].sentence
 
 
 def test_numbers_that_run_away_end_the_stage_with_the_last_good_state(coarse):

@@ -103,9 +103,9 @@ def test_undistorted_pictures_are_taken_whatever_the_lens(tmp_path):
         ({"w": 60, "h": 80}, "is of pictures of 80 x 60 pixels"),
         ({"k1": 0.1}, r"distorted camera \(k1\)"),
         ({"k4": 0.1}, r"distorted camera \(k4\)"),
-        ({"fl_x": "wide"}, "is no transforms.json"),
-        ({"frames": [{"file_path": "a.png"}]}, "is no transforms.json: KeyError"),
-        ({"frames": 3}, "is no transforms.json"),
+        ({"fl_x": "wide"}, "is not a transforms.json"),
+        ({"frames": [{"file_path": "a.png"}]}, "is not a transforms.json: KeyError"),
+        ({"frames": 3}, "is not a transforms.json"),
         ({"fl_x": -1.0}, "intrinsics"),
     ],
 )
@@ -119,17 +119,17 @@ def test_matrices_that_are_no_rigid_motions_are_refused(tmp_path, spoil):
     held = nerfstudio_transforms(poses(2), CAMERA, SIZE)
     frame = held["frames"][1]
     frame["transform_matrix"] = np.asarray(spoil(np.array(frame["transform_matrix"]))).tolist()
-    with pytest.raises(InputError, match="no rigid motions"):
+    with pytest.raises(InputError, match="not rigid motions"):
         read_cameras(transforms(tmp_path, frames=held["frames"]), 2, SIZE)
 
 
 def test_a_file_that_is_not_there_or_no_model_is_named(tmp_path):
     with pytest.raises(InputError, match="no camera file"):
         read_cameras(tmp_path / "absent", 2, SIZE)
-    with pytest.raises(InputError, match="is no COLMAP model"):
+    with pytest.raises(InputError, match="is not a COLMAP model"):
         read_cameras(tmp_path, 2, SIZE)
     (tmp_path / "notes.json").write_text("no json")
-    with pytest.raises(InputError, match=r"is no transforms\.json"):
+    with pytest.raises(InputError, match=r"is not a transforms\.json"):
         read_cameras(tmp_path / "notes.json", 2, SIZE)
 
 

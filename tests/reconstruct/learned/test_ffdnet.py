@@ -117,7 +117,7 @@ def test_a_missing_file_is_named(tmp_path):
 )
 def test_a_file_that_is_no_weight_file_is_named_with_what_was_found_and_what_is_wanted(tmp_path, content, found):
     (tmp_path / "weights.pth").write_bytes(content)
-    with pytest.raises(InputError, match=f"is no PyTorch weight file: {found}") as caught:
+    with pytest.raises(InputError, match=f"is not a PyTorch weight file: {found}") as caught:
         read_ffdnet(tmp_path / "weights.pth")
     assert "torch.save" in caught.value.allowed
 
@@ -128,7 +128,7 @@ class Hostile:
 
 
 def test_code_in_a_weight_file_is_not_run(written, capsys):
-    with pytest.raises(InputError, match="is no PyTorch weight file"):
+    with pytest.raises(InputError, match="is not a PyTorch weight file"):
         read_ffdnet(written({"net.0.weight": Hostile()}))
     assert "run" not in capsys.readouterr().out
 

@@ -117,7 +117,7 @@ def test_an_unknown_operator_set_is_named(make_model):
 )
 def test_other_signatures_are_no_denoisers(tmp_path, make_model, signature):
     nodes = BLIND if signature.get("kind") is None else [("Cast", ["noisy"], ["denoised"], {"to": TensorProto.FLOAT})]
-    with pytest.raises(InputError, match="is no denoiser: it takes noisy"):
+    with pytest.raises(InputError, match="is not a denoiser: it takes noisy"):
         OnnxDenoiser(make_model(nodes, **signature))
 
 
@@ -128,7 +128,7 @@ def test_three_inputs_are_no_denoiser(tmp_path):
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
     model.ir_version = 8
     (tmp_path / "three.onnx").write_bytes(model.SerializeToString())
-    with pytest.raises(InputError, match="is no denoiser"):
+    with pytest.raises(InputError, match="is not a denoiser"):
         OnnxDenoiser(tmp_path / "three.onnx")
 
 

@@ -138,7 +138,7 @@ def test_a_network_for_another_size_is_refused(network, masks):
     ids=["one", "three channels", "rank"],
 )
 def test_files_of_another_signature_are_refused(network, inputs):
-    with pytest.raises(InputError, match=r"decodes no measurement|cannot be loaded"):
+    with pytest.raises(InputError, match=r"is not a decoder of measurements|cannot be loaded"):
         network(inputs=inputs)
 
 
@@ -152,7 +152,7 @@ def test_an_output_of_another_rank_is_refused(network, tmp_path):
     proto = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
     proto.ir_version = 8
     save(proto, tmp_path / "scalar.onnx")
-    with pytest.raises(InputError, match="decodes no measurement"):
+    with pytest.raises(InputError, match="is not a decoder of measurements"):
         OnnxVideoDecoder(tmp_path / "scalar.onnx")
 
 

@@ -70,7 +70,7 @@ def test_grey_and_colour_models_take_grey_and_colour_views(model, takes, given):
     ],
 )
 def test_other_signatures_are_refused(model, signature):
-    with pytest.raises(InputError, match="is no video denoiser"):
+    with pytest.raises(InputError, match="is not a video denoiser"):
         OnnxVideoDenoiser(model(**signature))
 
 

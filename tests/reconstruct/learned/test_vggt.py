@@ -87,11 +87,11 @@ def test_an_answer_that_is_no_camera_is_refused(write_model, scene, pose, depth,
 def test_matrices_that_are_no_rotations_are_refused(make_vggt, scene):
     squeezed = scene.poses.copy()
     squeezed[1, :3, :3] *= 0.8
-    with pytest.raises(NumericsError, match="no rotations"):
+    with pytest.raises(NumericsError, match="not rotations"):
         Vggt(make_vggt(scene, poses=squeezed, matrices=True)).predict(scene.views, range(5))
     mirrored = scene.poses.copy()
     mirrored[1, :3, :3] = np.diag([1, 1, -1])
-    with pytest.raises(NumericsError, match="no rotations"):
+    with pytest.raises(NumericsError, match="not rotations"):
         Vggt(make_vggt(scene, poses=mirrored, matrices=True)).predict(scene.views, range(5))
 
 
@@ -130,7 +130,7 @@ def test_a_model_that_fails_is_named(write_model, scene):
 )
 def test_other_signatures_are_no_vggt(write_model, inputs, outputs):
     nodes = [("Identity", ["images"], [name]) for name, *_ in outputs]
-    with pytest.raises(InputError, match="is no VGGT: it takes images"):
+    with pytest.raises(InputError, match="is not a VGGT model: it takes images"):
         Vggt(write_model(nodes, inputs, outputs))
 
 

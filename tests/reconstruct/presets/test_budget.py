@@ -92,7 +92,7 @@ def test_the_sentence_says_what_was_decided():
 
 
 def test_too_little_time_is_refused_with_what_would_do():
-    with pytest.raises(InputError, match="too little") as caught:
+    with pytest.raises(InputError, match="not enough") as caught:
         chosen(6)
     enough = float(caught.value.allowed.split()[0])
     assert rung_of(chosen(enough)[0]).preset == "draft"

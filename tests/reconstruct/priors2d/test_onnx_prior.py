@@ -84,13 +84,13 @@ def test_a_fixed_size_that_fits_is_taken_and_one_that_is_too_small_is_refused(im
     ],
 )
 def test_other_signatures_are_no_priors(image_model, signature):
-    with pytest.raises(InputError, match="is no prior on images: it takes image"):
+    with pytest.raises(InputError, match="is not a prior on images: it takes image"):
         OnnxPrior(image_model(**signature))
 
 
 def test_integers_are_no_images(image_model):
     nodes = [("Cast", ["image"], ["out"], {"to": TensorProto.FLOAT})]
-    with pytest.raises(InputError, match="is no prior on images"):
+    with pytest.raises(InputError, match="is not a prior on images"):
         OnnxPrior(image_model(nodes, kind=TensorProto.UINT8))
 
 

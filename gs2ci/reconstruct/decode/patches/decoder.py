@@ -109,7 +109,7 @@ class PatchSettings:
         if self.iterations < 1 or self.refind_every < 1 or not falls:
             raise InputError(
                 f"patch decode of {self.iterations} iterations from sigma {self.first_sigma:.4g} to "
-                f"{self.last_sigma:.4g}, patches sought every {self.refind_every} uses",
+                f"{self.last_sigma:.4g}, patches searched for every {self.refind_every} uses",
                 allowed="iterations >= 1, refind_every >= 1, 0 < last_sigma <= first_sigma",
             )
         self.lattice.check()

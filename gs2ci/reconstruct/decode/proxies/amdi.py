@@ -134,7 +134,7 @@ def _whole_image_condition(transmissions: F64) -> float:
     if not admissible(gram[None], np.inf)[0]:
         smallest, *_, largest = np.linalg.eigvalsh(gram) if len(gram) > 1 else (gram[0, 0], gram[0, 0])
         raise InputError(
-            f"these {len(gram)} masks do not tell their views apart: the eigenvalues of their Gram matrix reach from "
+            f"these {len(gram)} masks do not distinguish their views: the eigenvalues of their Gram matrix reach from "
             f"{smallest:.3g} to {largest:.3g}",
             allowed="linearly independent masks, with a smallest eigenvalue of at least 1",
             remedy="use masks that differ, or energy-normalised proxies (eni)",

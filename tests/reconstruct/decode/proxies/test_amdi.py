@@ -121,7 +121,7 @@ def test_masks_that_do_not_tell_views_apart_are_refused(make_shot, random_masks,
         masks[2] = masks[0] + masks[1]
     else:
         masks = masks[:, :1, :3]
-    with pytest.raises(InputError, match="do not tell their views apart"):
+    with pytest.raises(InputError, match="do not distinguish their views"):
         mask_decoded_views(make_shot(masks))
 
 

@@ -74,7 +74,7 @@ def test_auto_stands_back_to_eni_where_masks_do_not_tell_views_apart(make_shot):
 
 
 def test_amdi_by_name_does_not_stand_back(make_shot):
-    with pytest.raises(InputError, match="do not tell their views apart"):
+    with pytest.raises(InputError, match="do not distinguish their views"):
         build_proxies(make_shot(np.ones((6, 16, 16))), "amdi")
 
 
