@@ -54,9 +54,9 @@ LEAST_GAIN: Final = 0.02
 # reduced it by up to 4.7 % on ten still measurements, since detail repeats in many places; by 8.3 % and more on three
 # crops of video.
 LEAST_PATCH_GAIN: Final = 0.065
-# A still scene whose held-out residual is at least this many times that of the decode explains no more than views that
-# share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm, 0.6 to
-# 0.8 times (`python -m tests.stability --only "moving object"`).
+# A still scene whose held-out residual is at least this many times that of the decode explains hardly more than views
+# that share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm,
+# 0.6 to 0.8 times (`python -m tests.stability --only "moving object"`).
 BEHIND_DECODE: Final = 0.95
 # If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
 # that box, 4.9 %.
