@@ -22,10 +22,10 @@ def project_onto_measurement(
     Args:
         views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx).
         masks: wᵢ Mᵢ, [N, H, W].
-        inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
+        inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 at pixels that do not count.
         measured: y, [C, H, W].
         target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not.
-        accelerated: Whether what earlier steps left unexplained is asked for again.
+        accelerated: Whether the residuals of earlier steps are accumulated in the target.
 
     Returns:
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
@@ -155,7 +155,7 @@ def denoise_coupled(views: F32, weight: float, coupling: float, inner: int) -> N
     Args:
         views: [N, H, W], in the order of exposure.
         weight: λ of ½‖u − x‖² + λ TV(u), in units of the image.
-        coupling: How much a difference between views counts against one between pixels.
+        coupling: Weight of a difference between views relative to one between pixels.
         inner: Gradient steps of length 1 / ((8 + 4 coupling²) λ), from a dual field that starts at 0.
     """
     count, height, width = views.shape

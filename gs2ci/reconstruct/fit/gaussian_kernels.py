@@ -1,7 +1,8 @@
-"""What an iteration does to every number of a population: Adam's step, the mean opacity and the mean size.
+"""Operations of an iteration on every parameter of the Gaussians: Adam's step, the mean opacity and the mean size.
 
-Each is one pass over memory, where torch makes several and a tensor for each. The same bits on any number of threads:
-they run on one. Here: the kernels. Not here: rates and moments (`adam.py`), weights (`losses.py`).
+Each is one pass over memory, where torch makes several and a tensor for each. They run on one thread, so that results
+do not depend on the number of threads. Here: the kernels. Not here: rates and moments (`adam.py`), weights
+(`losses.py`).
 """
 
 from typing import Any
@@ -23,15 +24,15 @@ def adam_step(
     square: NDArray[Any],
     constants: NDArray[Any],
 ) -> None:
-    """Take a gradient into the moments, and step, in place; all but the last argument of one length.
+    """Update the moments by a gradient, and step, in place; all but the last argument have the same length.
 
     Args:
         parameter: float32 or float64, as all of them.
         gradient: By it.
         mean: First moment.
         square: Second moment.
-        constants: One less the decay of the mean, that of the squares, one less it, the root of the squares'
-            correction inverted, the least root, and the step with the mean's correction, [6].
+        constants: [6]: one minus the decay of the mean; the decay of the squares; one minus it; the inverse root of the
+            squares' bias correction; epsilon; the step with the mean's bias correction.
     """
     taken, decay, fresh = constants[0], constants[1], constants[2]
     scale, least, step = constants[3], constants[4], constants[5]

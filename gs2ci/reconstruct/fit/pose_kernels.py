@@ -1,8 +1,8 @@
 """Corrected poses exp(xi) T, and the gradient by xi, for all views of a fit in one call.
 
 The same as `gs2ci.render.se3.exp` and its gradient by torch, whose forty small operations take longer than a small
-picture's projection; the tests hold these kernels to it. In float64 throughout. Here: the kernels. Not here: what is
-done with them (`poses.py`), log, inverse, and angles of whole turns, which no correction reaches.
+picture's projection; tests compare these kernels with it. In float64 throughout. Here: the kernels. Not here: their use
+(`poses.py`), log, inverse, and angles of whole turns, which no correction reaches.
 """
 
 from typing import Final
@@ -96,7 +96,7 @@ def twist_gradient(twists: F32, units: F32, poses: F32, gradient: F32, out: F32)
     Args:
         twists: As for `correct_poses`.
         units: As there.
-        poses: What came out there, [N, 4, 4].
+        poses: The result of `correct_poses`, [N, 4, 4].
         gradient: By the poses, [N, 4, 4]; the last rows do not count.
         out: [N, 6].
     """

@@ -1,4 +1,4 @@
-"""What an exchange of turning for travel does to each Gaussian, and the derivative along it, in two passes over memory.
+"""The effect of an exchange of turning for travel on each Gaussian, and the derivative along it, in two passes.
 
 Here: the kernels; they take float32 and float64. Not here: the direction of the cameras, its steps (`relief.py`).
 """
@@ -37,7 +37,7 @@ def step_of_gaussians(
         depth = max(z, near)
         slant = min(max((x * bend[0] + y * bend[1]) / depth, -widest), widest)
         nearer[g] = depth * (1 + slant * slant)
-    # Of two in the middle the lower one, as torch has it.
+    # The lower of the two middle values, as in torch.
     shrink: float = np.partition(nearer, (count - 1) // 2)[(count - 1) // 2]
     for g in range(count):
         growth = shrink - nearer[g]

@@ -21,7 +21,7 @@ def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, midd
         ray: The third row of the pose, which gives the depth, [4].
         near: The least depth.
         parallax_px: Parallax at an inverse depth of 1.
-        middle: Taken off.
+        middle: Subtracted from the parallaxes.
         out: [G, 3].
     """
     least, per, off = np.float32(near), np.float32(parallax_px), np.float32(middle)
@@ -37,7 +37,7 @@ def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, midd
 def add_mean_gradient(
     means: F32, ray: F32, near: float, parallax_px: float, moments: F32, by_moments: F32, out: F32
 ) -> None:
-    """Add to the means' gradient, [G, 3], what that by their moments of parallax, [G, 3], comes to."""
+    """Add to the means' gradient, [G, 3], the part that follows from that by their moments of parallax, [G, 3]."""
     least, per, two = np.float32(near), np.float32(parallax_px), np.float32(2)
     for g in range(len(means)):
         depth = means[g, 0] * ray[0] + means[g, 1] * ray[1] + means[g, 2] * ray[2] + ray[3]
@@ -63,19 +63,19 @@ def distance_to_surface(
 ) -> float:
     """Return the mean distance of light from surfaces, px, and store `weight` times its gradient.
 
-    Of a pixel where moments s, m and q of parallax are stopped and the surface is at p, the distance is
+    For a pixel with moments s, m and q of the parallax of its light and the surface at p, the distance is
     sqrt(max(q - 2 p m + p^2 s, 0) + r^2) - r.
 
     Args:
         image: The moments, [H * W, 3].
-        pixels: Where the term looks, flat indices, [P].
+        pixels: Pixels that the term uses, flat indices, [P].
         inverse_depth: Of the surfaces, [H * W].
         trust: Their weights, [H * W].
         parallax_px: Parallax at an inverse depth of 1.
-        middle: Taken off all parallaxes.
+        middle: Subtracted from all parallaxes.
         round_px: r.
         weight: Factor on the gradient.
-        gradient: By the moments, [H * W, 3]; elsewhere it stays as it is.
+        gradient: By the moments, [H * W, 3]; unchanged at other pixels.
     """
     all_trust = 0.0
     for i in range(len(pixels)):
@@ -97,11 +97,11 @@ def distance_to_surface(
 
 @njit(**JIT)
 def exchange_inverse_depth(inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, out: F32) -> None:
-    """Store what an exchange of turning for travel makes of maps of inverse depth, [K, H, W].
+    """Store maps of inverse depth after an exchange of turning for travel, [K, H, W].
 
     Args:
         inverse_depth: [K, H, W].
-        rays: Where pixels look at z = 1, [H, W, 2].
+        rays: Of the pixels, at z = 1, [H, W, 2].
         bend: See `relief.ReliefStep`, [2].
         beta: The step.
         shrink: See `relief.ReliefStep`.

@@ -1,7 +1,7 @@
-"""Where the places of a view lie in the middle view, by its depth: the inner loop of `evidence`.
+"""Warping of a view's positions to the middle view, by its depth: the inner loop of `evidence`.
 
-A point's place in the middle view and the depth there depend on each other. The motion is small, so that a few steps
-of fixed-point iteration settle both. Not here: looking the places up, and what is made of them.
+A point's position in the middle view and the depth there depend on each other. The motion is small, so that a few steps
+of fixed-point iteration are enough. Not here: sampling at these positions, and its use.
 """
 
 import numba
@@ -10,26 +10,26 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 
 _STEPS = 4
-# Farther outside than this, a coordinate says nothing more; OpenCV's fixed point would overflow.
+# Coordinates are limited to this distance outside, beyond which OpenCV's fixed point would overflow.
 _OUTSIDE_PX = 1e4
-# A depth along a view's axis is at least this share of the middle view's: what is seen lies before the camera.
+# Least depth along a view's axis, as a share of the middle view's: visible points lie in front of the camera.
 _LEAST_AHEAD = 1e-3
 
 
 @numba.njit(cache=True, error_model="numpy")
 def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, rays_of_pixels: F64) -> F32:
-    """Find where the middle view shows what a view shows at some places.
+    """Find the positions in the middle view that correspond to positions in another view.
 
     Args:
         places: In the view, [P, 2] px; pixel centres at +0.5.
         inverse_depth: Of the middle view, [H, W].
-        pose: The view's world_to_camera, [4, 4], the middle view's camera being the world.
+        pose: The view's world_to_camera, [4, 4], with the middle view's camera as the world frame.
         intrinsics: Camera matrix in px, [3, 3].
         rays_of_pixels: Its inverse, [3, 3].
 
     Returns:
-        Places in the middle view, [P, 2] px, pixel centres at +0, as OpenCV counts. A point behind the middle view is
-        nowhere in it: it stays where it was last.
+        Positions in the middle view, [P, 2] px, pixel centres at +0, as in OpenCV. A point behind the middle view's
+        camera has no position in it; it keeps that of the last iteration.
     """
     height, width = inverse_depth.shape
     found = np.empty(places.shape, np.float32)
@@ -45,7 +45,7 @@ def carried_places(places: F64, inverse_depth: F32, pose: F64, intrinsics: F64, 
         b = through[1, 0] * x + through[1, 1] * y + through[1, 2]
         c = through[2, 0] * x + through[2, 1] * y + through[2, 2]
         for _ in range(_STEPS):
-            # Written so that a place that is no number takes the first column and row.
+            # Written so that NaN gives the first column and row.
             column = min(int(x), width - 1) if x > 0 else 0
             row = min(int(y), height - 1) if y > 0 else 0
             depth = 1 / np.float64(inverse_depth[row, column])

@@ -1,11 +1,13 @@
-"""Plain areas beside what stands before them, given the depth of the surface that they belong to.
+"""Plain areas beside things in front of them, moved to the depth of the surface that they belong to.
 
-Beside a silhouette a plain wall shows nothing that would tell its depth, and a sweep of windows, or a fit that has
-begun with one, gives it the depth of what stands there: a skirt of tens of pixels, whose outer end is at no edge of the
-picture. Here a pixel is asked what the surfaces of like-coloured pixels far around it, each continued as a plane, say
-of its depth. Where their median is another surface, and the views agree there nearly as well, the pixel is moved to it.
+Beside a silhouette a plain wall has no texture that determines its depth, and a sweep of windows, or a fit that started
+from one, gives it the depth of the thing in front: a skirt of tens of pixels, whose outer end is not at an edge of the
+picture. Here each plain pixel gets votes on its depth from pixels of similar colour far around it, whose surfaces are
+extended as planes. If the median of the votes is another surface, and the views agree there nearly as well, the pixel
+is moved to it.
 
-Here: slopes, votes, and what the views say. Not here: edges within a few pixels (`snapping`), the sweep (`sweep`).
+Here: slopes, votes, and the comparison of the views. Not here: edges within a few pixels (`snapping`), the sweep
+(`sweep`).
 """
 
 from typing import Final
@@ -18,17 +20,17 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.kernels import TRUNCATED_AT, UNSEEN_COST
 from gs2ci.reconstruct.geometry.sweep import features_of
 
-# How far around a pixel others are asked, as a share of the picture's longer side, and how many at most each way.
+# How far from a pixel others vote, as a share of the picture's longer side, and how many at most in each direction.
 _REACH_SHARE: Final = 0.25
 _VOTERS: Final = 5
-# The standard deviation of colours that are alike, in full scales.
+# The standard deviation of similar colours, in full scales.
 _SIGMA: Final = 0.03
-# Another surface is one that is farther off than this share of the map's range.
+# A depth that differs by more than this share of the map's range belongs to another surface.
 _JUMP_SHARE: Final = 0.1
-# The views may differ there by so much more, in medians of what they differ by.
+# The views may differ by so much more at the new depth, in medians of their difference.
 _ALLOWED: Final = 3.0
 _ROUNDS: Final = 2
-# Others are asked in a picture of at most so many pixels, for the time that it takes.
+# Votes are computed in a picture reduced to at most so many pixels, to bound the time.
 _MOST_PIXELS: Final = 32_768
 _ALL: Final = 0.999
 # Colours of a plain area vary by less than this, full scales, in windows of this side.
@@ -39,27 +41,27 @@ _SLOPE_REACH_PX: Final = 8
 _SLOPE_EVERY_PX: Final = 4
 _SLOPE_GATE: Final = 0.03
 _SLOPE_SIGMA: Final = 0.1
-# So many squared px are added to the spread of a fit's pixels: too few of them show no slope.
+# Added to the spread of a fit's pixels, squared px: with few pixels the slope is then near zero.
 _SLOPE_DAMPING: Final = 2.0
 _LEVELS: Final = 256
 _LEAST_LIKENESS: Final = 1e-4
 
 
 def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, blur_px: float, window_px: int) -> F32:
-    """Return a map with its skirts moved to the surface of like-coloured pixels around, [H, W].
+    """Return a map with its skirts moved to the surface of similarly coloured pixels around, [H, W].
 
     Args:
         inverse_depth: Of the first of the views, [H, W].
         views: In full scales, [N, H, W, C]; N >= 2.
-        from_view: The views' poses seen from the first, [N, 4, 4].
+        from_view: The views' poses relative to the first, [N, 4, 4].
         intrinsics: [3, 3], px.
         blur_px: Of the views, before they are compared.
-        window_px: Over which they are.
+        window_px: Side of the window over which they are compared.
     """
     low, high = float(inverse_depth.min()), float(inverse_depth.max())
     if not low < high:
         return inverse_depth
-    # Colours and two derivatives; what is left are the sweep's zeros.
+    # Colours and two derivatives; the other features are the sweep's zeros.
     described = np.stack([features_of(view, blur_px) for view in views])[..., : views.shape[3] + 2]
 
     def differ(wanted: F32) -> F32:
@@ -71,7 +73,7 @@ def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, b
     allowed = _ALLOWED * float(np.median(before))
     for _ in range(_ROUNDS):
         votes = _votes_of_planes(found, views[0], plain, (low, high))
-        # At the pixel's own size: where views were reduced, its place in the vote is that of a few of its neighbours.
+        # Compared at full size: in the reduced picture a pixel shares its vote with a few neighbours.
         moved = plain & (np.abs(votes - found) > jump)
         if not moved.any():
             break
@@ -82,13 +84,13 @@ def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, b
 
 
 def _votes_of_planes(inverse_depth: F32, view: F32, plain: Bool, span: tuple[float, float]) -> F32:
-    """Ask in a picture of at most so many pixels, and return what is said, [H, W]; its own where nobody is asked."""
+    """Return the votes, [H, W], computed in a reduced picture; pixels without votes keep their depth."""
     height, width = plain.shape
     shrink = min(1.0, (_MOST_PIXELS / (height * width)) ** 0.5)
     small = (max(1, round(width * shrink)), max(1, round(height * shrink)))
     nearest, area = {"interpolation": cv2.INTER_NEAREST}, {"interpolation": cv2.INTER_AREA}
     depths = cv2.resize(inverse_depth, small, **nearest)
-    # A pixel of the small picture is plain if all that it shows is.
+    # A pixel of the small picture is plain if all pixels that it covers are.
     whole = cv2.resize(plain.astype(np.float32), small, **area) > _ALL
     colours = np.ascontiguousarray(cv2.resize(view, small, **area).reshape(*whole.shape, -1), np.float32)
     reach, jump = max(1, round(_REACH_SHARE * max(whole.shape))), _JUMP_SHARE * (span[1] - span[0])
@@ -106,9 +108,9 @@ def _votes_of_planes(inverse_depth: F32, view: F32, plain: Bool, span: tuple[flo
 
 
 def _jumps_near(inverse_depth: F32, plain: Bool, reach: int, jump: float) -> Bool:
-    """Tell where plain pixels within reach differ by a jump, [H, W]: elsewhere nobody could say otherwise."""
+    """Mark pixels with a jump of depth between plain pixels within reach, [H, W]: elsewhere votes change nothing."""
     window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    # Not infinity: two of them have no difference.
+    # Not infinity, whose difference from itself is undefined.
     nobody = np.finfo(np.float32).max / 4
     nearest = cv2.dilate(np.where(plain, inverse_depth, -nobody).astype(np.float32), window)
     farthest = cv2.erode(np.where(plain, inverse_depth, nobody).astype(np.float32), window)
@@ -117,7 +119,7 @@ def _jumps_near(inverse_depth: F32, plain: Bool, reach: int, jump: float) -> Boo
 
 
 def plain_pixels(view: F32) -> Bool:
-    """Tell where a view, [H, W, C] in full scales, hardly varies around a pixel, [H, W]."""
+    """Mark the pixels around which a view, [H, W, C] in full scales, hardly varies, [H, W]."""
     window = (_PLAIN_WINDOW_PX, _PLAIN_WINDOW_PX)
     planes = _planes(view).astype(np.float64)
     variances = [cv2.blur(one * one, window) - cv2.blur(one, window) ** 2 for one in planes]
@@ -126,19 +128,19 @@ def plain_pixels(view: F32) -> Bool:
 
 
 def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
-    """Return where the pixels of a picture of that height and width look, at z = 1, [H, W, 3]."""
+    """Return the rays of the pixels of a picture of this height and width, at z = 1, [H, W, 3]."""
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
     rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
     return rays
 
 
 def difference(inverse_depth: F32, described: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
-    """Return how much views differ where a map sends them, [H, W]: a plane sweep's cost at each pixel's own plane.
+    """Return the difference of views at the depths of a map, [H, W]: a plane sweep's cost at each pixel's own plane.
 
     Args:
         inverse_depth: Of the first view, [H, W].
         described: The views' features, [N, H, W, F].
-        from_view: Their poses seen from the first, [N, 4, 4].
+        from_view: Their poses relative to the first, [N, 4, 4].
         intrinsics: [3, 3], px.
         window_px: Over which differences are averaged.
     """
@@ -169,7 +171,7 @@ def _planes(view: F32) -> F32:
 
 @numba.njit(cache=True)
 def _likeness(view, r, c, i, j, sigma):
-    """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, towards 0 for others."""
+    """Return the similarity of the colours of two pixels of a view, [H, W, C]: 1 if equal, towards 0 if different."""
     total = np.float32(0)
     for k in range(view.shape[2]):
         apart = view[i, j, k] - view[r, c, k]
@@ -181,13 +183,13 @@ def _likeness(view, r, c, i, j, sigma):
 
 
 def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -> F32:
-    """Fit a plane around each plain pixel to what lies on its surface, [2, H, W]: change per px right, and down.
+    """Fit a plane around each plain pixel to the pixels of its surface, [2, H, W]: change per px right, and down.
 
     Args:
         inverse_depth: [H, W] float32.
         view: [H, W, C] float32.
-        plain: Pixels that are asked, [H, W]; 0 elsewhere.
-        gate: What is farther off than this lies on another surface.
+        plain: Pixels to fit around, [H, W]; the result is 0 elsewhere.
+        gate: Pixels whose inverse depth differs by more lie on another surface.
     """
     found: F32 = _slopes(inverse_depth, view, plain, gate)
     return found
@@ -195,7 +197,7 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
 
 @numba.njit(cache=True, parallel=True)
 def _slopes(inverse_depth, view, plain, gate):
-    """Weigh by likeness of colour, and solve the two normal equations."""
+    """Weight by similarity of colour, and solve the two normal equations."""
     height, width = inverse_depth.shape
     found = np.zeros((2, height, width), np.float32)
     sigma = np.float32(_SLOPE_SIGMA)
@@ -204,7 +206,7 @@ def _slopes(inverse_depth, view, plain, gate):
             if not plain[r, c]:
                 continue
             n = x1 = y1 = d1 = xx = yy = xy = xd = yd = 0.0
-            # The pixel itself is always one of them.
+            # The grid of samples always includes the pixel itself.
             top = r - min(_SLOPE_REACH_PX, r) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
             left = c - min(_SLOPE_REACH_PX, c) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
             for i in range(top, min(r + _SLOPE_REACH_PX + 1, height), _SLOPE_EVERY_PX):
@@ -233,15 +235,15 @@ def _slopes(inverse_depth, view, plain, gate):
 def plane_votes(
     inverse_depth: F32, slopes: F32, view: F32, where: tuple[Bool, Bool], reach: int, span: tuple[float, float]
 ) -> F32:
-    """Return what most of the plain pixels of like colour, continued as planes, say of a pixel's depth, [H, W].
+    """Return the median vote of plain pixels of similar colour, extended as planes, on each pixel's depth, [H, W].
 
     Args:
         inverse_depth: [H, W] float32.
-        slopes: Of everybody's plane, [2, H, W] float32.
+        slopes: Of each pixel's plane, [2, H, W] float32.
         view: [H, W, C] float32.
-        where: Who may vote, and on which pixels, [H, W] each; the others keep what they have.
-        reach: How far around, px.
-        span: Farthest and nearest, which planes do not leave.
+        where: Pixels that may vote, and pixels that are voted on, [H, W] each; others keep their depth.
+        reach: Largest distance of voters, px.
+        span: Farthest and nearest inverse depth, to which votes are limited.
     """
     low, step = np.float32(span[0]), np.float32((span[1] - span[0]) / (_LEVELS - 1))
     found: F32 = np.clip(_votes(inverse_depth, slopes, view, *where, reach, max(1, reach // _VOTERS), low, step), *span)
@@ -250,7 +252,7 @@ def plane_votes(
 
 @numba.njit(cache=True, parallel=True)
 def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
-    """Take the weighted median by a histogram, and the mean of what is said in its cell."""
+    """Find the weighted median by a histogram, and return the mean of the votes in its cell."""
     height, width = inverse_depth.shape
     found = inverse_depth.copy()
     sigma, least = np.float32(_SIGMA), np.float32(_LEAST_LIKENESS)

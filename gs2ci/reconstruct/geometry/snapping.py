@@ -1,8 +1,8 @@
-"""Jumps of a depth map moved to the edges of its view: a median weighted by likeness of colour.
+"""Jumps of a depth map moved to the edges of its view: a median weighted by similarity of colour.
 
-A sweep compares windows, and a fit paints the colours of an edge on both of its sides: what stands before a plain wall
-comes out some pixels too wide. Here: the filter. Not here: the sweep (`sweep`). OpenCV's filter of this kind clusters
-colours at random, so that no two of its results are alike.
+A sweep compares windows, and a fit shows the colours of an edge on both of its sides: things in front of a plain wall
+get some pixels too wide. Here: the filter. Not here: the sweep (`sweep`). OpenCV's filter of this kind clusters colours
+at random, so that its results are not reproducible.
 """
 
 import cv2
@@ -13,18 +13,18 @@ from gs2ci.core.arrays import F32
 from gs2ci.render.simd.elementary import exp2_blend
 from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store, where_ge
 
-# How far an edge may be off: by somewhat less than half of this, as the majority of a window decides.
+# Radius of the window. An edge is corrected over somewhat less than half of it, since the majority of a window decides.
 _REACH_PX = 10
 _SIDE = 2 * _REACH_PX + 1
-# The standard deviation of colours that are alike, in full scales.
+# The standard deviation of similar colours, in full scales.
 _SIGMA = 0.04
 _LEVELS = 256
-# Of 2^x: beyond this no weight differs from zero, and `exp2_blend` holds.
+# Least exponent of 2^x: weights below are zero, and `exp2_blend` is valid above.
 _LEAST_LOG2 = np.float32(-120.0)
 _LOG2_PER_SQUARE = np.float32(-1 / (2 * _SIGMA**2) / np.log(2))
-# What the median moves by no more levels than these keeps its own value.
+# A pixel that the median would move by at most so many levels keeps its value.
 _KEPT_LEVELS = 2
-# A colour like no other, in full scales: around a picture, so that nothing outside of it has a weight.
+# A colour unlike any other, in full scales, around a picture, so that pixels outside get no weight.
 _NO_COLOUR = np.float32(1e3)
 _ZERO = np.float32(0)
 
@@ -38,7 +38,7 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
     if not low < high:
         return inverse_depth
     levels = np.rint((inverse_depth - low) / (high - low) * (_LEVELS - 1)).astype(np.uint8)
-    # What lies outside of the picture counts for neither bound.
+    # Pixels outside the picture affect neither bound.
     window = np.ones((_SIDE, _SIDE), np.uint8)
     still = cv2.dilate(levels, window) - cv2.erode(levels, window) <= _KEPT_LEVELS
     planes = np.stack([_framed(view[..., k], _NO_COLOUR) for k in range(view.shape[2])])
@@ -56,9 +56,9 @@ def _framed(values: F32, around: np.float32) -> F32:
 
 @numba.njit(cache=True, fastmath={"contract"})
 def _weights(planes, channels, apart, here, there):  # type: ignore[no-untyped-def]
-    """Return how alike the colours of 16 pixels from `here` are to those of 16 from `there`, places in a plane.
+    """Return the similarity of the colours of 16 pixels from `here` and 16 from `there`, offsets in a plane.
 
-    Planes lie so many values `apart`.
+    Planes are so many values `apart`.
     """
     squares = broadcast(_ZERO)
     for k in range(channels):
@@ -147,7 +147,7 @@ def _median(inverse_depth, levels, planes, channels, r, c, top, bottom, weights,
 
 @numba.njit(cache=True, fastmath={"contract"})
 def _weigh_row(planes, channels, apart, here, there, weights, first):  # type: ignore[no-untyped-def]
-    """Write how alike a pixel's colour is to those of 32 pixels of a row from `there`, to weights[first:]."""
+    """Write the similarity of a pixel's colour to those of 32 pixels of a row from `there`, to weights[first:]."""
     for half in range(0, 2 * LANES, LANES):
         squares = broadcast(_ZERO)
         for k in range(channels):

@@ -1,9 +1,8 @@
-"""What is left of readings of a surface when its texture is found from others of them.
+"""Prediction errors of a surface's readings, by a texture estimated from other readings of it.
 
-A reading is the sum, over the views whose masks are open there, of the texture where the pixel looks. The texture is
-that of least squares under a penalty of its differences between neighbours, by conjugate gradients.
-
-Here: kernels. Not here: where pixels look, and what follows from what is left (`plane_evidence`).
+A reading is the sum, over the views whose masks are open there, of the texture at the point that the pixel sees. The
+texture is the least-squares solution with a penalty on differences between neighbours, by conjugate gradients.
+Here: kernels. Not here: the points that pixels see, and what follows from the errors (`plane_evidence`).
 """
 
 import numba
@@ -13,14 +12,14 @@ from gs2ci.core.arrays import F64, Bool
 
 
 def left_over(places: F64, open_share: F64, light: F64, seen: Bool, size: tuple[int, int], smooth: float) -> F64:
-    """Return what is left of readings, [K], when a texture has been found from those that are seen.
+    """Return the residuals of readings, [K], by a texture estimated from some of them.
 
     Args:
-        places: Column and row in the texture, px, where each reading looks in each view, [K, N, 2]; those outside of it
-            see its rim.
-        open_share: Of each reading's pixel in each view, [K, N].
+        places: Column and row in the texture, px, that each reading sees in each view, [K, N, 2]; positions outside see
+            its border.
+        open_share: Transmission of each reading's pixel in each view, [K, N].
         light: The readings, [K].
-        seen: Which of them the texture is found from, [K].
+        seen: The readings from which the texture is estimated, [K].
         size: Height and width of the texture, both at least 2.
         smooth: Weight of the squared differences between neighbours, above 0.
     """
@@ -28,7 +27,7 @@ def left_over(places: F64, open_share: F64, light: F64, seen: Bool, size: tuple[
     return found
 
 
-# More changed what is left by less than a tenth of what two planes differ by.
+# More iterations changed the residual by less than a tenth of the difference between two planes.
 _ITERATIONS = 6
 
 

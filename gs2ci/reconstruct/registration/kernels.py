@@ -12,7 +12,7 @@ from gs2ci.core.arrays import F64
 
 @numba.njit(cache=True, parallel=True)
 def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F64:
-    """Interpolate each picture at c + A⁻¹ (p − c − t − f(p − c)), coordinates clamped to it or wrapped around it.
+    """Interpolate each picture at c + A⁻¹ (p − c − t − f(p − c)), with coordinates clamped to it or wrapped around.
 
     Args:
         stack: Pictures, [N, H, W].
@@ -20,7 +20,7 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
         shift: t, [2].
         field: Of f, [8]: outwards by the cube of the distance; down and right by (row², row · column, column²);
             outwards by the fifth power of the distance.
-        wrapped: Whether a picture begins anew beyond its rim.
+        wrapped: Whether a picture is continued periodically.
     """
     count, height, width = stack.shape
     out = np.empty_like(stack)
@@ -55,7 +55,7 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
 
 @numba.njit(cache=True)
 def undo(masks: F64, fraction: float) -> F64:
-    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end that the light came from."""
+    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end from which values were shifted."""
     count, height, width = masks.shape
     f = min(abs(fraction), 0.5)
     out = np.empty_like(masks)
@@ -65,16 +65,16 @@ def undo(masks: F64, fraction: float) -> F64:
             before = here - 1 if fraction >= 0 else here + 1
             for c in range(width):
                 last = out[n, before, c] if k else masks[n, here, c]
-                # Transmissions: what leaves [0, 1] is rounding, and would be carried on.
+                # Transmissions outside [0, 1] are rounding errors, which would propagate.
                 out[n, here, c] = min(max((masks[n, here, c] - f * last) / (1 - f), 0.0), 1.0)
     return out
 
 
 @numba.njit(cache=True)
 def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, float]:
-    """Return what a pixel's neighbours open of it: strips along its sides, and corners beyond what strips hold of them.
+    """Return the areas of a pixel that its open neighbours open: strips along its sides, and corners outside these.
 
-    Open and closed are exchanged where sign is −1: then it is what closed neighbours close.
+    If sign is −1, open and closed are exchanged: the areas that closed neighbours close.
     """
     height, width = masks.shape[1], masks.shape[2]
     strips, corners = 0.0, 0.0
@@ -94,7 +94,7 @@ def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, flo
 
 @numba.njit(cache=True, parallel=True)
 def widen(masks: F64, px: float) -> F64:
-    """Return the share of each pixel, [N, H, W], that is open where open elements reach so far beyond their edges."""
+    """Return the open share of each pixel, [N, H, W], if open elements reach so far beyond their edges."""
     count, height, width = masks.shape
     out = np.empty_like(masks)
     sign = 1.0 if px > 0 else -1.0
@@ -109,7 +109,7 @@ def widen(masks: F64, px: float) -> F64:
 
 @numba.njit(cache=True, parallel=True)
 def edge_bands(masks: F64, weights: F64) -> F64:
-    """Return what |px| and px² are multiplied by in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
+    """Return the factors of |px| and px² in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
     count, height, width = masks.shape
     out = np.zeros((2, 2, height, width))
     for r in numba.prange(height):

@@ -1,8 +1,8 @@
-"""What a group of similar patches has in common, and the picture put together from all groups.
+"""Denoising of groups of similar patches by low rank, and the picture put together from all groups.
 
-Similar patches, as columns of a matrix, span few dimensions; noise spans all. So the patches, less their mean, are
-taken apart by the eigenvectors of their covariance, and each part shortened by what the weighted nuclear norm asks for
-(Gu 2014): the weak ones to nothing, the strong ones hardly.
+Similar patches, as columns of a matrix, span few dimensions; noise spans all. So the patches, minus their mean, are
+expanded in the eigenvectors of their covariance, and each coefficient is shrunk by the weighted nuclear norm (Gu 2014):
+weak ones to zero, strong ones hardly.
 
 Here: the kernels. Every task of a parallel loop adds up a part of the groups in buffers of its own, and the parts are
 added in order, so the result is bitwise the same for any number of threads. Not here: where similar patches lie
@@ -33,10 +33,10 @@ def denoise_groups(views: F32, corners: NDArray[np.int32], patch: tuple[int, int
         corners: View, row and column of the upper left corner of each patch of each group, [G, M, 3] int32.
         patch: Height and width of a patch.
         sigma: Standard deviation of the noise.
-        fallback: Taken where no group has a patch, [N, H, W].
+        fallback: Values of pixels without a patch, [N, H, W].
 
     Returns:
-        The mean over all patches that hold a pixel, [N, H, W].
+        The mean over all patches that contain a pixel, [N, H, W].
     """
     parts = int(np.clip(_BUFFER_BYTES // (2 * views.nbytes), 2, _MOST_PARTS))
     denoised: F32 = _denoise(views, corners, patch, sigma, fallback, parts)
@@ -82,7 +82,7 @@ def _denoise(
 
 @numba.njit(cache=True)
 def workspace(members: int, size: int) -> tuple[F32, F32, F32]:
-    """Return what `shrink_group` works on: a group of M patches of D pixels, three matrices, and single rows.
+    """Return the working memory of `shrink_group`: a group of M patches of D pixels, three matrices, and single rows.
 
     All are 0; rows are padded to whole vectors (`eigen`), and what is beyond D has to stay 0.
     """
@@ -93,7 +93,7 @@ def workspace(members: int, size: int) -> tuple[F32, F32, F32]:
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
 def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32) -> None:
-    """Take the noise off one group, in place.
+    """Remove the noise of one group, in place.
 
     Args:
         group: Its patches, M rows of D pixels, as `workspace` gives them.
@@ -103,8 +103,8 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
         work: For covariance, eigenvectors and projection.
         lines: For the eigenvectors' search, and the mean patch.
 
-    A singular value s of the centred patches becomes max(0, s − √M σ² / s₀), where s₀² = s² − M σ² is what would be
-    left of its energy without noise (Gu 2014, eq. 6 with its constant at 1); below s² = M σ² nothing is left.
+    A singular value s of the centred patches becomes max(0, s − √M σ² / s₀), where s₀² = s² − M σ² is its energy
+    without noise (Gu 2014, eq. 6 with its constant at 1); below s² = M σ² it becomes 0.
     """
     covariance, vectors, projection, mean = work[0], work[1], work[2], lines[LINES]
     row = mean.shape[0]
@@ -125,7 +125,7 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
 def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, projection: F32) -> int:
-    """Make the matrix that weighs each eigenvector's part of a patch, and count those of any weight."""
+    """Make the matrix that weights the eigenvectors' parts of a patch, and count those with a weight above 0."""
     row = values.shape[0]
     noise = members * sigma * sigma
     threshold = np.sqrt(np.float32(members)) * sigma * sigma
@@ -149,7 +149,7 @@ def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, pro
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
 def _centre(group: F32, members: int, size: int, mean: F32, covariance: F32) -> None:
-    """Subtract the mean patch, and sum the products of what is left."""
+    """Subtract the mean patch, and sum the products of the differences."""
     row = mean.shape[0]
     share = _ONE / np.float32(members)
     for b in range(0, row, LANES):
@@ -160,7 +160,7 @@ def _centre(group: F32, members: int, size: int, mean: F32, covariance: F32) -> 
         store(mean, b, total)
         for m in range(members):
             store(group, m * row + b, load(group, m * row + b) - total)
-    # Four rows of the covariance at once: each patch is read once for them, and no sum waits for the one before.
+    # Four rows of the covariance at once: each patch is read once for all four, and their sums are independent.
     for i in range(0, size, 4):
         i1, i2, i3 = min(i + 1, size - 1), min(i + 2, size - 1), min(i + 3, size - 1)
         for b in range(0, row, LANES):

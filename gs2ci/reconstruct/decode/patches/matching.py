@@ -1,7 +1,7 @@
-"""Groups of similar patches: where each group's patches lie.
+"""Groups of similar patches: the positions of each group's patches.
 
-Here: the lattice of reference patches, and the search for those like them around places that follow the motion. Not
-here: the motion (`flow`), what is done with a group (`low_rank`).
+Here: the lattice of reference patches, and the search for similar patches around positions that follow the motion. Not
+here: the motion (`flow`), the denoising of a group (`low_rank`).
 """
 
 from dataclasses import dataclass, replace
@@ -25,16 +25,17 @@ _ORDERS: Final = {1: (0,), 2: (0, 1), 3: (0, 2, 1), 4: (0, 2, 1, 3)}
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where reference patches lie, and which patches are compared with them.
+    """The positions of reference patches, and the patches that are compared with them.
 
     Args:
         patch_px: Side of a patch.
-        step_px: Between reference patches, along rows and columns.
-        reach_px: How far from where the motion leads a similar patch is sought, along rows and columns.
+        step_px: Distance between reference patches, along rows and columns.
+        reach_px: Reach of the search for similar patches around the position that the motion predicts, along rows and
+            columns.
         per_group: How many patches a group has, about the same number from each of its views.
-        views: How many consecutive views a group draws on.
-        phases: In how many parts the lattice is used, one after the other. Each has other reference views, and all but
-            the first lie half a step aside.
+        views: How many consecutive views a group uses.
+        phases: Number of parts in which the lattice is used, one after the other. Each has other reference views, and
+            all but the first are displaced by half a step.
     """
 
     patch_px: int = 6
@@ -46,7 +47,7 @@ class Lattice:
 
     @property
     def side_by_side(self) -> "Lattice":
-        """Get the lattice whose patches cover each other nowhere: fewer than half as many as by default."""
+        """Get the lattice without overlap of patches: fewer than half as many as by default."""
         return replace(self, step_px=self.patch_px)
 
     def check(self) -> "Lattice":
@@ -73,7 +74,7 @@ class Lattice:
         return range(_ORDERS[parts][phase], views, parts)
 
     def window(self, at: int, views: int) -> tuple[int, int]:
-        """Get the first view from which the groups of view `at` draw, and how many there are."""
+        """Get the first view that the groups of view `at` use, and how many they use."""
         count = min(self.views, views)
         return min(max(at - count // 2, 0), views - count), count
 
@@ -98,12 +99,12 @@ def find_groups(guide: F32, flow: Flow, lattice: Lattice, phase: int) -> _Corner
     Args:
         guide: Grey views in which patches are compared by the sum of their squared differences, [N, H, W] float32.
         flow: Of these views.
-        lattice: Where reference patches lie, and how many like them are sought.
+        lattice: Positions of reference patches, and how many similar ones are searched for.
         phase: Which part of the lattice.
 
     Returns:
-        View, row and column of the upper left corner of each patch, [G, M, 3] int32. M is a little more than was asked
-        for where the views do not divide it, and less where so many patches are not within reach.
+        View, row and column of the upper left corner of each patch, [G, M, 3] int32. M is a little more than requested
+        if it is not a multiple of the views, and less if there are not so many patches within reach.
     """
     size = (guide.shape[1], guide.shape[2])
     patch, corners = lattice.patch(size), lattice.corners(phase, size)
@@ -133,15 +134,15 @@ def match_patches(
         views: [N, H, W].
         at: View of the reference patches.
         corners: Row and column of their upper left corners, [G, 2].
-        around: Row and column around which patches are sought in each view from `first` on, [G, K, 2]. A window that
-            leaves the picture is moved into it.
+        around: Row and column around which patches are searched for in each view from `first` on, [G, K, 2]. A window
+            that leaves the picture is moved into it.
         first: The first of these views.
         patch: Height and width of a patch.
-        reach: How far patches are sought along rows and columns.
-        each: How many are taken from each view; no more than a window holds.
+        reach: Reach of the search along rows and columns.
+        each: How many are taken from each view; at most as many as a window contains.
 
     Returns:
-        View, row and column of each patch, [G, K * each, 3] int32; of equals the first in order of rows.
+        View, row and column of each patch, [G, K * each, 3] int32; among equals the first in order of rows.
     """
     groups, count = around.shape[0], around.shape[1]
     found = np.empty((groups, count * each, 3), np.int32)
@@ -187,15 +188,15 @@ def _compare(
     """Write the squared differences of one patch from those around, rows of `across` numbers.
 
     Args:
-        pixels: Of all views, [N * H * W] and a vector more.
+        pixels: Of all views, [N * H * W] and one more vector.
         width: W.
-        here: Where the patch begins.
-        there: Where the first of the others begins.
+        here: Offset of the patch.
+        there: Offset of the first of the others.
         patch: Height and width.
-        rows: How many of the others lie below each other.
-        columns: And beside each other; numbers beyond them are written as the farthest.
+        rows: Number of rows of other patches.
+        columns: Number of columns of other patches; entries beyond them get the largest number.
         unlike: [rows * across].
-        across: So many columns make whole vectors.
+        across: Number of columns rounded up to whole vectors.
         lanes: 0, 1, 2, ... across.
     """
     for r in range(rows):
@@ -212,7 +213,7 @@ def _compare(
 
 @numba.njit(cache=True)
 def _keep_least(unlike: F32, rows: int, across: int, least: F32, places: _Corners) -> None:
-    """Write row and column of the smallest numbers behind the first index of `places`, in ascending order."""
+    """Write row and column of the smallest numbers to `places`, after its first index, in ascending order."""
     each = least.shape[0]
     least[:] = _FARTHEST
     for r in range(rows):
