@@ -50,8 +50,7 @@ class Splats:
         colours: [S, 3].
         index: Which of the scene's Gaussians each is, [S] int64.
         depths: Of the centres, [S].
-        depth_slopes: Change of depth per px on screen, [S, 2], at the point where the Gaussian is densest along the
-            ray.
+        depth_slopes: Change of depth per px on screen, [S, 2], where the Gaussian is densest along the ray.
         depth_sigmas: Standard deviation of depth along a ray, [S].
     """
 
