@@ -1,11 +1,11 @@
 """A capture: plan → arm → fire → collect → disarm, as steps with inverses.
 
-The plan is checked before anything moves. Whatever goes wrong on the way, every step done is undone in reverse:
-the modulator shows nothing, the sensor does not stream, the stage rests; the error that reaches the caller names
-the device and the trigger that was being served. Rows handed on before it stay.
+The plan is checked before anything moves. Whatever goes wrong later, all steps done so far are undone in reverse order:
+the modulator shows nothing, the sensor does not stream, the stage is at rest; the error that reaches the caller names
+the device and the trigger that was being served. Shots delivered before the error are kept.
 
-Here: the order of things, and where the stage was. Not here: what a plan is (`gs2ci_drivers.plan`, `planning`), checks
-of frames against triggers (`frame_timing`), files (the `sink` that is passed in), light.
+Here: the order of the steps, and the stage's positions. Not here: what a plan is (`gs2ci_drivers.plan`, `planning`),
+checks of frames against triggers (`frame_timing`), files (the `sink` that is passed in), light.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,9 +39,9 @@ PATIENCE_S = 2.0
 STALE_MARGIN_NS = 1_000_000
 """A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
 SHORTEST_COMPARED_S = 0.05
-"""Sweeps shorter than this are over before a position could be asked for."""
+"""Sweeps shorter than this end before the stage's position could be read."""
 LONGEST_LEARNT_S = 1.0
-"""A modulator seems to start later than this only when the time stamps are wrong."""
+"""If a modulator appears to start later than this, the time stamps are wrong."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Devices:
         modulator: Shows the masks.
         sensor: Takes the frames.
         stage: Moves the camera, or None.
-        clock: On which all of them wait.
+        clock: The clock on which all of them wait.
         also_close: Called after them: wire traces.
     """
 
@@ -63,8 +63,8 @@ class Devices:
     also_close: tuple[Callable[[], None], ...] = ()
 
     def close(self) -> None:
-        """Let go of all devices; never raises, may be called twice."""
-        with ExitStack() as closing:  # each is closed, whatever comes of the others
+        """Release all devices; never raises, may be called twice."""
+        with ExitStack() as closing:  # each is closed, even if closing another fails
             for close in reversed(self.also_close):
                 closing.callback(close)
             for device in (self.modulator, self.sensor, self.stage):
@@ -72,7 +72,7 @@ class Devices:
                     closing.callback(device.close)
 
     def incidents(self) -> list[str]:
-        """Return and forget what the drivers rode out since the last call."""
+        """Return, and clear, the incidents from which the drivers recovered since the last call."""
         found: list[str] = []
         for device in (self.modulator, self.sensor, self.stage):
             if device is not None:
@@ -92,8 +92,8 @@ class Taken:
         stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
             stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
-        attempts: 1, or more when it had to be repeated.
-        incidents: What was ridden out meanwhile.
+        attempts: 1, or more if it had to be repeated.
+        incidents: Problems from which drivers recovered meanwhile.
     """
 
     index: int
@@ -113,7 +113,7 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
 
     Args:
         devices: The rig's devices.
-        settings: What the user wants.
+        settings: The capture that the user wants.
         config: The sensor's set-up; exposure and trigger are filled in here.
 
     Returns:
@@ -140,16 +140,16 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
 
 
 def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress | None = None) -> int:
-    """Run a plan; hand each shot on as soon as it is whole.
+    """Run a plan; deliver each shot as soon as it is complete.
 
     Args:
         devices: The rig's devices, with the sensor set up by `plan_capture`.
-        plan: What to do.
-        sink: Gets each shot; what it raises ends the capture.
+        plan: The plan.
+        sink: Receives each shot; an error that it raises ends the capture.
         progress: Receives the upload and the shots.
 
     Returns:
-        The number of shots handed on.
+        The number of shots delivered.
 
     Raises:
         PlanRefusedError: The plan breaks limits; nothing was moved or uploaded.
@@ -171,7 +171,7 @@ class _Capture:
         self._trigger = 0  # the trigger being served
         self._next_trigger = 0
         self._taken = 0
-        # How long before the travel's begin to start the modulator; each fire corrects it for the next one.
+        # How long before the start of the travel to start the modulator; each fire corrects it for the next one.
         self._lead_s = devices.modulator.info.expected_start_s
 
     def run(self) -> int:
@@ -201,7 +201,7 @@ class _Capture:
         steps.do("sensor on", sensor.start, sensor.stop)
 
     def _fire_with_retries(self) -> None:
-        """Serve one start of the modulator, again if frames went astray and the user allows it."""
+        """Serve one start of the modulator; repeat it if frames were lost or bad and the user allows retries."""
         attempt, trigger, taken = 1, self._next_trigger, self._taken
         while True:
             try:
@@ -209,7 +209,7 @@ class _Capture:
                 return
             except FrameError as error:
                 error.at_trigger(self._trigger)
-                # A burst of which some shots are handed on already is not repeated.
+                # A burst of which some shots are already delivered is not repeated.
                 if attempt > self._plan.settings.retries or self._taken != taken:
                     raise
                 self._devices.sensor.incidents.append(f"{error}; tried again")
@@ -217,7 +217,7 @@ class _Capture:
                 self._rest_for_retry()
 
     def _rest_for_retry(self) -> None:
-        """Bring everything to rest for another attempt; the upload is kept where the device keeps it."""
+        """Stop all devices before another attempt; upload again only if the device lost the sequence."""
         devices = self._devices
         devices.modulator.disarm()
         if devices.stage is not None:
@@ -246,7 +246,7 @@ class _Capture:
             self._deliver_shot(fire, shot, first_trigger, frames, attempt)
 
     def _stream(self, fire: Fire) -> None:
-        """Take the exposures of one long run; those that are lost or spoilt are named, and passed over."""
+        """Take the exposures of one long run; lost and corrupt ones are named and skipped."""
         shots, shot = self._plan.settings.shots, 0
         last: Frame | None = None
         while shot < shots:
@@ -266,7 +266,7 @@ class _Capture:
         self._settle(fire, last)
 
     def _start_motion_after_arming(self, fire: Fire) -> None:
-        """Arm, then begin the sweep and wait until the stage crosses into its constant part."""
+        """Arm, then begin the sweep and wait until the stage reaches the part of constant speed."""
         stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
         if stage is not None and sweep is not None:
             stage.prepare_sweep(sweep)
@@ -277,12 +277,13 @@ class _Capture:
         if stage is not None and sweep is not None:
             stage.begin_sweep(sweep)
             fire.crossed_s = clock.now_s() + sweep.lead_s
-            # The sweep's constant part begins one longest start before the travel does; start as late as is due.
+            # The sweep's constant part begins earlier than the travel, by the longest start latency. The modulator is
+            # expected to take only `_lead_s`, so its start waits for the difference.
             longest_s = self._devices.modulator.info.start_latency_s or 0.0
             clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
 
     def _compare_position(self, fire: Fire) -> None:
-        """Ask the stage once where it is, to know how late it set out."""
+        """Read the stage's position once, to know by how much it lags behind the planned sweep."""
         stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
         if stage is None or sweep is None or sweep.cruise_s < SHORTEST_COMPARED_S:
             return
@@ -292,10 +293,10 @@ class _Capture:
         fire.position_error_mm = measured_mm - sweep.position_mm(middle_s - fire.crossed_s)
 
     def _collect(self, fire: Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
-        """Read the frames of one shot and hold each against its trigger.
+        """Read the frames of one shot and compare each with its trigger.
 
-        The modulator is watched to its end before the last frame of a fire is read: one that stops early
-        cannot be noticed afterwards, and the frame waits in its buffer.
+        Before the last frame of a fire is read, the modulator is polled to its end: an early stop could not be
+        noticed afterwards, and the frame waits in its buffer meanwhile.
         """
         plan, sensor = self._plan, self._devices.sensor
         latency_s = self._devices.modulator.info.start_latency_s or 0.0
@@ -312,7 +313,7 @@ class _Capture:
             yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
 
     def _step_masks(self, fire: Fire) -> None:
-        """Let a panel that the host steps show its masks up to the end of the present exposure."""
+        """On a panel whose masks the host steps, show the masks up to the end of the present exposure."""
         modulator, plan = self._devices.modulator, self._plan
         if not modulator.info.hardware_timed:
             shot, within = divmod(fire.frames, plan.frames_per_shot)
@@ -322,7 +323,7 @@ class _Capture:
             modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
 
     def _settle(self, fire: Fire, last: Frame | None) -> None:
-        """Wait until all has come to its end, and see that the last frame was in time and that none is left over."""
+        """Wait until all devices have finished; check that the last frame was in time and that none is left over."""
         devices, plan = self._devices, self._plan
         arrived_s = devices.clock.now_s()
         if last is not None:
@@ -330,7 +331,7 @@ class _Capture:
         if devices.stage is not None and plan.sweep is not None:
             sweep = plan.sweep
             devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
-        # The frame of a doubled trigger comes one exposure and one readout after its twin.
+        # The frame of a doubled trigger arrives one exposure and one readout after the regular one.
         waited_s = devices.clock.now_s() - arrived_s
         devices.clock.sleep_s(1.1 * (plan.exposure_s + devices.sensor.settings.readout_s) - waited_s)
         extra = devices.sensor.discard()
@@ -358,7 +359,7 @@ class _Capture:
         self._progress.step(self._taken)
 
     def _stage_at_masks(self, fire: Fire, shot: int, frames: tuple[Frame, ...]) -> tuple[F64 | None, F64 | None]:
-        """Return where the stage was at each mask's centre, and where it should have been, [N, K] in mm."""
+        """Return the stage's position at each mask's central time, and its target, [N, K] in mm."""
         stage, plan = self._devices.stage, self._plan
         if stage is None:
             return None, None
@@ -381,7 +382,7 @@ class _Capture:
         return measured, target
 
     def _seen_s(self) -> F64:
-        """Return when each mask was on show and exposed, [N, 2], from the appearance of the first."""
+        """Return the interval in which each mask was shown and exposed, [N, 2], from the appearance of the first."""
         windows_s, asked = self._plan.sequence.windows_s(), self._plan.settings
         if asked.late_s is None or asked.mode is not Mode.PER_EXPOSURE:
             return windows_s

@@ -20,7 +20,7 @@ class CameraOptions(ConfigTable):
     left: Annotated[int, Field(ge=0)] | None = None
     """First column of the region of interest."""
     warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """Frames to throw away after a start."""
+    """Frames to discard after a start."""
     black_level_dn: NotNegative = 0.0
     """Reading without light."""
     full_well_e: Positive | None = None

@@ -1,4 +1,4 @@
-"""What every device has in common, whatever it does: a name, a clock, and a life from `connect` to `close`.
+"""The base class of all devices: a name, a clock, and the session from `connect` to `close`.
 
 Here: the base of the three interfaces. Not here: what a modulator, a sensor, a stage do (`modulator`, `sensor`,
 `stage`).
@@ -28,11 +28,12 @@ class Device(ABC, Generic[Info, Status]):
         self._info: Info | None = None
         self._closed = False
         self.incidents: list[str] = []
-        """What was ridden out without an error (a lost reply requested again, ...), for the shot's log."""
+        """Problems from which the driver recovered without an error (a lost reply requested again, ...), for the
+        shot's log."""
 
     @property
     def info(self) -> Info:
-        """Get what the device is and can do.
+        """Get the device's identity and abilities.
 
         Raises:
             WrongStateError: Not connected.
@@ -43,11 +44,11 @@ class Device(ABC, Generic[Info, Status]):
         return self._info
 
     def connect(self) -> Info:
-        """Read who the device is; a second call returns the same. Nothing moves, and nothing is changed or reset.
+        """Read the device's identity; a second call returns the same. Nothing moves, and nothing is changed or reset.
 
         Raises:
             LinkError: No usable answer, or the port cannot be opened.
-            UnsupportedError: It is another kind of device.
+            UnsupportedError: It is a device of another kind.
             WrongStateError: Closed before.
         """
         self._require_open("connect")
@@ -56,7 +57,7 @@ class Device(ABC, Generic[Info, Status]):
         return self._info
 
     def status(self) -> Status:
-        """Read how the device is.
+        """Read the device's state.
 
         Raises:
             LinkError: No usable answer.
@@ -65,7 +66,7 @@ class Device(ABC, Generic[Info, Status]):
         return self._do_status()
 
     def temperatures_c(self) -> dict[str, float]:
-        """Read how warm it is, in degrees Celsius, by the device's own names; empty where it does not tell.
+        """Read the temperatures, in degrees Celsius, by the device's own names; empty if it reports none.
 
         Raises:
             LinkError: No usable answer.
@@ -74,7 +75,7 @@ class Device(ABC, Generic[Info, Status]):
         return self._do_temperatures_c()
 
     def close(self) -> None:
-        """Let go of the port; never raises, may be called twice."""
+        """Release the port; never raises, may be called twice."""
         if not self._closed:
             self._closed = True
             self._do_close()
@@ -85,14 +86,14 @@ class Device(ABC, Generic[Info, Status]):
 
     @abstractmethod
     def _do_connect(self) -> Info:
-        """Read identity and limits; change nothing; survive stale answers of an earlier session."""
+        """Read identity and limits; change nothing; ignore stale answers of an earlier session."""
 
     @abstractmethod
     def _do_status(self) -> Status:
         """Read state and faults."""
 
     def _do_temperatures_c(self) -> dict[str, float]:
-        """Read temperatures, where the device has any."""
+        """Read temperatures, if the device measures any."""
         return {}
 
     @abstractmethod

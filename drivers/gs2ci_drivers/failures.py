@@ -2,16 +2,16 @@
 
     DeviceError (gs2ci.core.errors)
     └── DriverError                names the device, the trigger index (when there is one) and what was asked
-        ├── LinkError              the bytes did not make it
+        ├── LinkError              the bytes were not transferred
         │   ├── AccessError        the port cannot be opened: permissions, already in use, not there
         │   ├── NoAnswerError      nothing, or not enough, within the deadline
         │   ├── BadReplyError      an answer that the protocol does not know
         │   └── DisconnectedError  the device went away while it was in use
-        ├── RefusedError           the device understood and said no
+        ├── RefusedError           the device understood the request and refused it
         ├── DeviceFaultError       the device reports that it cannot work
         │   ├── MoveFailedError    a stage stopped before its target
         │   ├── ReferenceLostError a stage no longer knows where it is
-        │   └── SequenceError      a modulator did not show what it was told to
+        │   └── SequenceError      a modulator did not show the requested sequence
         ├── UnsupportedError       the device does not have this ability
         ├── OutOfRangeError        a value that the device cannot take
         ├── WrongStateError        the call came in the wrong order
@@ -23,7 +23,7 @@
             ├── FrameStaleError      the frame is older than its trigger
             └── ExtraFrameError      more frames than triggers were sent
 
-Here: the classes. Not here: any decision on what to do about them (`gs2ci_drivers.acquisition`).
+Here: the classes. Not here: how they are handled (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ class DriverError(DeviceError):
     Args:
         device: Name of the device as the rig file gives it (`dmd0`).
         problem: What happened.
-        asked: What the device was asked to do, in its own words where that helps.
+        asked: What the device was asked to do, in its protocol's words if that helps.
         allowed: What would be accepted.
         remedy: What the user can do about it.
 
@@ -82,7 +82,7 @@ class DriverError(DeviceError):
 
 
 class LinkError(DriverError):
-    """The bytes did not make it to the device or back."""
+    """The bytes did not reach the device, or its answer did not come back."""
 
 
 class AccessError(LinkError):
@@ -158,7 +158,7 @@ class DisconnectedError(LinkError):
 
 
 class RefusedError(DriverError):
-    """The device understood the request and said no.
+    """The device understood the request and refused it.
 
     Args:
         device: Name of the device.
@@ -218,11 +218,11 @@ class MoveFailedError(DeviceFaultError):
 
 
 class ReferenceLostError(DeviceFaultError):
-    """A stage no longer knows where it is (power cycle, alarm while moving) and must be homed by the user."""
+    """A stage has lost its reference position (power cycle, alarm while moving); the user must home it."""
 
 
 class SequenceError(DeviceFaultError):
-    """A modulator did not show what it was told to: stopped by itself, aborted, or pulses that do not add up."""
+    """A modulator did not show the requested sequence: it stopped, was aborted, or sent a wrong number of pulses."""
 
 
 class UnsupportedError(DriverError):
@@ -314,7 +314,7 @@ class FrameCorruptError(FrameError):
 
 
 class FrameStaleError(FrameError):
-    """A frame came that is older than the trigger it was waited for.
+    """A frame came that is older than the trigger that it should answer.
 
     Args:
         device: Name of the sensor.
@@ -333,4 +333,4 @@ class FrameStaleError(FrameError):
 
 
 class ExtraFrameError(FrameError):
-    """More frames came than triggers were sent: a double trigger, or somebody else's."""
+    """More frames came than triggers were sent: a doubled trigger, or one from another source."""

@@ -1,6 +1,6 @@
-"""Frames held against the triggers that they are taken for, by their time stamps.
+"""Comparing frames with the triggers that they answer, by their time stamps.
 
-Here: what is noted while one start of the modulator is served (`Fire`), and the checks. Not here: the capture
+Here: what is recorded while one start of the modulator is served (`Fire`), and the checks. Not here: the capture
 (`acquisition.py`), checks of a frame by itself (`v4l2/judge.py`, `genicam/judge.py`).
 """
 
@@ -12,21 +12,21 @@ from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor
 
 END_TOLERANCE_S = 2e-3
 CLOCK_TOLERANCE = 1e-3
-"""By how much the modulator's and the computer's seconds may differ, with the jitter of one exchange."""
+"""By how much a time by the modulator's clock and by the computer's may differ, jitter of one exchange included."""
 PERIOD_TOLERANCE = 0.25
 """Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
 
 
 @dataclass
 class Fire:
-    """What is noted while one start of the modulator is served."""
+    """What is recorded while one start of the modulator is served."""
 
     fired_ns: int = 0
     rest_mm: dict[str, float] = field(default_factory=dict)
     crossed_s: float = 0.0
     position_error_mm: float = 0.0
     reference_ns: int = 0
-    """Stamp of the frame that others are held against."""
+    """Stamp of the frame that the others are compared with."""
     reference_index: int = 0
     done_s: float = 0.0
     frames: int = 0
@@ -37,7 +37,7 @@ class FrameTiming:
 
     Args:
         plan: The capture.
-        sensor: Which took the frames, set up for it.
+        sensor: The sensor that took the frames, set up for the capture.
         modulator: Name of the modulator, for messages.
     """
 
@@ -47,11 +47,11 @@ class FrameTiming:
         self._modulator = modulator
 
     def check(self, fire: Fire, frame: Frame) -> None:
-        """Check by its time stamp that a frame answers the trigger it is taken for, and count it.
+        """Check by its time stamp that a frame answers the trigger it is counted for, and count it.
 
         Raises:
             TriggerTimeoutError: It is late by more than a quarter of the period: a trigger was missed.
-            ExtraFrameError: It is as much too early: a trigger was doubled, or the line has the wrong polarity.
+            ExtraFrameError: It is early by more than that: a trigger was doubled, or the line has the wrong polarity.
         """
         index, plan = fire.frames, self._plan
         fire.frames += 1
@@ -79,9 +79,9 @@ class FrameTiming:
         return shot * self._plan.sequence.period_s + within * self._plan.frame_period_s
 
     def _check_start(self, fire: Fire, frame: Frame) -> None:
-        """Check that the first exposure did not begin before the modulator was told to start.
+        """Check that the first exposure did not begin before the modulator was started.
 
-        A sensor that is gated by a line of the wrong polarity exposes until the masks come.
+        A sensor that is gated by a line of the wrong polarity exposes until the masks appear.
         """
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return
@@ -95,18 +95,18 @@ class FrameTiming:
             )
 
     def check_end(self, fire: Fire, last: Frame) -> None:
-        """Check that the last exposure had begun early enough for all of its masks.
+        """Check that the last exposure began early enough for all of its masks.
 
-        A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
-        is not the configured one) gives a frame like any other, except that the modulator ends before it should.
+        If a trigger comes with a later mask than it should (the trigger setting's polarity on the modulator is not the
+        configured one), its frame looks normal, but the sequence ends before the frame's last mask is due.
 
         Raises:
-            SequenceError: It had not.
+            SequenceError: It began too late.
         """
         plan, readout_s = self._plan, self._sensor.settings.readout_s
         if not last.flags & FrameFlag.STAMPED_MONOTONIC:
             return  # a time of another clock
-        # A stamp of a frame's end comes late by its transfer, of which no more is known than that it takes a readout.
+        # A stamp of a frame's end is late by its transfer, for which the readout time is the only known estimate.
         late_s = 0.0 if last.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) else readout_s
         one_mask = plan.settings.mode is Mode.PER_MASK
         shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])

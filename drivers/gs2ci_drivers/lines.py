@@ -1,6 +1,6 @@
 """Lines over a stream of bytes: what the serial drivers (Zaber, GRBL, SCPI) share.
 
-Here: sending a line, waiting for one with a deadline, throwing away what is left of an earlier exchange. Not here: what
+Here: sending a line, waiting for one with a deadline, discarding what is left of an earlier exchange. Not here: what
 the lines mean.
 """
 
@@ -13,14 +13,14 @@ LONGEST_LINE = 512
 CHUNK_BYTES = 256
 WRITE_TIMEOUT_S = 1.0
 MOST_READS = 64
-"""How often what has come already is read, to be drained or past a deadline: a line that babbles without end must not
-hold us."""
+"""Limit on reads of bytes that are already there, when draining or past a deadline: a device that never stops sending
+must not block the host."""
 NOISE = b"\x00\xff"
 """Bytes that a floating or resetting line gives; no protocol here uses them."""
 
 
 class LineChannel:
-    """A port seen as lines.
+    """A port read and written by lines.
 
     Args:
         device: Name of the device, for messages.
@@ -75,7 +75,7 @@ class LineChannel:
                 raise BadReplyError(self._device, asked, noise, "no end of line", allowed="lines of text")
 
     def drain(self, asked: str = "drain") -> int:
-        """Throw away whatever has come; return how many bytes.
+        """Discard all bytes received so far; return how many.
 
         Raises:
             DisconnectedError: The port is gone.

@@ -8,7 +8,7 @@ Promises that every implementation keeps and `tests/contracts/test_modulator.py`
 nothing on the device; `disarm` may be called in any state and more than once; `close` may be called twice; every
 wait has a deadline on the driver's clock; a failed call leaves a state from which `disarm` and `upload` work.
 
-Here: the abstract class, its states and reports. Not here: what it is asked to show (`gs2ci_drivers.pattern_sequence`),
+Here: the abstract class, its states and reports. Not here: the sequence to be shown (`gs2ci_drivers.pattern_sequence`),
 bytes (each driver's package), how shots are put together (`gs2ci_drivers.acquisition`).
 """
 
@@ -23,21 +23,21 @@ from gs2ci_drivers.failures import NoAnswerError, WrongStateError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, check_sequence
 
 POLL_S = 0.02
-"""How often a device is asked whether it still runs: rarely beside an exchange, often beside what people notice."""
+"""Interval of polling whether a device still runs: long compared with one exchange, too short for people to notice."""
 FINE_POLL_S = 1e-3
-"""How often near its expected end: captures hold the end against the last frame, to within a mask."""
+"""Interval near the expected end: a capture compares the time of the end with the last frame's, to within a mask."""
 UploadProgress = Callable[[float], None]
 """Called with the share of the upload that is done, 0 to 1."""
 
 
 @unique
 class ModulatorState(Enum):
-    """Where a modulator stands."""
+    """The state of a modulator."""
 
     IDLE = "idle"
-    """Connected; nothing of ours is loaded."""
+    """Connected; no sequence of this session is loaded."""
     LOADED = "loaded"
-    """A sequence of ours is on the device."""
+    """A sequence of this session is on the device."""
     ARMED = "armed"
     """The next `start` begins within `start_latency_s`."""
     RUNNING = "running"
@@ -65,8 +65,8 @@ class ModulatorStatus:
     """What a modulator reports of itself.
 
     Args:
-        state: Where it stands.
-        faults: Faults in the device's own terms, empty when it is well.
+        state: Its state.
+        faults: Faults in the device's own terms, empty when there are none.
         notes: Further readings worth showing (temperatures, registers).
     """
 
@@ -77,14 +77,14 @@ class ModulatorStatus:
 
 @dataclass(frozen=True)
 class PulseVerdict:
-    """What a counted number of trigger pulses says.
+    """The conclusion from a counted number of trigger pulses.
 
     Args:
-        agrees: Whether it is as it should be with the settings in force, all of them stated.
+        agrees: Whether the number is the expected one and all settings that it depends on are stated in the rig file.
         said: What was seen, in words.
-        remedy: What to do where it does not agree.
+        remedy: What to do if it does not agree.
         settings: Keys of [modulator] that would make it agree, with their values.
-        inverted: Whether pulses must have come with the other masks than was requested.
+        inverted: Whether the pulses came with the masks that should have none, and none with those that should.
     """
 
     agrees: bool
@@ -111,11 +111,11 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         return self._loaded
 
     def check(self, sequence: PatternSequence) -> PatternSequence:
-        """Return the sequence with the times that the device will really keep.
+        """Return the sequence with its times quantised as the device will keep them.
 
         Raises:
             OutOfRangeError: Shape, depth, levels, a time or the number of masks is beyond the device.
-            UnsupportedError: The trigger output cannot do what is asked.
+            UnsupportedError: The trigger output cannot do what the sequence needs.
         """
         check_sequence(self.name, self.info, sequence)
         step = self.info.exposure_step_s
@@ -135,7 +135,7 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         return self._do_upload_eta_s(self.check(sequence))
 
     def upload(self, sequence: PatternSequence, progress: UploadProgress | None = None) -> UploadReport:
-        """Put a sequence on the device; what was there before is gone, also when this fails.
+        """Put a sequence on the device; the one before is lost, also when this fails.
 
         Raises:
             OutOfRangeError, UnsupportedError: As `check`; nothing was sent.
@@ -175,14 +175,14 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._do_start(self._loaded)
 
     def keep_time(self, until_s: float) -> None:
-        """Let time pass until `until_s` on the driver's clock, showing what is due meanwhile.
+        """Wait until `until_s` on the driver's clock and show the masks that become due meanwhile.
 
-        For whoever serves a sensor while a sequence runs on a device that the host steps (`hardware_timed` is
-        false). A device with a clock of its own needs none of this: for it, this only waits.
+        A caller that serves a sensor calls this while a sequence runs on a device whose masks the host steps
+        (`hardware_timed` is false). For a device with a clock of its own this only waits.
 
         Raises:
             SequenceError: The host was too late for a mask.
-            LinkError, RefusedError: The device could not be told.
+            LinkError, RefusedError: The command did not reach the device, or was refused.
         """
         self._require_open("keep_time")
         self._do_keep_time(until_s)
@@ -192,19 +192,19 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
 
         Raises:
             NoAnswerError: Still running after `timeout_s`.
-            SequenceError: It ended otherwise than as planned.
+            SequenceError: It did not end as planned.
             LinkError: The device is gone.
         """
         self._require_open("wait_done")
         self._do_wait_done(timeout_s)
 
     def disarm(self) -> None:
-        """Stop whatever runs and go back to showing nothing; allowed in any state, any number of times.
+        """Stop a running sequence and show nothing; allowed in any state, any number of times.
 
-        What was uploaded stays, unless the device cannot keep it (then `loaded` is None).
+        The uploaded sequence stays, unless the device cannot keep it (then `loaded` is None).
 
         Raises:
-            LinkError, RefusedError: The device could not be told.
+            LinkError, RefusedError: The command did not reach the device, or was refused.
         """
         self._require_open("disarm")
         self._armed = False
@@ -223,9 +223,9 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         return self._do_judge_pulses(self._loaded, counted)
 
     def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str, end_s: float) -> None:
-        """Look until a sequence no longer runs, or raise NoAnswerError: for devices that can only be asked.
+        """Poll until a sequence no longer runs, or raise NoAnswerError: for devices that do not report the end.
 
-        `end_s` is when it ends at the earliest; from shortly before on it is asked more often.
+        `end_s` is when it ends at the earliest; from shortly before that on, polling is more frequent.
         """
         until_s = self.clock.now_s() + timeout_s
         while running():
@@ -247,18 +247,18 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
 
     @abstractmethod
     def _do_arm(self, sequence: PatternSequence) -> None:
-        """Prepare to start, and refuse to when the device reports a fault."""
+        """Prepare to start; raise an error if the device reports a fault."""
 
     @abstractmethod
     def _do_start(self, sequence: PatternSequence) -> None:
         """Start and confirm that it started."""
 
     def _do_keep_time(self, until_s: float) -> None:
-        """Show what is due until a time; overridden where the host steps the masks."""
+        """Wait until a time; overridden by drivers whose masks the host steps."""
         self.clock.sleep_s(until_s - self.clock.now_s())
 
     def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
-        """Compare with what was requested; overridden where firmware may read its settings in several ways."""
+        """Compare with what was requested; overridden if firmware revisions interpret a setting differently."""
         expected = sequence.pulses
         said = f"{counted} pulses were seen and {expected} expected"
         return PulseVerdict(counted == expected, said, "check the trigger cable and the sensor's trigger")
@@ -269,4 +269,4 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
 
     @abstractmethod
     def _do_disarm(self) -> None:
-        """Stop, whatever the state; first drain what an interrupted exchange may have left."""
+        """Stop in any state; first discard the bytes that an interrupted exchange may have left."""

@@ -17,5 +17,5 @@ class MountOptions(ConfigTable):
     y: Vector = (0.0, 1.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
     error_mm: Annotated[float, Field(gt=0)] | None = None
-    """Standard error of where the stage says that it is, mm. A reconstruction moves the poses no further than that lets
-    it; without it, it takes 1 % of the path."""
+    """Standard error of the positions that the stage reports, mm. It limits how far a reconstruction moves the poses;
+    without it, a reconstruction assumes 1 % of the path."""

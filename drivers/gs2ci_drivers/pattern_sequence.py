@@ -1,4 +1,4 @@
-"""The pattern sequence asked of a modulator, the limits of a modulator, and the check of one against the other.
+"""The requested pattern sequence, the limits of a modulator, and the check of the sequence against the limits.
 
 Here: the records `PatternSequence`, `TriggerOut` and `ModulatorInfo`, and the check. Not here: the device that shows
 them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.patterns`).
@@ -36,24 +36,25 @@ class ModulatorInfo:
 
     Args:
         model: Maker and model.
-        serial: Serial number, or "" where the device does not tell.
+        serial: Serial number, or "" if the device does not report one.
         firmware: Version text.
         height: Rows of mirrors or pixels.
         width: Columns.
         pitch_m: Distance of neighbouring pixels.
-        min_exposure_s: Shortest exposure of one mask by bit depth; its keys are the depths there are.
+        min_exposure_s: Shortest exposure of one mask by bit depth; its keys are the supported depths.
         max_exposure_s: Longest exposure of one mask.
         exposure_step_s: Exposures and dark times are multiples of this.
-        min_dark_s: Shortest dark time other than none.
-        capacity: Most masks of one sequence by bit depth.
-        trigger_outs: What the trigger output can do.
+        min_dark_s: Shortest dark time greater than zero.
+        capacity: Largest number of masks in one sequence, by bit depth.
+        trigger_outs: The supported modes of the trigger output.
         trigger_delay_s: From a mask's appearance to the trigger's edge (negative: the edge comes first).
-        start_latency_s: Longest time from `start` to the first mask; None where the host times each mask.
+        start_latency_s: Longest time from `start` to the first mask; None if the host times each mask.
         typical_start_s: Usual time from `start` to the first mask; None takes half of the longest.
-        hardware_timed: Whether masks follow each other by the device's own clock. When false the host steps
-            them, and only `TriggerOut.NONE` and `PER_MASK` can be asked for.
+        hardware_timed: Whether the device's own clock steps the masks. If false, the host steps them, and only
+            `TriggerOut.NONE` and `PER_MASK` are possible.
         experimental: Whether the protocol is unconfirmed on real hardware.
-        pulses_unsettled: What is not known of the trigger pulses, so that no capture may rest on them; "" when all is.
+        pulses_unsettled: What is still unknown about the trigger pulses, so that no capture may rely on them; "" if
+            nothing is.
     """
 
     model: str
@@ -77,7 +78,7 @@ class ModulatorInfo:
 
     @property
     def expected_start_s(self) -> float:
-        """Get the time from `start` to the first mask that is best reckoned with."""
+        """Get the expected time from `start` to the first mask."""
         if self.typical_start_s is not None:
             return self.typical_start_s
         return (self.start_latency_s or 0.0) / 2
@@ -138,7 +139,7 @@ def check_sequence(device: str, info: ModulatorInfo, sequence: PatternSequence) 
 
     Raises:
         OutOfRangeError: Shape, depth, levels, a time or the number of masks is beyond the device.
-        UnsupportedError: The trigger output cannot do what is asked.
+        UnsupportedError: The trigger output cannot do what the sequence needs.
     """
     _check_masks(device, info, sequence)
     _check_times(device, info, sequence)
@@ -191,7 +192,7 @@ def _check_masks(device: str, info: ModulatorInfo, sequence: PatternSequence) ->
 
 def _check_times(device: str, info: ModulatorInfo, sequence: PatternSequence) -> None:
     shortest = info.min_exposure_s[sequence.bit_depth]
-    slack_s = info.exposure_step_s / 2  # what rounding to the device's step may add
+    slack_s = info.exposure_step_s / 2  # the largest rounding error to the device's step
     if not shortest - slack_s <= sequence.exposure_s <= info.max_exposure_s + slack_s:
         raise OutOfRangeError(
             device,

@@ -1,4 +1,4 @@
-"""The records of a capture's plan: the settings asked for and the timeline, line by line. Nothing moves here.
+"""The records of a capture's plan: the requested settings and the timeline, line by line. Nothing moves here.
 
 Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
 """
@@ -17,7 +17,7 @@ from gs2ci_drivers.stage import Sweep
 
 @unique
 class Mode(Enum):
-    """How modulator and sensor keep step (reference section 5)."""
+    """How modulator and sensor are synchronised (reference section 5)."""
 
     PER_EXPOSURE = "per-exposure"
     """A: the modulator is master; one edge begins one exposure, which spans all masks."""
@@ -44,7 +44,7 @@ class Travel:
 
 @dataclass(frozen=True)
 class KnownOptics:
-    """What is known of light and scene, for the plan's figures; any of it may be missing.
+    """What is known about light and scene, for the plan's figures; any field may be missing.
 
     Args:
         full_scale_e_per_s: Electrons per second in a pixel that sees a white scene through an open mask.
@@ -68,21 +68,22 @@ class CaptureSettings:
         bit_depth: Bits of each pattern.
         mask_s: How long each mask is shown.
         dark_s: Dark time between masks.
-        mode: How modulator and sensor keep step.
+        mode: How modulator and sensor are synchronised.
         shots: How many coded exposures.
         burst: How many of them in one sweep or one start of the modulator.
         travel: The camera's motion, or None for a camera at rest.
         margin_s: By how much the exposure ends before the last mask does.
-        jitter_s: Latest start of an exposure after its edge that is reckoned with.
-        late_s: How long after its edge an exposure begins, a delay that was set included, where that was measured.
-        longer_s: By how much an exposure is longer than set, where that was measured.
-        retries: How often a shot is tried again after lost, late, corrupt or stale frames.
-        optics: What is known of light and scene.
-        continuous: Whether all shots are taken in one run of the modulator, one behind another, and lost ones are named
-            and passed over.
+        jitter_s: The latest start of an exposure after its edge that the plan allows for.
+        late_s: Measured delay from an edge to the start of its exposure, a configured delay included; None if not
+            measured.
+        longer_s: Measured excess of an exposure over the configured one; None if not measured.
+        retries: How often a shot is repeated after lost, late, corrupt or stale frames.
+        optics: What is known about light and scene.
+        continuous: Whether all shots are taken in one run of the modulator, one after another; lost ones are named and
+            skipped.
         ring: How many shots may wait for a busy disk, for the plan's figures.
-        gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; where it can do no
-            other, `plan_capture` sees to it.
+        gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; `plan_capture` sets it
+            for a sensor that has no other mode.
     """
 
     masks: U8 | U16
@@ -104,24 +105,24 @@ class CaptureSettings:
     ring: int = 0
 
     def begin_s(self, modulator_delay_s: float, sensor_delay_s: float) -> float:
-        """Return when an exposure begins, from the appearance of its first mask: as measured, else as set.
+        """Return when an exposure begins, from the appearance of its first mask: as measured, otherwise as configured.
 
         Args:
             modulator_delay_s: From a mask's appearance to its edge.
-            sensor_delay_s: From an edge to the begin of the exposure, set or known.
+            sensor_delay_s: From an edge to the start of the exposure, as configured or as known.
         """
         return modulator_delay_s + (sensor_delay_s + self.jitter_s / 2 if self.late_s is None else self.late_s)
 
     @property
     def trigger_out(self) -> TriggerOut:
-        """Get what the modulator's trigger output has to do."""
+        """Get the mode that the modulator's trigger output needs."""
         if self.mode is Mode.PER_MASK:
             return TriggerOut.GATE_PER_MASK if self.gated else TriggerOut.PER_MASK
         return TriggerOut.GATE if self.mode is Mode.GATE else TriggerOut.PER_EXPOSURE
 
     @property
     def trigger_mode(self) -> TriggerMode:
-        """Get what the sensor has to listen to."""
+        """Get the trigger mode that the sensor needs."""
         return TriggerMode.LEVEL if self.gated or self.mode is Mode.GATE else TriggerMode.EDGE
 
 
@@ -132,7 +133,7 @@ class Figure:
     Args:
         what: What it is about.
         value: Its value in words.
-        limit: What is allowed, "" where nothing limits it.
+        limit: What is allowed, "" if nothing limits it.
         broken: Whether it is beyond the limit.
         remedy: What to do when it is.
     """
@@ -183,7 +184,7 @@ class CapturePlan:
 
     @property
     def broken(self) -> tuple[Figure, ...]:
-        """Get the lines that break a limit."""
+        """Get the lines whose limit is exceeded."""
         return tuple(figure for figure in self.figures if figure.broken)
 
     @property
@@ -199,10 +200,10 @@ class CapturePlan:
         return self.sequence.period_s
 
     def require_sound(self) -> "CapturePlan":
-        """Return self if nothing breaks a limit.
+        """Return self if no limit is exceeded.
 
         Raises:
-            PlanRefusedError: Names every broken limit.
+            PlanRefusedError: Names every exceeded limit.
         """
         if self.broken:
             raise PlanRefusedError([figure.sentence() for figure in self.broken])

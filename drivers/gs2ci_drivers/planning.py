@@ -1,8 +1,8 @@
 """Laying a capture out and checking it against what the devices can do. Nothing moves here.
 
-From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout pause, the
-stage's sweep, and a figure for each check (reference section 5). Not here: the records (`gs2ci_drivers.plan`), doing
-it (`gs2ci_drivers.acquisition`).
+From the devices' own limits and the user's settings it derives one pass of masks, the sensor's exposure, the readout
+pause, the stage's sweep, and a figure for each check (reference section 5). Not here: the records
+(`gs2ci_drivers.plan`), carrying the plan out (`gs2ci_drivers.acquisition`).
 """
 
 from math import ceil
@@ -17,18 +17,18 @@ from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
 EXPOSURE_TOLERANCE = 0.1
-"""By how much less than asked for a sensor may expose: the weights of the masks tell the solver the rest."""
+"""Share by which an exposure may be shorter than requested: the weights of the masks account for the difference."""
 CLOCK_TOLERANCE = 2e-4
-"""By how much a sensor's exposure may outlast what it is told by the modulator's clock: two crystals that are each off
-by up to 100 ppm, as their data sheets allow."""
+"""Share by which an exposure may be longer than set, measured by the modulator's clock: two crystals, each off by up
+to 100 ppm, as their data sheets allow."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
-    """Return the exposure to ask the sensor for, before the devices have rounded anything.
+    """Return the exposure to request from the sensor, before the devices round it.
 
-    A gated sensor exposes while masks are on show, without any margin.
+    A gated sensor exposes while masks are on show, without a margin.
     """
     count = len(settings.masks)
     margin_s = 0.0 if settings.trigger_mode is TriggerMode.LEVEL else settings.margin_s
@@ -42,7 +42,7 @@ def overlap_weights(windows_s: F64, start_s: float, end_s: float) -> F64:
 
     Args:
         windows_s: Start and end of each mask, [N, 2].
-        start_s: Begin of the exposure on the same clock.
+        start_s: Start of the exposure on the same clock.
         end_s: Its end.
     """
     begin, end = windows_s[:, 0], windows_s[:, 1]
@@ -60,10 +60,10 @@ def lay_out(
     """Lay out a capture and check it; broken limits are figures of the plan, not errors.
 
     Args:
-        settings: What the user wants.
+        settings: The capture that the user wants.
         modulator: The modulator's limits.
         sensor: The sensor's limits.
-        setup: What the sensor was set to.
+        setup: The sensor's settings in force.
         stage: The stage's limits, or None.
     """
     sequence = _sequence(settings, modulator, setup)
@@ -93,17 +93,17 @@ def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
 
 
 def _busy_s(exposure_s: float, settings: CaptureSettings, setup: SensorSettings, delay_s: float) -> float:
-    """Return how long after an edge a sensor may miss the next one."""
+    """Return for how long after an edge a sensor may miss another one."""
     return exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s + settings.jitter_s + delay_s
 
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
-    """Put dark time where the sensor needs it to read out."""
+    """Return the sequence, with dark time wherever the sensor needs it for its readout."""
     busy_s = _busy_s(_exposure(settings, setup), settings, setup, setup.trigger_delay_s)
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
-        if settings.trigger_mode is TriggerMode.LEVEL:  # the line has to fall between masks
+        if settings.trigger_mode is TriggerMode.LEVEL:  # the line must fall between masks
             dark_s = max(dark_s, modulator.min_dark_s)
         dark_s = _allowed_dark(dark_s, modulator)
         pause_s = dark_s
@@ -128,7 +128,7 @@ def _allowed_dark(dark_s: float, modulator: ModulatorInfo) -> float:
     if dark_s <= 0:
         return 0.0
     step = modulator.exposure_step_s
-    return max(ceil(dark_s / step - 1e-6) * step, modulator.min_dark_s)  # 1e-6 steps: division's rounding
+    return max(ceil(dark_s / step - 1e-6) * step, modulator.min_dark_s)  # 1e-6 steps: rounding error of the division
 
 
 def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
@@ -175,7 +175,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
 
 
 def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
-    """Refuse pulses of which it is not known with which masks they come: frames of the wrong masks look like others."""
+    """Refuse trigger pulses while it is unknown with which masks they come: a frame of wrong masks looks normal."""
     pulsed = sequence.trigger in (TriggerOut.PER_EXPOSURE, TriggerOut.PER_MASK)
     if not pulsed or not info.pulses_unsettled:
         return []
@@ -237,7 +237,7 @@ def _sensor_figures(
 def _continuous_figures(
     settings: CaptureSettings, sequence: PatternSequence, exposure_s: float, setup: SensorSettings
 ) -> list[Figure]:
-    """Say how fast exposures follow each other, and what happens meanwhile."""
+    """Return the figures of a continuous capture: its rate, and how many shots may wait to be written."""
     if not settings.continuous:
         return []
     shown_s = float(sequence.windows_s()[-1, 1])
@@ -275,7 +275,7 @@ def _light_figures(
         open_s = sequence.exposure_s * float(weights.max())
     else:
         # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
-        # One mask after the other: all of them as floating-point numbers are gigabytes.
+        # The masks are summed one by one: all of them as floating-point numbers take gigabytes.
         shares = np.zeros(settings.masks.shape[1:])
         for weight, mask in zip(weights, settings.masks, strict=True):
             shares += weight / top * mask

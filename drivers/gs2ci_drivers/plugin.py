@@ -1,4 +1,4 @@
-"""What a package gives that brings a driver of its own: the [table] of its settings, its port, its driver, its twin.
+"""What a package with a driver of its own provides: the [table] of its settings, its port, its driver, its twin.
 
 Entry points of the groups `gs2ci.modulators`, `gs2ci.sensors` and `gs2ci.stages` are `DriverPlugin`s; `docs/plugins.md`
 shows one. Here: the record, and finding one by the `kind` that a rig file names. Not here: opening (`gs2ci.rig`).
@@ -29,19 +29,19 @@ BUILT_IN: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class DriverPlugin:
-    """A driver from elsewhere.
+    """A driver from another package.
 
     Args:
         settings: The device's table in a rig file: a `ConfigTable` with `kind: Literal["NAME"]`, NAME being the entry
-            point's, and `port: str`, where "simulated" asks for the twin. A sensor's and a stage's have besides what
-            the rig reads of ours (`V4l2Options`, `ZaberOptions`): inherit from these.
+            point's, and `port: str`, for which "simulated" requests the twin. A sensor's or a stage's table also needs
+            the fields that the rig reads of the built-in ones: inherit from `V4l2Options` or `ZaberOptions`.
         port: Opens the real port from the device's name and its settings.
         driver: Makes the device from its name, the open port, the clock and the settings. It closes the port.
-        port_kind: What kind of port it is, so that a trace can lie round it.
+        port_kind: What kind of port it is, so that a trace can wrap it.
         twin: Makes a simulated device from a `gs2ci_sims.world.World` and the settings: an object whose `open()`
             gives such a port, with `plug_in()` and `unplug()`. None: it cannot be simulated. A modulator's twin shows
             its masks by `World.show_mask` and pulses `modulator.out` on `World.bus`.
-        size: Of a modulator, rows and columns, for placing masks on a simulated bench.
+        size: Rows and columns of a modulator, for placing masks on a simulated bench.
     """
 
     settings: type[ConfigTable]
@@ -53,10 +53,10 @@ class DriverPlugin:
 
 
 def driver_plugin(group: str, kind: object) -> DriverPlugin | None:
-    """Return the driver of a kind that gs2ci does not open itself; None where no package brings one.
+    """Return the driver of a kind that gs2ci does not open itself; None if no package provides one.
 
     Raises:
-        PluginError: What a package brings under that name is no driver for this kind.
+        PluginError: The object that a package provides under that name is no driver for this kind.
     """
     if not isinstance(kind, str) or kind in BUILT_IN[group]:
         return None

@@ -1,4 +1,4 @@
-"""The five ports through which drivers reach hardware: interfaces alone, no protocol.
+"""The five ports through which drivers reach hardware: interfaces only, no protocol.
 
     HidPort     64-byte reports (DLPC900)                     links.usb_hid
     BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk
@@ -14,7 +14,7 @@ Rules every implementation keeps, the twins' included:
   drivers turn these into the errors of `gs2ci_drivers.failures`;
 - `close` may be called twice and never raises.
 
-Here: the interfaces and the port guard that translates errors. Not here: recording and replaying what passed
+Here: the interfaces and the guard that translates a port's errors. Not here: recording and replaying the traffic
 (`gs2ci_drivers.trace`), the real ports (`gs2ci_drivers.links`).
 """
 
@@ -29,7 +29,7 @@ from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import AccessError, DisconnectedError, NoAnswerError
 
 MappedMemory = mmap.mmap
-"""A kernel buffer in our address space; a twin hands out anonymous memory of the same type."""
+"""A kernel buffer mapped into this process; a twin returns anonymous memory of the same type."""
 
 HID_REPORT_BYTES = 64
 """Length of every HID report, both ways. There is no leading report id; a link that needs one adds it."""
@@ -49,7 +49,7 @@ class HidPort(Protocol):
         ...
 
     def read(self, timeout_s: float) -> bytes:
-        """Receive one report (shorter when the device cut it short), or b"" when none came in time.
+        """Receive one report (shorter if the device sent fewer bytes), or b"" if none came in time.
 
         Raises:
             OSError: The device is gone or the transfer failed.
@@ -75,9 +75,9 @@ class BytePort(Protocol):
         ...
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Receive 1 to `max_bytes` bytes as soon as there are any, or b"" when none came in time.
+        """Receive 1 to `max_bytes` bytes as soon as there are any, or b"" if none came in time.
 
-        With `timeout_s` 0 it returns what is there already: the way to drain a line.
+        With `timeout_s` 0 it returns the bytes that are already there: the way to drain a line.
 
         Raises:
             OSError: The port is gone.
@@ -91,7 +91,7 @@ class BytePort(Protocol):
 
 @runtime_checkable
 class SysPort(Protocol):
-    """The system calls that a device node needs, as the kernel has them."""
+    """The system calls that a device node needs, as the kernel provides them."""
 
     def open(self, path: str) -> int:
         """Open a device node for reading and writing, non-blocking; return its descriptor."""
@@ -108,9 +108,9 @@ class SysPort(Protocol):
             fd: Descriptor.
             request: The ioctl's number.
             argument: The structure's bytes.
-            payload: The memory that a pointer inside `argument` shows to (`v4l2_ext_controls.controls`,
-                `v4l2_buffer.m.planes`), also read and written in place. The caller has set the pointer to it
-                already; it is named here so that a twin, a trace and a replay need not follow raw addresses.
+            payload: The memory that a pointer inside `argument` refers to (`v4l2_ext_controls.controls`,
+                `v4l2_buffer.m.planes`), also read and written in place. The caller has already set the pointer to it;
+                it is passed here so that a twin, a trace and a replay need not follow raw addresses.
 
         Raises:
             OSError: With the kernel's errno.
@@ -122,11 +122,11 @@ class SysPort(Protocol):
         ...
 
     def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
-        """Copy the first `length` bytes of a mapped buffer: the one way by which pixels leave it."""
+        """Copy the first `length` bytes of a mapped buffer: pixels are read only by this call."""
         ...
 
     def poll(self, fd: int, events: int, timeout_s: float) -> int:
-        """Wait for any of `events` (select.POLLIN, ...); return those that came, 0 when none did in time."""
+        """Wait for any of `events` (select.POLLIN, ...); return those that occurred, 0 if none did in time."""
         ...
 
     def clock_ns(self) -> int:
@@ -151,7 +151,7 @@ FeatureValue = int | float | bool | str
 
 
 class FeatureRefusalError(Exception):
-    """A camera refused to read, write or run a feature: not there, locked, or out of its range."""
+    """A camera refused to read, write or run a feature: missing, locked, or out of its range."""
 
 
 @dataclass(frozen=True)
@@ -173,16 +173,16 @@ class CameraIdentity:
 
 @dataclass(frozen=True)
 class Feature:
-    """A feature of a camera as it is now.
+    """The present state of a camera's feature.
 
     Args:
-        kind: What it holds; a command holds nothing and is run.
+        kind: Type of its value; a command has no value and is run.
         readable: Whether it can be read now.
         writable: Whether it can be written, or run, now.
-        low: Least value of a number.
+        low: Smallest value of a number.
         high: Largest value of a number.
         step: Integers are `low` plus multiples of this.
-        symbols: The entries of an enumeration that there are now.
+        symbols: The entries of an enumeration that are available now.
     """
 
     kind: Literal["integer", "float", "boolean", "enumeration", "string", "command", "other"]
@@ -196,17 +196,17 @@ class Feature:
 
 @dataclass(frozen=True)
 class CameraBuffer:
-    """A buffer that a camera has filled, copied.
+    """A copy of a buffer that a camera has filled.
 
     Args:
         data: The image's bytes, without chunks.
         complete: Whether all of it arrived.
-        frame_id: The transport's number of it; -1 where it is not told.
-        timestamp: The camera's time in its own ticks, None where it is not told.
+        frame_id: The transport's number of the frame; -1 if it is not reported.
+        timestamp: The camera's time in its own ticks, None if it is not reported.
         height: Rows that were delivered.
         width: Columns.
         padding_bytes: Bytes behind each row.
-        chunks: What the camera appended: "ChunkTimestamp", "ChunkFrameID", "ChunkExposureTime", ...
+        chunks: The data that the camera appended: "ChunkTimestamp", "ChunkFrameID", "ChunkExposureTime", ...
     """
 
     data: bytes
@@ -223,7 +223,7 @@ class CameraBuffer:
 class CameraPort(Protocol):
     """A camera behind a GenTL producer: features by name (GenApi) and a stream of buffers (GenTL).
 
-    A camera that is gone raises OSError with ENODEV, one that somebody else holds EBUSY, none at all ENOENT.
+    It raises OSError: ENODEV if the camera is gone, EBUSY if another program uses it, ENOENT if there is none.
     """
 
     def list_cameras(self, producer: str) -> list[CameraIdentity]:
@@ -239,14 +239,14 @@ class CameraPort(Protocol):
         ...
 
     def describe(self, name: str) -> Feature | None:
-        """Return what a feature is now, or None where the camera has none of that name."""
+        """Return the present state of a feature, or None if the camera has none of that name."""
         ...
 
     def read(self, name: str) -> FeatureValue:
         """Read a feature.
 
         Raises:
-            FeatureRefusalError: Not there or not readable now.
+            FeatureRefusalError: Missing or not readable now.
         """
         ...
 
@@ -254,7 +254,7 @@ class CameraPort(Protocol):
         """Write a feature.
 
         Raises:
-            FeatureRefusalError: Not there, locked, or beyond its limits.
+            FeatureRefusalError: Missing, locked, or beyond its limits.
         """
         ...
 
@@ -262,7 +262,7 @@ class CameraPort(Protocol):
         """Run a command and wait until it is done.
 
         Raises:
-            FeatureRefusalError: Not there or locked.
+            FeatureRefusalError: Missing or locked.
         """
         ...
 
@@ -270,17 +270,17 @@ class CameraPort(Protocol):
         """Announce and queue buffers and begin the acquisition; return how many there are.
 
         Args:
-            buffers: How many buffers to announce; the producer may want more.
-            chunks: Which chunks to read out of each buffer, where they are there.
+            buffers: How many buffers to announce; the producer may need more.
+            chunks: Which chunks to read from each buffer, if it has them.
         """
         ...
 
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
-        """Wait for a filled buffer, copy it and queue it again; None when none came in time."""
+        """Wait for a filled buffer, copy it and queue it again; return None if none came in time."""
         ...
 
     def stop(self) -> None:
-        """End the acquisition and take the buffers back; allowed when none is under way."""
+        """End the acquisition and take the buffers back; also allowed if none is running."""
         ...
 
     def clock_ns(self) -> int:
@@ -288,7 +288,7 @@ class CameraPort(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the camera; a second call does nothing."""
+        """Release the camera; a second call does nothing."""
         ...
 
 
@@ -313,7 +313,7 @@ class ScreenOutput:
 class ScreenPort(Protocol):
     """A video output that is covered by one window.
 
-    One that is gone, or was never there, raises OSError with ENODEV.
+    If the output is gone, or was never there, calls raise OSError with ENODEV.
     """
 
     def list_outputs(self) -> list[ScreenOutput]:
@@ -325,7 +325,7 @@ class ScreenPort(Protocol):
         ...
 
     def flip(self, levels: U8) -> int:
-        """Hand a picture, [H, W] grey, to the output and wait until it is being shown; return when that was.
+        """Draw a picture, [H, W] grey, on the output, wait until it is shown, and return the time of that.
 
         The time is CLOCK_MONOTONIC in nanoseconds.
         """
@@ -342,7 +342,7 @@ class ScreenPort(Protocol):
 
 @contextmanager
 def port_errors(device: str, asked: str, *, timeout_s: float = 0.0) -> Iterator[None]:
-    """Turn what a port raises into the typed errors of drivers.
+    """Turn the errors that a port raises into the typed errors of drivers.
 
     Args:
         device: Name of the device.

@@ -1,4 +1,4 @@
-"""The sensor's interface: a triggered camera that hands over raw frames with their numbers and times.
+"""The sensor's interface: a triggered camera that returns raw frames with their numbers and times.
 
 The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks. The order:
 
@@ -6,7 +6,7 @@ The public methods check and keep the order of calls; a driver writes only the p
 
 Promises that every implementation keeps and `tests/contracts/test_sensor.py` tests: connecting changes nothing
 on the device; `stop` may be called in any state and more than once; `close` may be called twice; `read` never
-waits beyond its deadline; a lost, corrupt or stale frame is an error of its own kind and the stream goes on.
+waits beyond its deadline; a lost, corrupt or stale frame raises an error type of its own and the stream continues.
 
 Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`).
 """
@@ -36,7 +36,7 @@ class TriggerMode(Enum):
 
 @unique
 class FrameFlag(IntFlag):
-    """What is known about one frame besides its pixels; stored as u4 in shot files."""
+    """Properties of one frame besides its pixels; stored as u4 in shot files."""
 
     NONE = 0
     CORRUPT = 1
@@ -50,12 +50,13 @@ class FrameFlag(IntFlag):
     AFTER_LOSS = 16
     """Frames before this one were lost."""
     STAMPED_AT_FRAME_START = 32
-    """`t_kernel_ns` is the begin of readout, where exposure has ended; without this and `STAMPED_AT_START`, its end."""
+    """`t_kernel_ns` is the start of readout, when the exposure has ended; with neither this flag nor
+    `STAMPED_AT_START`, it is the end of readout."""
 
 
 @unique
 class StampMeaning(Enum):
-    """What a frame's time stamp is the time of."""
+    """The event that a frame's time stamp marks."""
 
     START_OF_EXPOSURE = "start-of-exposure"
     START_OF_FRAME = "start-of-frame"
@@ -65,7 +66,7 @@ class StampMeaning(Enum):
 
     @property
     def flag(self) -> FrameFlag:
-        """Get how a frame's flags tell it."""
+        """Get the flag that frames with such stamps carry."""
         return {
             StampMeaning.START_OF_EXPOSURE: FrameFlag.STAMPED_AT_START,
             StampMeaning.START_OF_FRAME: FrameFlag.STAMPED_AT_FRAME_START,
@@ -105,11 +106,11 @@ class SensorInfo:
         model: Maker and model.
         serial: Serial number or bus address.
         driver: Kernel driver and version.
-        formats: Formats on offer; where a device has ranges of sizes, its largest.
+        formats: Formats on offer; for a device with ranges of sizes, the largest size.
         min_exposure_s: Shortest exposure.
         max_exposure_s: Longest exposure.
         exposure_step_s: Exposures are multiples of this.
-        triggers: Trigger modes there are.
+        triggers: Trigger modes that it supports.
         controls: Names of the controls that can be set, with "min..max step".
     """
 
@@ -125,25 +126,25 @@ class SensorInfo:
 
     @property
     def only_gated(self) -> bool:
-        """Get whether an external trigger can do nothing but hold the exposure open, as with the IMX296."""
+        """Get whether level-gated exposure is the only mode of the external trigger, as with the IMX296."""
         return TriggerMode.LEVEL in self.triggers and TriggerMode.EDGE not in self.triggers
 
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What a sensor is asked to do.
+    """The requested configuration of a sensor.
 
     Args:
-        height: Rows; 0 takes the device's present setting.
-        width: Columns; 0 takes the device's present setting.
-        fourcc: Format; "" takes the device's present setting.
-        top: First row of a region of interest; None centres it where the sensor is larger.
+        height: Rows; 0 keeps the device's present setting.
+        width: Columns; 0 keeps the device's present setting.
+        fourcc: Format; "" keeps the device's present setting.
+        top: First row of a region of interest; None centres the region if the sensor is larger.
         left: First column.
         exposure_s: Exposure (ignored with `TriggerMode.LEVEL`).
         trigger: What begins an exposure.
-        gain_db: Analogue gain where the device has one; None leaves it.
-        buffers: Frame buffers to ask the kernel for.
-        warm_up_frames: Frames to throw away after the start (some sensors' first frames are old or black).
+        gain_db: Analogue gain, if the device has one; None leaves it unchanged.
+        buffers: Frame buffers to request from the kernel.
+        warm_up_frames: Frames to discard after the start (some sensors' first frames are old or black).
         controls: Further controls by name, set in this order.
     """
 
@@ -162,18 +163,18 @@ class SensorConfig:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """What the device made of a `SensorConfig`.
+    """The settings in force after a `SensorConfig` was applied.
 
     Args:
-        format: The format it set.
-        exposure_s: The exposure it set, quantised.
-        trigger: The trigger mode it set.
+        format: The format in force.
+        exposure_s: The exposure in force, quantised.
+        trigger: The trigger mode in force.
         readout_s: Time from the end of an exposure until the next may begin.
         exposure_offset_s: Constant added to the line's width in `LEVEL` mode, or to the exposure in `EDGE` mode.
         full_well_e: Electrons at the top of the scale, or None when not known.
         stride: Bytes from one row to the next in the kernel's buffer.
-        buffers: Buffers the kernel gave.
-        trigger_delay_s: From a trigger to the begin of the exposure, set or known.
+        buffers: Buffers the kernel allocated.
+        trigger_delay_s: From a trigger to the start of the exposure, as configured or as known.
     """
 
     format: FrameFormat
@@ -189,13 +190,13 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame as it came.
+    """One frame as received.
 
     Args:
         pixels: [H, W] uint16, values in the low bits (0 to 2**bits − 1), mosaic not demosaiced.
         sequence: The kernel's number of it since the start of streaming.
         t_kernel_ns: The kernel's time stamp.
-        t_host_ns: When the driver had it, on the same clock where that is known.
+        t_host_ns: When the driver received it, on the same clock if that clock is known.
         flags: See `FrameFlag`.
     """
 
@@ -206,7 +207,7 @@ class Frame:
     flags: FrameFlag
 
     def began_s(self, exposure_s: float, readout_s: float) -> float:
-        """Return when its exposure began, seconds on the stamp's clock, by what the stamp is the time of.
+        """Return when its exposure began, seconds on the stamp's clock, from the stamp and its meaning.
 
         Args:
             exposure_s: How long it was exposed.
@@ -224,8 +225,8 @@ class SensorStatus:
 
     Args:
         streaming: Whether it streams.
-        delivered: Frames handed over since the start.
-        lost: Frames missing by their sequence numbers since the start.
+        delivered: Frames returned since the start.
+        lost: Frames missing since the start, counted by sequence numbers.
         corrupt: Frames marked bad since the start.
         faults: Faults in the device's own terms.
     """
@@ -240,7 +241,7 @@ class SensorStatus:
 class Sensor(Device[SensorInfo, SensorStatus]):
     """A triggered camera.
 
-    Closing it ends its stream.
+    `close` ends its stream.
     """
 
     def __init__(self, name: str, clock: Clock) -> None:
@@ -250,7 +251,7 @@ class Sensor(Device[SensorInfo, SensorStatus]):
 
     @property
     def settings(self) -> SensorSettings:
-        """Get what the device is set to.
+        """Get the settings in force.
 
         Raises:
             WrongStateError: Not configured.
@@ -261,7 +262,7 @@ class Sensor(Device[SensorInfo, SensorStatus]):
         return self._settings
 
     def configure(self, config: SensorConfig) -> SensorSettings:
-        """Set format, exposure and trigger; return what the device made of it.
+        """Set format, exposure and trigger; return the settings that the device accepted.
 
         Raises:
             WrongStateError: Streaming.
@@ -276,7 +277,7 @@ class Sensor(Device[SensorInfo, SensorStatus]):
         return self._settings
 
     def start(self) -> None:
-        """Begin to wait for triggers; frames of before are gone, the next frame has index 0.
+        """Begin to wait for triggers; earlier frames are discarded, the next frame has index 0.
 
         Raises:
             WrongStateError: Not configured, or streaming already.
@@ -300,8 +301,8 @@ class Sensor(Device[SensorInfo, SensorStatus]):
             WrongStateError: Not streaming.
             TriggerTimeoutError: No frame in time.
             FrameLostError: Frames before this one are missing; the frame itself comes with the next call.
-            FrameCorruptError: The frame is bad; it is given back to the kernel and not returned.
-            FrameStaleError: The frame is older than `not_before_ns`; it is thrown away.
+            FrameCorruptError: The frame is bad; its buffer goes back to the kernel and it is not returned.
+            FrameStaleError: The frame is older than `not_before_ns`; it is discarded.
             DisconnectedError: The device is gone.
         """
         self._require_open("read")
@@ -310,7 +311,7 @@ class Sensor(Device[SensorInfo, SensorStatus]):
         return self._do_read(timeout_s, not_before_ns, trigger_index)
 
     def discard(self) -> int:
-        """Throw away the frames that wait to be read; return how many. Never waits.
+        """Discard the frames that wait to be read; return how many. Never waits.
 
         Raises:
             DisconnectedError: The device is gone.
@@ -322,7 +323,7 @@ class Sensor(Device[SensorInfo, SensorStatus]):
         """Stop streaming and give all buffers back; allowed in any state, any number of times.
 
         Raises:
-            LinkError: The device could not be told. It counts as stopped all the same.
+            LinkError: The command did not reach the device. It counts as stopped nevertheless.
         """
         self._require_open("stop")
         if self._streaming:

@@ -3,8 +3,8 @@
 The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks.
 
 Promises that every implementation keeps and `tests/contracts/test_stage.py` tests: connecting moves nothing and
-resets nothing; homing happens only when asked; a target beyond the limits is refused, never clipped; positions
-are in mm and the quantised value is what is returned; a move that did not arrive is an error; `stop` may be
+resets nothing; homing happens only on request; a target beyond the limits is refused, never clipped; positions
+are in mm and the quantised value is returned; a move that did not reach its target is an error; `stop` may be
 called in any state and more than once; `close` may be called twice and does not stop a move.
 
 Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (each driver's package).
@@ -45,7 +45,7 @@ class AxisInfo:
     acceleration_mm_s2: float
 
     def quantise_mm(self, position_mm: float) -> float:
-        """Return the nearest position that the axis can take; what is no number stays so, and is inside no limits."""
+        """Return the nearest position that the axis can take; NaN and infinities are returned as they are."""
         return round(position_mm / self.step_mm) * self.step_mm if isfinite(position_mm) else position_mm
 
     def quantise_speed_mm_s(self, speed_mm_s: float) -> float:
@@ -59,7 +59,7 @@ class StageInfo:
 
     Args:
         model: Maker and model.
-        serial: Serial number, or "" where it has none.
+        serial: Serial number, or "" if it has none.
         firmware: Version text.
         axes: Its axes by name.
     """
@@ -76,10 +76,10 @@ class StageStatus:
 
     Args:
         moving: Whether any axis moves.
-        referenced: Whether all axes know where they are.
-        positions_mm: Where the axes are.
+        referenced: Whether all axes have their reference position.
+        positions_mm: Positions of the axes.
         faults: Faults that stop it from working, in the device's own terms with their meaning.
-        warnings: Warnings and notes that do not.
+        warnings: Warnings and notes that do not stop it.
     """
 
     moving: bool
@@ -124,7 +124,7 @@ class Sweep:
 class Stage(Device[StageInfo, StageStatus]):
     """A device that moves the camera.
 
-    Closing it does not stop a move.
+    `close` does not stop a move.
     """
 
     def home(self, axes: Sequence[str] = (), *, timeout_s: float = 120.0) -> dict[str, float]:
@@ -149,8 +149,8 @@ class Stage(Device[StageInfo, StageStatus]):
         Raises:
             OutOfRangeError: No such axis, beyond the limits, or too fast; nothing moved.
             WrongStateError: It moves already.
-            ReferenceLostError: The stage does not know where it is; home it first.
-            RefusedError, LinkError: The device did not take it.
+            ReferenceLostError: The stage has lost its reference position; home it first.
+            RefusedError, LinkError: The device did not accept the command.
         """
         quantised = self.check_targets(targets_mm)
         if not quantised:
@@ -184,7 +184,7 @@ class Stage(Device[StageInfo, StageStatus]):
         Raises:
             OutOfRangeError, ReferenceLostError, RefusedError, LinkError: As `begin_move`.
             MoveFailedError: It stopped before the target.
-            NoAnswerError: Not there in time.
+            NoAnswerError: It did not arrive in time.
         """
         if timeout_s is None:
             timeout_s = 1.0 + 2.0 * self.move_time_s(targets_mm, speed_mm_s)
@@ -204,7 +204,7 @@ class Stage(Device[StageInfo, StageStatus]):
         return self.positions_mm()
 
     def positions_mm(self) -> dict[str, float]:
-        """Read where the axes are, in mm.
+        """Read the positions of the axes, in mm.
 
         Raises:
             LinkError: No usable answer.
@@ -237,10 +237,10 @@ class Stage(Device[StageInfo, StageStatus]):
         self.begin_move({sweep.axis: sweep.end_mm}, speed_mm_s=sweep.speed_mm_s)
 
     def stop(self) -> None:
-        """Bring everything to rest; allowed in any state, any number of times.
+        """Stop all axes; allowed in any state, any number of times.
 
         Raises:
-            LinkError: The device could not be told.
+            LinkError: The command did not reach the device.
         """
         self._require_open("stop")
         self._do_stop()
@@ -286,7 +286,7 @@ class Stage(Device[StageInfo, StageStatus]):
         return tuple(self._axis(name).name for name in names) or tuple(self.info.axes)
 
     def _check_speed(self, names: Sequence[str], speed_mm_s: float | None) -> float:
-        """Return the speed to use; None asks for the slowest of the axes' highest speeds."""
+        """Return the speed to use; None takes the slowest of the axes' highest speeds."""
         highest = min(self._axis(name).max_speed_mm_s for name in names)
         if speed_mm_s is None:
             return highest
@@ -317,7 +317,7 @@ class Stage(Device[StageInfo, StageStatus]):
 
     @abstractmethod
     def _do_stop(self) -> None:
-        """Stop with deceleration, whatever the state."""
+        """Stop with deceleration, in any state."""
 
 
 def trapezoid_time_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:

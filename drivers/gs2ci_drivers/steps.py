@@ -1,6 +1,6 @@
-"""Steps with their inverses: what was done is undone in reverse order.
+"""Steps with their inverses: the steps that were done are undone in reverse order.
 
-Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the steps of
+Here: doing steps in order, and undoing them in reverse even if an undo raises an error. Not here: what the steps of
 a capture are (`gs2ci_drivers.acquisition`).
 """
 
@@ -12,10 +12,10 @@ T = TypeVar("T")
 
 
 class Steps:
-    """A context in which every step done is undone at the end, in reverse, whatever happened.
+    """A context in which every step done is undone at the end, in reverse order, whatever happened.
 
-    An undo that fails, or is interrupted, is noted on the error that is under way (or raised, when there is none) and
-    the others are still run: an impatient second Ctrl-C must not leave a stage on its way.
+    An undo that fails, or is interrupted, is noted on the error being raised (or raised itself, if there is none), and
+    the other undos still run: a second Ctrl-C must not leave a stage moving.
     """
 
     def __init__(self) -> None:
@@ -24,14 +24,14 @@ class Steps:
         self._undo: list[tuple[str, Callable[[], object]]] = []
 
     def do(self, name: str, action: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
-        """Do a step; its undo is owed from before it begins, since half a step may need undoing too."""
+        """Do a step; its undo is registered before it begins, because half a step may need undoing too."""
         self.log.append(name)
         if undo is not None:
             self._undo.append((name, undo))
         return action()
 
     def unwind(self, under_way: BaseException | None = None) -> list[BaseException]:
-        """Undo everything that is owed, newest first; return the errors met on the way."""
+        """Run all registered undos, newest first; return the errors that they raised."""
         met: list[BaseException] = []
         while self._undo:
             name, undo = self._undo.pop()

@@ -1,7 +1,7 @@
 """Record every byte that passes a port to a file.
 
 A trace is a text file of JSON lines: a head (`{"trace": "gs2ci.wire/1", "device": ..., "port": ...}`), then one
-line per call on the port with its time, what was handed in, what came out, or the error.
+line per call on the port with its time, its arguments, its result, or the error.
 
 Here: the file's format, the recording wrappers. Not here: playing it back (`tests/drivers/replay.py`), the
 ports' contract (`gs2ci_drivers.ports`).
@@ -39,11 +39,11 @@ class Call:
 
     Args:
         op: The port's method.
-        args: Numbers and names handed in; timeouts are left out, since they decide nothing on replay.
-        sent: Bytes handed in.
-        got: Bytes that came out.
-        result: A number or a list of names that came out.
-        errno: The error's number, 0 for a write that timed out, None when it went well.
+        args: Numbers and names passed in; timeouts are left out, since a replay does not need them.
+        sent: Bytes passed in.
+        got: Bytes returned.
+        result: A number or a list of names returned.
+        errno: The error's number, 0 for a write that timed out, None if there was no error.
         error: The error's text.
         t_s: The clock's time when the call had returned.
     """
@@ -76,7 +76,7 @@ class CallLog(Protocol):
     """Writes down calls on a port."""
 
     clock: Clock
-    """Whose times are noted."""
+    """The clock whose times are written down."""
 
     def put(self, call: Call) -> None:
         """Write down a call that has returned."""
@@ -87,7 +87,7 @@ class CallLog(Protocol):
         ...
 
     def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
-        """Do `action`, let `outcome` put what came out into `call`, write it down, pass result or error on."""
+        """Run `action`, let `outcome` put its result into `call`, write the call down, pass on the result or error."""
         try:
             result = action()
             outcome(result)
@@ -131,7 +131,7 @@ class Trace(CallLog):
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
-        with suppress(OSError):  # a full disk was told when a line was written
+        with suppress(OSError):  # a full disk was already reported when a line was written
             self._file.close()
 
     def _write(self, line: str) -> None:

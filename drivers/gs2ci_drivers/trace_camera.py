@@ -1,4 +1,4 @@
-"""Record what passes between us and a GenICam camera: features by name, and buffers.
+"""Record what passes between the driver and a GenICam camera: features by name, and buffers.
 
 Not here: the file's format (`trace`), what features mean (`gs2ci_drivers.genicam`).
 """

@@ -23,7 +23,7 @@ from gs2ci_drivers.ports import BytePort
 _IMAGE_S: Final = 0.15
 _COMMAND_S: Final = 0.02
 _STEP_S: Final = 1e-3
-# Sums of the same times in another order differ by rounding; the host keeps no microseconds.
+# Sums of the same times in another order differ by rounding; the host's timing is coarser than a microsecond.
 _SAME_TIME_S: Final = 1e-6
 _MAX_EXPOSURE_S: Final = 60.0
 _DEPTHS: Final = (1, 8, 10)

@@ -38,20 +38,20 @@ class SlmLink:
         self._unsure = False
 
     def ask(self, text: str) -> str:
-        """Send a command; return the panel's word for it ("OK", or what was requested).
+        """Send a command; return the panel's status text for it ("OK", or the requested value).
 
         Raises:
-            NoAnswerError: No word within the deadline, or busy beyond the time it needs to boot.
-            BadReplyError: Something else than a status came.
+            NoAnswerError: No status within the deadline, or busy beyond the time it needs to boot.
+            BadReplyError: A reply came that is no status.
             RefusedError: The panel says NG.
             DisconnectedError: The panel is gone.
         """
         return self.send(control(text), text)
 
     def send(self, frames: bytes, asked: str) -> str:
-        """Send frames of any kind and wait for the panel's word; raises as `ask`."""
+        """Send frames of any kind and wait for the panel's status; raises as `ask`."""
         self._drain(asked)
-        self._unsure = True  # until its word is here, a late one could be taken for the next command's
+        self._unsure = True  # until its status has arrived, a late one could be taken for the next command's
         with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             self._port.write(frames, WRITE_TIMEOUT_S)
         begin_s = self._clock.now_s()
@@ -91,7 +91,7 @@ class SlmLink:
 
     def _drain(self, asked: str) -> None:
         if self._unsure:
-            self._clock.sleep_s(STATUS_TIMEOUT_S)  # let what is late arrive, to be thrown away
+            self._clock.sleep_s(STATUS_TIMEOUT_S)  # let late statuses arrive, so that they can be discarded
         with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             for _ in range(_MAX_STALE_BLOCKS):
                 if not self._port.read(_BLOCK_BYTES, 0.0):

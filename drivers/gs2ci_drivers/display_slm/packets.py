@@ -29,7 +29,7 @@ _ROW_CODE: Final = 0x03BF
 
 
 class MalformedSlmReplyError(DeviceError):
-    """Bytes from the panel that are no status; the driver adds which device and what was asked."""
+    """Bytes from the panel that are no status; the driver adds the device and the request."""
 
 
 @enum.unique
@@ -55,7 +55,7 @@ def control(text: str) -> bytes:
 
 
 def status_request() -> bytes:
-    """Build the frame that asks what became of the last command."""
+    """Build the frame that requests the status of the last command."""
     return _HEADER.pack(_SIGNATURE, 0, SlmFrameKind.STATUS_REQUEST, 0)
 
 
@@ -84,13 +84,13 @@ def image(levels: U16) -> bytes:
 
 
 def find_status(buffer: bytes) -> tuple[str | None, bytes]:
-    """Look for a status frame in what has come so far.
+    """Look for a status frame in the bytes received so far.
 
     Returns:
-        Its text, or None when it is not complete yet; and the bytes that remain to be looked at.
+        Its text, or None if it is not complete yet; and the bytes that remain to be searched.
 
     Raises:
-        MalformedReplyError: A whole frame of another kind came.
+        MalformedReplyError: A complete frame of another kind came.
     """
     begin = buffer.find(_SIGNATURE)
     if begin < 0:

@@ -1,11 +1,11 @@
-"""One request, one answer: the conversation with a DLPC900 over a HID port, with deadlines and typed errors.
+"""One request, one answer: the exchange with a DLPC900 over a HID port, with deadlines and typed errors.
 
-Here: numbering, draining, discarding what is not ours, asking why after a refusal. Not here: what is asked in
-which order (`driver`), the bytes themselves (`packets`).
+Here: numbering, draining, discarding answers to other requests, reading the reason after a refusal. Not here: which
+requests are sent in which order (`driver`), the bytes themselves (`packets`).
 
 The device has one 512-byte buffer for both directions: an answer that is not fetched is overwritten by the next
-request. So a request goes out only after everything old was read, and an answer with another sequence number is
-thrown away and waited past (it is late, or left over from a session that was killed).
+request. So a request is sent only after all old answers were read, and an answer with another sequence number is
+discarded while waiting goes on (it is late, or left over from a session that was killed).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,20 +28,20 @@ from gs2ci_drivers.dlpc900.payloads import decode_text
 from gs2ci_drivers.failures import BadReplyError, NoAnswerError, RefusedError
 from gs2ci_drivers.ports import HID_REPORT_BYTES, HidPort, port_errors
 
-# A device that keeps sending unasked is broken; one reply has at most eight reports.
+# A device that keeps sending without a request is broken; one reply has at most eight reports.
 _MAX_STALE_REPORTS: Final = 64
 # How long the device may take to accept one report.
 _WRITE_TIMEOUT_S: Final = 1.0
 
 
 class Channel:
-    """A numbered conversation with one controller.
+    """Numbered requests to one controller, and their answers.
 
     Args:
         device: Name of the device, for messages.
-        port: Where reports go.
-        clock: On which deadlines are kept.
-        incidents: Where to note what was ridden out.
+        port: The port for the reports.
+        clock: The clock of the deadlines.
+        incidents: Receives the problems from which the channel recovered.
         reply_timeout_s: How long an answer may take; TI's own library waits 10 s.
     """
 
@@ -68,9 +68,9 @@ class Channel:
         Only for registers that reading does not change: not for the error register.
 
         Raises:
-            NoAnswerError: No answer of ours within the deadline.
-            BadReplyError: Only garbage came, or fewer bytes than the register has.
-            RefusedError: The device said no.
+            NoAnswerError: No answer to this request within the deadline.
+            BadReplyError: Only unreadable answers came, or fewer bytes than the register has.
+            RefusedError: The device refused.
             DisconnectedError: The device is gone.
         """
         try:
@@ -125,7 +125,7 @@ class Channel:
         return code, "" if text.refused else decode_text(text.data)
 
     def check_error(self, asked: str) -> None:
-        """Make sure that nothing went wrong with commands that are not acknowledged.
+        """Check that no command failed of those that are not acknowledged.
 
         Raises:
             RefusedError: The error register holds a code.
@@ -136,7 +136,7 @@ class Channel:
             self._raise_code(asked, code, text, remedy="upload again: what arrived is not what was sent")
 
     def drain(self, asked: str) -> None:
-        """Throw away what an interrupted exchange left in the device, in both directions.
+        """Discard what an interrupted exchange left in the device, in both directions.
 
         Raises:
             BadReplyError: The device does not stop sending.
@@ -144,7 +144,7 @@ class Channel:
         """
         with port_errors(self.device, asked, timeout_s=_WRITE_TIMEOUT_S):
             while self._unsent_reports:
-                # The device still waits for the rest of a message that we gave up: end it.
+                # The device still waits for the rest of a message whose sending was interrupted: complete it.
                 self._port.write(bytes(HID_REPORT_BYTES), _WRITE_TIMEOUT_S)
                 self._unsent_reports -= 1
             for _ in range(_MAX_STALE_REPORTS):
@@ -195,7 +195,7 @@ class Channel:
         raise NoAnswerError(self.device, asked, self._reply_timeout_s)
 
     def _collect(self, first: bytes, deadline_s: float) -> bytes:
-        """Read the continuation reports that the first one announces; fewer when they do not come in time."""
+        """Read the continuation reports that the first one announces; fewer if they do not come in time."""
         reports = [first]
         for _ in range(reply_reports(first) - 1):
             more = self._port.read(max(deadline_s - self._clock.now_s(), 0.0))
@@ -210,7 +210,7 @@ class Channel:
 
     def _raise_code(self, asked: str, code: int, text: str, remedy: str = "") -> None:
         known = describe_error(code)
-        # Some refusals leave the register empty, and the device's words often repeat the manual's.
+        # Some refusals leave the register empty, and the device's text often repeats the manual's.
         meaning = known.meaning if code else "no reason given"
         if text and text.lower() != meaning:
             meaning += f": {text}"

@@ -1,7 +1,7 @@
 """What both run-length codings share: input checks, the compiling decorator, pixels, and how a stream is made.
 
-Not here: the grammars (`erle`, `rle`), the header (`images`). Reading a stream is the controller's business; its twin
-has a reader of its own (`gs2ci_sims.wires.dlpc900_images`).
+Not here: the grammars (`erle`, `rle`), the header (`images`). Only the controller reads a stream; its twin has a reader
+of its own (`gs2ci_sims.wires.dlpc900_images`).
 """
 
 from collections.abc import Callable
@@ -29,8 +29,8 @@ def encoded(words: U32, most_bytes_per_row: int, encode_rows: Callable[[U32, U8]
 
     Args:
         words: One 24-bit word per mirror, [H, W] uint32, bits 24-31 zero.
-        most_bytes_per_row: That a row takes beside its pixels; one pixel never costs more than four bytes.
-        encode_rows: Writes the stream into zeros and returns its length.
+        most_bytes_per_row: Most bytes that a row takes beside its pixels; one pixel never takes more than four bytes.
+        encode_rows: Writes the stream into a buffer of zeros and returns its length.
 
     Raises:
         InputError: The array is empty, not 2-D, not 24-bit, or wider than 32767.
@@ -43,10 +43,10 @@ def encoded(words: U32, most_bytes_per_row: int, encode_rows: Callable[[U32, U8]
 
 
 def check_words(words: U32) -> None:
-    """Accept words, [H, W] uint32, that can be coded.
+    """Check that words, [H, W] uint32, can be coded.
 
     Raises:
-        InputError: None at all, another shape or type, more than 24 bits, or rows too wide.
+        InputError: The array is empty, has another shape or type, more than 24 bits, or rows too wide.
     """
     if words.ndim != 2 or words.size == 0 or words.dtype != np.uint32 or words.shape[1] > MAX_WIDTH:
         raise InputError(

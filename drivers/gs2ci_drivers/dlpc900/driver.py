@@ -1,7 +1,7 @@
 """The DLPC900 as a modulator: pattern-on-the-fly over USB HID, in the order that the firmware wants.
 
-Here: who says what when. Not here: bytes (`packets`, `payloads`, `lut`, `images`), the single exchange (`channel`), the
-translation of a sequence (`plan`).
+Here: the order of the commands. Not here: bytes (`packets`, `payloads`, `lut`, `images`), the single exchange
+(`channel`), the translation of a sequence (`plan`).
 
 Order of an upload (DLPU018, chapter 4): stop, mode on-the-fly, stop, triggers, entries, entry count, images from
 the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per exposure, or one per mask),
@@ -48,15 +48,15 @@ from gs2ci_drivers.ports import HidPort
 _US: Final = 1e-6
 _NOT_ALLOWED: Final = 5
 _STOP_TIMEOUT_S: Final = 2.0
-# A sequence of 105 µs masks ends before the first look; from here on a look must find it running.
+# A sequence of 105 µs masks ends before the first poll; one that lasts longer than this must be found running.
 _SEEN_RUNNING_FROM_S: Final = 0.1
 # Two crystals of 100 ppm, with margin, and the jitter of one USB exchange.
 _CLOCK_TOLERANCE: Final = 1e-3
 _EXCHANGE_JITTER_S: Final = 5e-3
-# Settings and their answers beside the image data: two 1 ms frames each, per entry and some twenty once.
+# A setting with its answer takes two 1 ms frames: one for each entry and about twenty others, beside the image data.
 _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 20
-# The start command on the wire and its answer; captures learn the real figure from their first frame.
+# The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
 _UNSETTLED: Final = "trigger_out_2_bit is not stated"
 
@@ -67,7 +67,7 @@ class Dlpc900(Modulator):
     Args:
         name: Name of the device in the rig file.
         port: The HID interface; closed with this.
-        clock: On which deadlines are kept.
+        clock: The clock of the deadlines.
         settings: From the rig file.
     """
 
@@ -80,7 +80,7 @@ class Dlpc900(Modulator):
             name, port, clock, incidents=self.incidents, reply_timeout_s=self.settings.reply_timeout_s
         )
         self._dual = False
-        self._model = timing.MODELS[timing.DmdType.DLP6500]  # until connect has asked
+        self._model = timing.MODELS[timing.DmdType.DLP6500]  # until `connect` has read the type
         self._images: ImageSet | None = None
         self._on_device = b""
         self._used = False
@@ -133,7 +133,7 @@ class Dlpc900(Modulator):
     def _do_connect(self) -> ModulatorInfo:
         channel = self._channel
         channel.drain("connect")
-        channel.take_error()  # an error of an earlier session is not ours
+        channel.take_error()  # clears the error of an earlier session
         type_number, tag = decode_hardware_type(channel.read(Command.HARDWARE_TYPE, "read the mirror type"))
         if type_number not in set(timing.DmdType):
             raise UnsupportedError(
@@ -195,14 +195,14 @@ class Dlpc900(Modulator):
     def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
         images = self._encoded(sequence)
         keep = images.digest == self._on_device
-        self._on_device = b""  # whatever happens next, the images count as lost until all is done
+        self._on_device = b""  # from here on the images count as lost until the upload is complete
         self._running = None
         self._channel.take_error()
         self._wake()
         self._configure(sequence)
         if not keep:
             self._send_images(images, progress)
-        # Sent again as field practice has it: with the same entry count it keeps the images.
+        # Sent again, as is common practice: with the same entry count it keeps the images.
         self._send_count(sequence)
         self._channel.check_error("finish the upload")
         self._on_device, self._used = images.digest, True
@@ -210,7 +210,7 @@ class Dlpc900(Modulator):
         return 0 if keep else images.total_bytes
 
     def _wake(self) -> None:
-        """Leave standby, parking and mirror idling: an upload is a request to use the device."""
+        """Leave standby, parking and mirror idling: whoever uploads wants to use the device."""
         channel = self._channel
         standby = channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY
         if standby or MainStatus.decode(channel.read(Command.MAIN_STATUS, "read the status")).parked:
@@ -231,7 +231,8 @@ class Dlpc900(Modulator):
         channel.write(Command.TRIGGER_OUT_1, settings.trigger_out_1.encode(), "set trigger output 1")
         channel.write(Command.TRIGGER_OUT_2, settings.trigger_out_2.encode(), "set trigger output 2")
         if self._model.blocks:
-            # Always: a range of an earlier session stays until the controller is switched off, and dims the rest.
+            # Always sent: a block range of an earlier session holds until the controller is switched off, and keeps the
+            # other blocks dark.
             blocks = settings.blocks or (0, self._model.blocks)
             channel.write(Command.BLOCK_LOAD, encode_block_load(*blocks), "set mirror blocks")
         bit_enables = settings.trigger_out_2_bit == "enables"
@@ -251,7 +252,7 @@ class Dlpc900(Modulator):
             data = Command.IMAGE_DATA_SECONDARY if secondary else Command.IMAGE_DATA
             self._channel.write(start, encode_image_start(index, len(block)), asked)
             self._channel.stream(data, encode_image_chunks(block), asked, shares.sent)
-            # Image data is never acknowledged; only the register tells whether it was understood.
+            # Image data is never acknowledged; only the error register says whether it was understood.
             self._channel.check_error(asked)
             shares.finish(len(block))
 
@@ -279,7 +280,7 @@ class Dlpc900(Modulator):
 
     def _do_start(self, sequence: PatternSequence) -> None:
         self._started_s = self.clock.now_s()
-        # A device that does not start may have lost its images: until it has, do not count on them.
+        # A device that does not start may have lost its images: do not rely on them until it has started.
         images, self._on_device = self._on_device, b""
         self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.START]), "start the sequence")
         self._on_device, self._running = images, sequence
@@ -320,7 +321,7 @@ class Dlpc900(Modulator):
         self._stop()
 
     def _stop(self) -> None:
-        """Stop the sequence and see it stopped; a device that is in no pattern mode has nothing to stop."""
+        """Stop the sequence and check that it stopped; a device that is in no pattern mode has nothing to stop."""
         asked = "stop the sequence"
         for last in (False, True):
             try:
@@ -331,7 +332,7 @@ class Dlpc900(Modulator):
                     break
                 if last:
                     raise
-                # What was refused may be an image load that broke off before; that is over now.
+                # The refusal may be about an image load that broke off before; it does not come a second time.
                 self.incidents.append(f"{error}; asked again")
         deadline_s = self.clock.now_s() + _STOP_TIMEOUT_S
         while self._is_running(asked):
@@ -363,15 +364,15 @@ class Dlpc900(Modulator):
 
     def _do_close(self) -> None:
         if self.settings.idle_after and self._used:
-            # DLPU018, DMD idle mode: half of the time on, half off, where nothing is shown for long. A device that is
-            # gone, or runs an endless sequence, is let go of as it is.
+            # DLPU018, DMD idle mode: mirrors flip on and off evenly while nothing is shown for long. A device that is
+            # gone, or runs an endless sequence, is released as it is.
             with suppress(DriverError, MalformedHidReplyError):
                 self._channel.write(Command.IDLE_MODE, b"\1", "let the mirrors idle")
         self._port.close()
 
 
 class _Shares:
-    """Turns bytes sent into shares of an upload, reported once per whole percent: a display costs time too."""
+    """Turns bytes sent into shares of an upload, reported once per whole percent: drawing progress takes time, too."""
 
     def __init__(self, progress: UploadProgress, total_bytes: int) -> None:
         self._progress = progress
@@ -380,13 +381,13 @@ class _Shares:
         self._percent = 0
 
     def sent(self, of_block: int) -> None:
-        """Note how many bytes of the present block are out."""
-        # A chunk carries its own two-byte count, hence the cap.
+        """Note how many bytes of the present block were sent."""
+        # The bytes sent include each chunk's own two-byte count, hence the cap.
         share = min((self._finished_bytes + of_block) / self._total_bytes, 1.0)
         if int(100 * share) > self._percent:
             self._percent = int(100 * share)
             self._progress(share)
 
     def finish(self, block_bytes: int) -> None:
-        """Note that a block is out."""
+        """Note that a block was sent completely."""
         self._finished_bytes += block_bytes

@@ -19,8 +19,8 @@ from typing import Final
 from gs2ci.core.arrays import U8, U32
 from gs2ci_drivers.dlpc900.coding import compiled, encoded, put_pixel
 
-# Inside a literal run a pixel costs 3 bytes, so a run is worth leaving it only if it pays for its own header
-# and for the header of the literal run that follows.
+# Inside a literal run a pixel takes 3 bytes. Leaving it for a run is worthwhile only if that saves more than the run's
+# header and the header of the literal run that follows.
 _COPY_BREAKS_LITERAL: Final = 2
 _REPEAT_BREAKS_LITERAL: Final = 3
 

@@ -1,8 +1,8 @@
 """Where DLPC900 firmware revisions differ, as named profiles that the rig file chooses. Pure.
 
 The programmer's guide contradicts itself between revisions about the second number of 0x1A31: revision F calls it
-repeats, revision J the number of patterns to show (entries × repeats). Which one a board obeys is found by
-counting its trigger pulses (`pulses`).
+repeats, revision J the number of patterns to show (entries × repeats). Counting a board's trigger pulses shows which
+one it follows (`pulses`).
 """
 
 import enum
@@ -14,7 +14,7 @@ from gs2ci.core.errors import InputError
 
 @enum.unique
 class CountUnit(enum.Enum):
-    """What the count of 0x1A31 counts."""
+    """The unit of the count of 0x1A31."""
 
     PATTERNS = "patterns"
     REPEATS = "repeats"
@@ -26,9 +26,9 @@ class FirmwareProfile:
 
     Args:
         name: As written in the rig file.
-        count_unit: What the count of 0x1A31 counts.
+        count_unit: The unit of the count of 0x1A31.
         pixel_format: Byte 24 of the image header: 1 in TI's code, 0 in its guide.
-        stops_after_mode: Whether a second stop is sent after the mode change, as field practice has it.
+        stops_after_mode: Whether a second stop is sent after the mode change, as is common practice.
     """
 
     name: str

@@ -37,12 +37,12 @@ class ImageHeader:
     """The 48 bytes in front of every pattern image (DLPU018, section 2.4.2).
 
     Args:
-        width: Pixels per row; half the mirrors of a row behind each of two controllers.
+        width: Pixels per row; with two controllers, half the mirrors of a row each.
         height: Rows.
         encoded_bytes: Length of what follows, without these 48 bytes.
         compression: How that is coded.
-        pixel_format: 1 in TI's code, 0 in its guide; both are accepted in the field.
-        background: Colour word where no pixel is given.
+        pixel_format: 1 in TI's code, 0 in its guide; users report that both are accepted.
+        background: Colour word for pixels that are not given.
     """
 
     width: int
@@ -69,7 +69,7 @@ class ImageHeader:
 
 
 def encode_block(words: U32, compression: Compression = Compression.ERLE, pixel_format: int = 1) -> bytes:
-    """Encode one image, header and all.
+    """Encode one image, with its header.
 
     Args:
         words: [H, W] uint32, 24-bit words.

@@ -3,8 +3,8 @@
 Here: one entry. Not here: which entries a capture needs (`driver`), what the minimum times are (`timing`).
 Imported by the driver and tests.
 
-Byte 9 bit 0 is about the pulse on TRIG_OUT_2. DLPU018 (table 2-137) says that 1 disables it, the code of TI's GUI that
-1 enables it: whoever encodes says which (`Dlpc900Options.trigger_out_2_bit`).
+Byte 9 bit 0 controls the pulse on TRIG_OUT_2. DLPU018 (table 2-137) says that 1 disables it, the code of TI's GUI that
+1 enables it: the caller of `encode` states which (`Dlpc900Options.trigger_out_2_bit`).
 """
 
 from dataclasses import dataclass

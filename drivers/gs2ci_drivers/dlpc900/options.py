@@ -1,6 +1,6 @@
 """Options of a DLPC900: the [modulator] table with kind = "dlpc900", which is also the driver's options.
 
-Here: `Dlpc900Options`, `TriggerEdges`. Not here: what the controller is told of them (`plan`, `payloads`).
+Here: `Dlpc900Options`, `TriggerEdges`. Not here: their encoding for the controller (`plan`, `payloads`).
 """
 
 import struct
@@ -21,7 +21,7 @@ class TriggerEdges(ConfigTable):
     """[modulator.trigger_out_1] and [modulator.trigger_out_2]: edges relative to the pattern (0x1A1D, 0x1A1E)."""
 
     inverted: bool = False
-    """Whether the active level is low, as sensors want it that expose while their line is low."""
+    """Whether the active level is low, for sensors that expose while their line is low."""
     rise_us: EdgeDelay = 0
     fall_us: EdgeDelay = 0
 
@@ -45,18 +45,18 @@ class Dlpc900Options(ConfigTable):
     firmware: str = DEFAULT_PROFILE
     """Profile of the firmware revision: what the count of a sequence counts, "rev-j" masks, "rev-f" passes."""
     compression: Literal["erle", "rle", "none"] = "erle"
-    """How images are coded on their way."""
+    """How images are compressed for the upload."""
     trigger_out_1: TriggerEdges = TriggerEdges()
     """TRIG_OUT_1, the gate: relative to begin and end of each pattern."""
     trigger_out_2: TriggerEdges = TriggerEdges(fall_us=MIN_PULSE_US)
     """TRIG_OUT_2, the pulse: both edges relative to the begin of a pattern."""
     trigger_out_2_bit: Literal["", "disables", "enables"] = ""
-    """What bit 0 of a pattern entry's byte 9 does to the pulse on TRIG_OUT_2; "" is not known, and nothing is captured
-    until it is: `gs2ci doctor` finds it out. TI's guide says "disables", the code of TI's own GUI "enables"."""
+    """What bit 0 of a pattern entry's byte 9 does to the pulse on TRIG_OUT_2; "" means unknown, and then no capture may
+    use the pulses: `gs2ci doctor` finds it out. TI's guide says "disables", the code of TI's own GUI "enables"."""
     blocks: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=1)]] | None = None
     """First block of mirrors to load, and how many: fewer switch faster. For 1-bit masks that are dark elsewhere."""
     idle_after: bool = True
-    """Whether the mirrors are left flipping evenly when the device is closed, as TI recommends for their life."""
+    """Whether the mirrors keep flipping evenly after the device is closed, as TI recommends for a longer life."""
     leds: Annotated[int, Field(ge=0, le=7)] = 7
     """LED enables during a pattern: bit 0 red, 1 green, 2 blue."""
     invert: bool = False

@@ -1,8 +1,8 @@
 """DLPC900 messages as bytes: requests, 64-byte reports, replies, command and error codes. Pure.
 
 Here: the frame around every command. Not here: what the commands carry (`payloads`, `lut`, `images`), and the
-conversation (`driver`). Imported by the driver, tests and, for its USB ids, `gs2ci.rig`; the wire twin
-frames with code of its own.
+exchange (`channel`). Imported by the driver, tests and, for its USB ids, `gs2ci.rig`; the wire twin frames messages
+with code of its own.
 
 Request ``[flags, sequence, length LE, command LE, data]``, where the length counts command and data; reply
 ``[flags, sequence, length LE, data]``, where it counts the data alone and no command is repeated. Only the first
@@ -18,7 +18,7 @@ from gs2ci.core.errors import DeviceError, InputError
 VENDOR_ID: Final = 0x0451
 PRODUCT_ID: Final = 0xC900
 REPORT_BYTES: Final = 64
-# One buffer of 512 bytes serves both directions; header (4) and command (2) come off it.
+# One buffer of 512 bytes serves both directions; header (4) and command (2) take their bytes from it.
 BUFFER_BYTES: Final = 512
 MAX_DATA_BYTES: Final = 506
 MAX_REPLY_BYTES: Final = BUFFER_BYTES - 4
@@ -29,7 +29,7 @@ _REFUSED: Final = 0x20
 
 
 class MalformedHidReplyError(DeviceError):
-    """Bytes from the device that are no reply; the driver adds which device and what was asked."""
+    """Bytes from the device that are no reply; the driver adds the device and the request."""
 
 
 @enum.unique
@@ -63,7 +63,7 @@ class Command(enum.IntEnum):
     TEST_PATTERN = 0x1203
 
 
-# TI's own host library never asks for an answer to these: the controller is then free to take the next report.
+# TI's own host library never requests an answer to these, so that the controller can take the next report at once.
 NEVER_ACKNOWLEDGED: Final = frozenset({Command.IMAGE_DATA, Command.IMAGE_DATA_SECONDARY})
 
 
@@ -101,7 +101,7 @@ ERROR_CODES: Final[dict[int, ErrorCode]] = {
 
 
 def describe_error(code: int) -> ErrorCode:
-    """Return meaning and remedy of an error code; an unknown code says so."""
+    """Return meaning and remedy of an error code, also for an unknown one."""
     return ERROR_CODES.get(code, ErrorCode(f"unknown error code {code}", _REINSTALL))
 
 
@@ -149,7 +149,7 @@ class HidReply:
         sequence: The number of the request that it answers.
         data: The payload, without padding.
         is_read: Whether it answers a read.
-        refused: Whether the device says no: the refusal bit, or a read without data.
+        refused: Whether the device refused: the refusal bit, or a read without data.
     """
 
     sequence: int

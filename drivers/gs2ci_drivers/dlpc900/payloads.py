@@ -29,7 +29,7 @@ class DisplayMode(enum.IntEnum):
 
 @enum.unique
 class PatternControl(enum.IntEnum):
-    """What the sequencer shall do (0x1A24); a start after STOP begins with the first pattern."""
+    """Commands to the sequencer (0x1A24); a start after STOP begins with the first pattern."""
 
     STOP = 0
     PAUSE = 1
@@ -46,7 +46,7 @@ class PowerMode(enum.IntEnum):
 
 
 def encode_lut_config(entries: int, count: int) -> bytes:
-    """Return how many entries the sequence has and how many are shown, 0 for ever (0x1A31).
+    """Encode how many entries the sequence has and how many are shown, 0 for endless (0x1A31).
 
     Whether `count` is in patterns or in repeats differs between firmware revisions: see `firmware`.
 
@@ -61,7 +61,7 @@ def encode_lut_config(entries: int, count: int) -> bytes:
 
 
 def encode_image_start(index: int, total_bytes: int) -> bytes:
-    """Return the announcement of an image: index, and bytes including the 48-byte header (0x1A2A, 0x1A2C).
+    """Encode the announcement of an image: index, and bytes including the 48-byte header (0x1A2A, 0x1A2C).
 
     Raises:
         InputError: The index is not 0 to 17, or the size exceeds 32 bits.
@@ -80,10 +80,10 @@ def encode_image_chunks(block: bytes) -> list[bytes]:
 
 
 def encode_block_load(first: int, count: int) -> bytes:
-    """Return which mirror blocks are loaded: the first one, and their number (0x1A40, DLPU018 table 2-101).
+    """Encode which mirror blocks are loaded: the first one, and their number (0x1A40, DLPU018 table 2-101).
 
     Raises:
-        InputError: The range is empty or leaves the 32 that five bits can tell.
+        InputError: The range is empty or exceeds the 32 blocks that five bits can address.
     """
     if not (first >= 0 and count >= 1 and first + count <= MOST_BLOCKS):
         raise InputError(f"{count} mirror blocks from {first} on", allowed=f"1 or more within {MOST_BLOCKS}")
@@ -92,7 +92,7 @@ def encode_block_load(first: int, count: int) -> bytes:
 
 @dataclass(frozen=True)
 class MainStatus:
-    """What the controller is doing (0x1A0C)."""
+    """The controller's main status (0x1A0C)."""
 
     parked: bool
     running: bool
@@ -121,12 +121,12 @@ _HARDWARE_FAULTS: Final = {
 
 @dataclass(frozen=True)
 class HardwareStatus:
-    """Whether the controller is well (0x1A0A).
+    """The controller's hardware status (0x1A0A).
 
     Args:
         initialised: Internal initialisation succeeded.
         dual_controller: A secondary controller drives the right half of the mirrors.
-        faults: What is wrong, in words; empty when all is well.
+        faults: The faults in words; empty if there are none.
     """
 
     initialised: bool
@@ -192,7 +192,7 @@ def decode_hardware_type(data: bytes) -> tuple[int, str]:
 
 
 def decode_text(data: bytes) -> str:
-    """Read text up to its NUL; what follows is left over from earlier messages."""
+    """Read text up to its NUL; the bytes after it are left over from earlier messages."""
     return data.split(b"\0", 1)[0].decode("ascii", errors="replace").strip()
 
 

@@ -1,4 +1,4 @@
-"""From a pattern sequence to what the DLPC900 is told: sequence entries, trigger settings, image blocks. Pure.
+"""From a pattern sequence to the data for the DLPC900: sequence entries, trigger settings, image blocks. Pure.
 
 Here: the translation. Not here: settings (`options`), sending (`driver`), the encodings (`lut`, `images`).
 """
@@ -46,9 +46,9 @@ class ImageSet:
     """The encoded images of a sequence.
 
     Args:
-        digest: Same masks, same depth, same digest.
+        digest: Fingerprint of masks and depth.
         primary: One block per image for the primary controller.
-        secondary: The right halves for the secondary controller; empty where there is none.
+        secondary: The right halves for the secondary controller; empty if there is none.
     """
 
     digest: bytes
@@ -61,7 +61,7 @@ class ImageSet:
         return sum(map(len, self.primary + self.secondary))
 
     def in_order(self) -> Iterator[tuple[int, bool, bytes]]:
-        """Yield (image index, whether for the secondary controller, block) in the order that the device wants."""
+        """Yield (image index, whether for the secondary controller, block) in the order that the device requires."""
         for index in reversed(range(len(self.primary))):
             if self.secondary:
                 yield index, True, self.secondary[index]

@@ -1,11 +1,11 @@
 """What a counted number of pulses on TRIG_OUT_2 says about a DLPC900's firmware. Pure.
 
-Two readings of public sources contradict each other, and only the device can tell which holds:
+Public sources contradict each other on two points, and only a test on the device can decide:
 
     count of 0x1A31       DLPU018J: patterns to show, entries times repeats    DLPU018F: repeats
     byte 9 bit 0, 0x1A34  DLPU018, table 2-137: 1 disables the pulse           TI's own GUI (API.c): 1 enables it
 
-Here: which readings explain a count. Not here: counting (`gs2ci.rig.trigger_check`), the settings (`options`).
+Here: which interpretations explain a count. Not here: counting (`gs2ci.rig.trigger_check`), the settings (`options`).
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ BITS = ("disables", "enables")
 
 
 def judge(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted: int) -> PulseVerdict:
-    """Say which readings of the firmware explain a number of pulses.
+    """Return which interpretations of the settings by the firmware explain a number of pulses.
 
     Args:
-        options: As the device was told; `trigger_out_2_bit` left open was told as "disables".
+        options: The options in force; `trigger_out_2_bit` left open was sent as "disables".
         fires: For each entry whether it was meant to pulse.
         repeats: How often the entries were meant to be shown.
         counted: Pulses that were seen.
@@ -53,7 +53,7 @@ def judge(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted:
 
 
 def _pulses(options: Dlpc900Options, fires: Sequence[bool], repeats: int, unit: CountUnit, *, inverted: bool) -> int:
-    """Return how many pulses a controller sends that reads count and bit in a given way."""
+    """Return how many pulses a controller sends that interprets count and bit in a given way."""
     told = PROFILES[options.firmware].count(len(fires), repeats)
     shown = told if unit is CountUnit.PATTERNS else told * len(fires)
     return sum(fires[i % len(fires)] != inverted for i in range(shown))

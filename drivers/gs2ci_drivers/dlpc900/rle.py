@@ -68,7 +68,7 @@ def _encode_rows(words: U32, stream: U8) -> int:
             end = x + 1
             while end < width and end - x < _MAX_RUN and row[end] == row[x]:
                 end += 1
-            # Leaving an open literal run costs a new header later, so two equal pixels do not pay.
+            # Leaving an open literal run needs a new header later, so it does not pay for two equal pixels.
             if end - x >= 3 or (end - x == 2 and pending == x):
                 at = _put_literals(stream, at, row, pending, x)
                 stream[at] = end - x

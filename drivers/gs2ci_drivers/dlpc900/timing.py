@@ -76,7 +76,7 @@ MODELS: Final[dict[DmdType, DmdModel]] = {
         "DLP500YX", 2048, 1200, 5.4, (62, 184, 269, 458, 682, 807, 1083, 2263), 800, 400,
         (30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62),
     ),
-    # TI tabulates no times for this one: the controller itself refuses what is too short (error 14).
+    # TI tabulates no times for this one: the controller itself refuses times that are too short (error 14).
     DmdType.DLP5500: DmdModel("DLP5500", 1024, 768, 10.8, None, 1024, 960),
 }  # fmt: skip
 
@@ -109,7 +109,7 @@ def _block_exposure_us(model: DmdModel, depth_bits: int, blocks: int) -> int:
 
 
 def max_patterns(model: DmdModel, depth_bits: int) -> int:
-    """Return how many masks of this depth one sequence can hold: memory, entries or images, whichever is least."""
+    """Return how many masks of this depth one sequence can hold, as limited by memory, entries or images."""
     images = MAX_IMAGES * patterns_per_image(depth_bits)
     return min(model.one_bit_capacity // depth_bits, model.max_entries, images)
 

@@ -1,9 +1,9 @@
-"""The camera's clock against the computer's: what makes a camera's time stamp a time on the bench.
+"""The offset between the camera's clock and the computer's, which converts a camera's stamps to the bench's time.
 
 A GenICam camera stamps by a counter of its own, which begins at power-on. Latching that counter (SFNC 2:
 TimestampLatch, TimestampLatchValue in nanoseconds; GigE Vision 1.x: GevTimestampControlLatch, GevTimestampValue in
-ticks of GevTimestampTickFrequency) between two readings of the computer's clock tells their difference to half the time
-that this takes.
+ticks of GevTimestampTickFrequency) between two readings of the computer's clock gives their difference, to within half
+the time between the two readings.
 
 Here: latching and converting. Not here: what a stamp is the time of (`GenicamOptions.stamps`).
 """
@@ -15,9 +15,9 @@ from gs2ci_drivers.genicam.nodes import Features
 from gs2ci_drivers.ports import CameraPort
 
 TRIES: Final = 3
-"""The shortest of so many exchanges tells most."""
+"""The shortest of so many exchanges is used, because it is the most precise."""
 RENEWED_S: Final = 1.0
-"""Two crystals that differ by 100 ppm are 0.1 ms apart after so long."""
+"""The offset is measured again after this time, in which two crystals that differ by 100 ppm drift by 0.1 ms."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class CameraClock:
 
     @property
     def uncertainty_s(self) -> float | None:
-        """Get by how much converted stamps may be off; None where the camera's clock cannot be read."""
+        """Get the uncertainty of converted stamps; None if the camera's clock cannot be read."""
         return None if self._latched is None else self._latched.uncertainty_ns * 1e-9
 
     def renew(self) -> None:
-        """Read the camera's clock, unless that was done a moment ago or cannot be done."""
+        """Measure the offset again, unless it was measured less than `RENEWED_S` ago or the clock cannot be read."""
         if self._names is None:
             return
         if self._latched is not None and self._port.clock_ns() - self._latched.at_ns < RENEWED_S * 1e9:
@@ -80,7 +80,7 @@ class CameraClock:
         self._latched = min(found, key=lambda one: one.uncertainty_ns)
 
     def to_monotonic_ns(self, ticks: int) -> int | None:
-        """Return a stamp as nanoseconds of CLOCK_MONOTONIC, or None where the camera's clock cannot be read."""
+        """Return a stamp as nanoseconds of CLOCK_MONOTONIC, or None if the camera's clock cannot be read."""
         if self._latched is None:
             return None
         return round(ticks * self._latched.ns_per_tick + self._latched.offset_ns)

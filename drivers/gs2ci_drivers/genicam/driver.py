@@ -1,7 +1,7 @@
 """A GenICam camera as a `Sensor`: set up by features, streamed by a GenTL producer.
 
-Here: `GenicamSensor`: the life of a session, from connect to close. Not here: which features make up a set-up
-(`setup`), what a buffer is worth (`judge`), the producer itself (`gs2ci_drivers.links.gentl`).
+Here: `GenicamSensor`: a session from connect to close. Not here: which features make up a set-up (`setup`), the check
+of a buffer (`judge`), the producer itself (`gs2ci_drivers.links.gentl`).
 """
 
 import contextlib
@@ -25,18 +25,18 @@ READY_PATIENCE_S: Final = 2.0
 """How long a camera may take from its start until it waits for triggers."""
 READY_STEP_S: Final = 2e-3
 MAX_DISCARD: Final = 256
-"""Frames that `discard` throws away at most, so that it ends with a source faster than we are."""
+"""Limit on the frames that `discard` discards, so that it ends even if frames arrive faster than it reads them."""
 
 
 class GenicamSensor(Sensor):
     """A camera behind a GenTL producer.
 
-    A camera that goes away is let go of at once; `configure` or `start` opens it again once it is back.
+    A camera that disappears is released at once; `configure` or `start` opens it again when it is back.
 
     Args:
         name: Name of the device in the rig file, for messages.
         port: The camera and its producer, real or a twin's.
-        clock: The clock on which waits are kept.
+        clock: The clock of all waits.
         options: The rig file's table.
     """
 
@@ -82,7 +82,7 @@ class GenicamSensor(Sensor):
     def _do_start(self) -> None:
         assert self._config is not None  # the base class starts nothing that is not configured
         with self._noticing_loss():
-            if self._identity is None or self._setup is None:  # it had gone away, and is back without its settings
+            if self._identity is None or self._setup is None:  # it had disappeared, and has lost its settings
                 self._open()
                 self._setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
                 self._setup.apply(self._config)
@@ -107,7 +107,7 @@ class GenicamSensor(Sensor):
         return BufferJudge(self.name, setup.form, picture.height, picture.width, first, self._options.stamps)
 
     def _run(self, setup: GenicamSetup, config: SensorConfig) -> int:
-        """Stream for the warm-up by the camera's own clock, then start anew; return how many buffers there are."""
+        """Stream the warm-up frames by the camera's own clock, then restart; return the number of buffers."""
         triggered = config.trigger is not TriggerMode.FREE_RUN
         if config.warm_up_frames:
             if triggered:
@@ -132,10 +132,10 @@ class GenicamSensor(Sensor):
             return self._port.start(config.buffers, setup.chunks)
 
     def _wait_until_ready(self) -> None:
-        """Wait until the camera says that it waits for triggers, where it can say so (SFNC: AcquisitionStatus).
+        """Wait until the camera reports that it waits for triggers, if it can (SFNC: AcquisitionStatus).
 
         Raises:
-            DeviceFaultError: It never does.
+            DeviceFaultError: It does not within `READY_PATIENCE_S`.
         """
         features = self._features
         if not features.has("AcquisitionStatusSelector", "FrameTriggerWait") or not features.has("AcquisitionStatus"):
@@ -173,7 +173,7 @@ class GenicamSensor(Sensor):
         return self._judge
 
     def _fetch(self, timeout_s: float) -> TakenFrame | None:
-        """Wait for a buffer and tell its time on the computer's clock."""
+        """Wait for a buffer and convert its stamp to the computer's clock."""
         camera_clock = self._camera_clock
         assert camera_clock is not None
         if timeout_s > 0:
@@ -220,7 +220,7 @@ class GenicamSensor(Sensor):
         self._port.close()
 
     def _remember_trigger(self) -> None:
-        """Note the trigger's mode as it was found, once, to put it back."""
+        """Store the trigger mode that was found, once, so that it can be restored."""
         if self._found_mode is None and self._features.has("TriggerSelector", self._options.trigger_selector):
             self._features.write("TriggerSelector", self._options.trigger_selector)
             self._found_mode = str(self._features.read("TriggerMode"))
@@ -236,7 +236,7 @@ class GenicamSensor(Sensor):
 
     @contextlib.contextmanager
     def _noticing_loss(self) -> Iterator[None]:
-        """Let go of everything when the camera turns out to be gone."""
+        """Release everything if the camera turns out to be gone."""
         try:
             yield
         except DisconnectedError:

@@ -3,11 +3,11 @@
 The names and layouts are those of the Pixel Format Naming Convention (EMVA, PFNC 2.4, sections 4 and 6):
 
     Mono12        16-bit little-endian words, the value in the low bits
-    Mono12p       values one behind another in a stream of bits, lowest bit first: 2 pixels in 3 bytes
-    Mono12Packed  GigE Vision 1.x: the high bytes of two pixels round one byte with the low bits of both
+    Mono12p       values one after another in a stream of bits, lowest bit first: 2 pixels in 3 bytes
+    Mono12Packed  GigE Vision 1.x: the high bytes of two pixels, between them one byte with the low bits of both
 
-Here: what a name means, and `unpack_pfnc`. Not here: V4L2's four-character codes (`gs2ci_drivers.v4l2.formats`),
-colour that a camera has interpolated itself, which is no measurement.
+Here: what a name means, and `unpack_pfnc`. Not here: V4L2's four-character codes (`gs2ci_drivers.v4l2.formats`), colour
+formats that a camera has interpolated itself, which are no raw readings.
 """
 
 import enum
@@ -99,7 +99,7 @@ def unpack_pfnc(data: bytes, form: PfncFormat, height: int, width: int, padding_
         form: What the pixels are.
         height: Rows.
         width: Columns.
-        padding_bytes: Bytes behind each row that are none of the image.
+        padding_bytes: Bytes after each row that do not belong to the image.
 
     Returns:
         Pixels, [H, W] uint16 in [0, form.top]; a copy.
@@ -145,7 +145,7 @@ def _values(rows: U8, form: PfncFormat, count: int) -> U16:
 
 
 def _in_groups(rows: U8, size: int) -> U8:
-    """Cut rows into groups of `size` bytes, the last one filled up with zeros, [R, G, size]."""
+    """Cut rows into groups of `size` bytes, the last one padded with zeros, [R, G, size]."""
     groups = math.ceil(rows.shape[1] / size)
     if groups * size != rows.shape[1]:
         rows = np.pad(rows, ((0, 0), (0, groups * size - rows.shape[1])))

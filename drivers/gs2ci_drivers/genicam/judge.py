@@ -16,10 +16,10 @@ from gs2ci_drivers.ports import CameraBuffer
 from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
 
 FIRST_IDS: Final = {"GEV": 1, "U3V": 0}
-"""The first number after a start, by transport layer; others begin where they like."""
+"""The first number after a start, by transport layer; for others it is undefined."""
 LARGEST_SHORT_ID: Final = 65_535
 STAMP_GRAIN_NS: Final = 2_000
-"""Stamps of before a trigger by less than this are of it: both clocks are rounded."""
+"""A stamp earlier than its trigger by less than this still counts as after it: both clocks are rounded."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class TakenFrame:
     """A buffer with its time on the computer's clock.
 
     Args:
-        buffer: What came.
-        stamp_ns: Its stamp on CLOCK_MONOTONIC; None where the camera's clock cannot be read.
+        buffer: The buffer.
+        stamp_ns: Its stamp on CLOCK_MONOTONIC; None if the camera's clock cannot be read.
         t_host_ns: When it was fetched.
-        uncertainty_ns: By how much the stamp may be off.
+        uncertainty_ns: Uncertainty of the stamp.
     """
 
     buffer: CameraBuffer
@@ -53,8 +53,8 @@ class BufferJudge:
         form: What the pixels are.
         height: Rows of a frame.
         width: Columns.
-        first_id: Number of the first frame; None where any will do.
-        stamps: What time stamps are the time of.
+        first_id: Number of the first frame; None if any number is accepted.
+        stamps: The event that time stamps mark.
     """
 
     device: str
@@ -69,14 +69,14 @@ class BufferJudge:
     frame_index: int = field(default=0, init=False)
     """Index of the frame that should come next, from 0."""
     held: TakenFrame | None = field(default=None, init=False)
-    """A frame that came behind a gap; it is the next to be judged."""
+    """A frame that came after a gap; it is judged next."""
 
     def __post_init__(self) -> None:
         self._next = self.first_id
         self._after_loss = False
 
     def judge(self, taken: TakenFrame, not_before_ns: int) -> Frame:
-        """Return the frame if it is whole, next in order and no older than `not_before_ns`.
+        """Return the frame if it is complete, next in order and no older than `not_before_ns`.
 
         Raises:
             FrameLostError: Frames before it are missing; it is held for the next call.
@@ -98,7 +98,7 @@ class BufferJudge:
         self._next = self._expected(taken) + max(ahead, 0) + 1
 
     def _expected(self, taken: TakenFrame) -> int:
-        """Return the number that this frame should have; numbers in 16 bits begin again at 1."""
+        """Return the number that this frame should have; 16-bit numbers restart at 1."""
         number = taken.number
         if self._next is None:
             self._next = max(number, 0)

@@ -13,7 +13,7 @@ from gs2ci_drivers.ports import CameraPort, Feature, FeatureRefusalError, Featur
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1, both in microseconds."""
 GAINS = ("Gain", "GainAbs")
-"""SFNC 2 and SFNC 1; decibels with every maker we know of."""
+"""SFNC 2 and SFNC 1; in decibels for every maker known to us."""
 
 
 class Features:
@@ -29,12 +29,12 @@ class Features:
         self._port = port
 
     def find(self, name: str) -> Feature | None:
-        """Return what a feature is now; None where there is none of that name."""
+        """Return the present state of a feature; None if there is none of that name."""
         with self._errors(f"describe {name}"):
             return self._port.describe(name)
 
     def first(self, names: tuple[str, ...]) -> tuple[str, Feature] | None:
-        """Return the first of several spellings that there is, and what it is."""
+        """Return the first of several spellings that the camera has, and the feature's state."""
         for name in names:
             found = self.find(name)
             if found is not None:
@@ -42,12 +42,12 @@ class Features:
         return None
 
     def has(self, name: str, symbol: str = "") -> bool:
-        """Return whether there is a feature of that name, and an entry in it."""
+        """Return whether there is a feature of that name and, if `symbol` is given, such an entry in it."""
         found = self.find(name)
         return found is not None and (not symbol or symbol in found.symbols)
 
     def number(self, name: str) -> float | None:
-        """Return a number, or None where it is not there or not readable now."""
+        """Return a number, or None if the feature is missing or not readable now."""
         found = self.find(name)
         if found is None or not found.readable:
             return None
@@ -65,7 +65,7 @@ class Features:
             return self._port.read(name)
 
     def write(self, name: str, value: FeatureValue) -> FeatureValue:
-        """Write a feature and return what it then is.
+        """Write a feature and return its value afterwards.
 
         Raises:
             UnsupportedError: There is no such feature, or no such entry.
@@ -101,7 +101,7 @@ class Features:
         return self.read(name) if found.readable else value
 
     def write_if_there(self, name: str, value: FeatureValue) -> None:
-        """Write a feature where the camera has it, has this entry in it, and lets it be written now."""
+        """Write a feature if the camera has it, has this entry in it, and allows writing now."""
         found = self.find(name)
         if found is not None and found.writable and (found.kind != "enumeration" or value in found.symbols):
             self.write(name, value)

@@ -22,7 +22,7 @@ class GenicamOptions(CameraOptions):
 
     kind: Literal["genicam"]
     port: str = SIMULATED
-    """Serial number of the camera, "only" for the only one there is, or "simulated"."""
+    """Serial number of the camera, "only" if there is only one, or "simulated"."""
     producer: str = ""
     """The maker's GenTL producer, a .cti file; without it, those in the folders of GENICAM_GENTL64_PATH."""
     top: Annotated[int, Field(ge=0)] | None = None
@@ -40,28 +40,28 @@ class GenicamOptions(CameraOptions):
     trigger_activation: Literal["RisingEdge", "FallingEdge"] = "RisingEdge"
     """Edge that begins an exposure; a gated one lasts until the other edge."""
     trigger_overlap: Literal["", "Off", "ReadOut", "PreviousFrame"] = ""
-    """Whether a trigger may come while the frame before is read out, where the camera has a choice."""
+    """Whether a trigger may come while the previous frame is read out, if the camera offers the choice."""
     trigger_delay_s: Delay = 0.0
-    """Wait that the camera is told to insert after a trigger (SFNC: TriggerDelay)."""
+    """Delay after a trigger that the camera is set to (SFNC: TriggerDelay)."""
     trigger_latency_s: Delay = 0.0
     """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds."""
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)
     """[sensor.features]: further features by name, written in this order."""
     exposure_offset_s: Offset = 0.0
-    """By how much longer than set, or than the line is held, an exposure is; from the data sheet."""
+    """By how much an exposure is longer than configured, or than the line is held; from the data sheet."""
     fixed_exposure_s: Duration | None = None
     """Exposure of a camera that has no feature for it."""
     readout_s: Delay | None = None
-    """Time from the end of an exposure to the earliest next one; without it, what the camera tells."""
+    """Time from the end of an exposure to the earliest next one; without it, the camera's own figure."""
     first_frame_id: Annotated[int, Field(ge=0)] | None = None
-    """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, else any."""
+    """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, any for others."""
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
-    """What the frames' time stamps are the time of: "start-of-exposure" as SFNC has it and Basler says;
+    """The event that a frame's time stamp marks: "start-of-exposure" by SFNC and by Basler's manuals;
     "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""
 
     @property
     def controls(self) -> dict[str, int]:
-        """Get what is set through the sensor's interface by name: nothing, a GenICam camera has [sensor.features]."""
+        """Get the controls set by name through the sensor's interface: none, a GenICam camera has [sensor.features]."""
         return {}
 
     @property
@@ -71,5 +71,5 @@ class GenicamOptions(CameraOptions):
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is requested; None where the camera's present one is taken."""
+        """Get the bits of the format that is requested; None if the camera's present one is kept."""
         return PFNC_FORMATS[self.format].bits if self.format in PFNC_FORMATS else None

@@ -2,8 +2,8 @@
 
 Chapters of the convention that this follows: Image Format Control (Width, Height, OffsetX, OffsetY, PixelFormat),
 Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), Analog Control
-(Gain), Chunk Data Control. A camera keeps its features until it loses power: what somebody else has left set, binning
-or a mirrored picture, is set back before anything else.
+(Gain), Chunk Data Control. A camera keeps its features until it loses power: settings left by another program, such as
+binning or a mirrored picture, are reset first.
 
 Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`).
 """
@@ -21,7 +21,7 @@ from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSe
 US: Final = 1e-6
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 OTHER_TRIGGERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
-"""Triggers that would hold the camera up if somebody had left them on."""
+"""Triggers that would block the camera if another program had left them on."""
 NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "BinningHorizontal": 1,
     "BinningVertical": 1,
@@ -35,18 +35,18 @@ NEUTRAL: Final[Mapping[str, FeatureValue]] = {
     "GammaEnable": False,
     "Gamma": 1.0,
 }
-"""Features that would make another picture of the same light, and what leaves it as it is; SFNC 2 and SFNC 1."""
+"""Features that would alter the picture, each with its neutral value; SFNC 2 and SFNC 1."""
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
-"""What is appended to a frame, by the entry of ChunkSelector and by the feature it is read from."""
+"""The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
-"""Makers' features, microseconds: SFNC has none."""
+"""Readout time in microseconds by makers' own features: SFNC has none."""
 
 
 def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:
-    """Say what a camera is and can do; nothing is written.
+    """Return a camera's identity and abilities; nothing is written.
 
     Raises:
-        UnsupportedError: It has no pixel format that is a measurement.
+        UnsupportedError: It has no raw pixel format.
         DriverError: It does not answer.
     """
     pixel = features.find("PixelFormat")
@@ -81,7 +81,7 @@ def describe_camera(features: Features, identity: CameraIdentity, options: Genic
 
 
 def _largest(features: Features, name: str) -> int:
-    """Return the largest size: the sensor's, or what the feature allows now."""
+    """Return the largest size: the sensor's, or the one that the feature allows now."""
     found = features.number(f"{name}Max")
     limits = features.find(name)
     return int(found if found is not None else limits.high if limits is not None else 0)
@@ -105,18 +105,18 @@ def _triggers(features: Features, options: GenicamOptions) -> frozenset[TriggerM
 
 
 class GenicamSetup:
-    """One configuration of a camera, and what it made of it.
+    """One configuration of a camera, and the settings in force.
 
     Args:
         device: Name of the sensor.
         features: The camera's features.
         options: The rig file's table.
-        incidents: Where it is noted that something is in force that was not asked for.
+        incidents: Receives a note for each setting in force that was not requested.
 
     Attributes:
         form: The pixel format in force.
         chunks: The chunks that are appended to a frame, by the names of the features they are read from.
-        settings: What was set.
+        settings: The settings in force.
     """
 
     def __init__(self, device: str, features: Features, options: GenicamOptions, incidents: list[str]) -> None:
@@ -129,7 +129,7 @@ class GenicamSetup:
         self.settings: SensorSettings | None = None
 
     def apply(self, config: SensorConfig) -> SensorSettings:
-        """Set everything; what a setting limits comes before what it is limited by.
+        """Apply the configuration; a setting that limits others is set before them.
 
         Raises:
             DriverError: The camera refuses, has no such feature, or does not answer.
@@ -160,7 +160,7 @@ class GenicamSetup:
         return self.settings
 
     def set_trigger(self, mode: TriggerMode) -> None:
-        """Let exposures be begun by the camera's clock, an edge or a level.
+        """Set what starts an exposure: the camera's clock, an edge or a level.
 
         Raises:
             DriverError: As `apply`.
@@ -190,7 +190,7 @@ class GenicamSetup:
         features.write("TriggerMode", "On")
 
     def _set_back(self) -> None:
-        """Undo what somebody else has left set and [sensor.features] does not ask for, and tell of it."""
+        """Reset settings left by another program that [sensor.features] does not request, and note it."""
         features = self._features
         for name, neutral in NEUTRAL.items():
             found = features.find(name)
@@ -204,7 +204,7 @@ class GenicamSetup:
                 )
 
     def _turn_automatics_off(self) -> None:
-        """Turn off what changes settings by itself or holds frames up."""
+        """Turn off automatic settings and whatever delays frames."""
         features = self._features
         features.write_if_there("AcquisitionMode", "Continuous")
         for name in AUTOMATICS:
@@ -232,7 +232,7 @@ class GenicamSetup:
         )
 
     def _set_region(self, config: SensorConfig) -> tuple[int, int]:
-        """Set offsets to 0 first: SFNC lets a size grow no further than the sensor beyond the offset."""
+        """Set size and offset; offsets to 0 first, because SFNC limits a size to the sensor's less the offset."""
         for name in ("OffsetX", "OffsetY"):
             self._features.write_if_there(name, 0)
         height = self._set_size("Height", config.height)
@@ -258,7 +258,7 @@ class GenicamSetup:
         return int(self._features.write(name, wanted))
 
     def _set_offset(self, name: str, wanted: int | None, spare: int) -> None:
-        """Put the region where it is wanted, or into the middle, on the camera's grid."""
+        """Place the region as requested, or in the middle, on the camera's grid."""
         found = self._features.find(name)
         if found is None or not found.writable:
             if wanted:
@@ -304,7 +304,7 @@ class GenicamSetup:
         self._features.write(found[0], gain_db)
 
     def _set_chunks(self) -> tuple[str, ...]:
-        """Ask for number, time and exposure behind every frame; return those that there are."""
+        """Enable the frame's number, time and exposure as chunks; return those that the camera has."""
         selector = self._features.find("ChunkSelector")
         wanted = [entry for entry in CHUNKS if selector is not None and entry in selector.symbols]
         if not wanted:
@@ -316,7 +316,7 @@ class GenicamSetup:
         return tuple(CHUNKS[entry] for entry in wanted)
 
     def _readout_s(self) -> float:
-        """Return the readout: as stated, as the camera tells, or from its highest rate."""
+        """Return the readout time: from the options, from the camera, or from its highest frame rate."""
         if self._options.readout_s is not None:
             return self._options.readout_s
         for name in READOUTS:

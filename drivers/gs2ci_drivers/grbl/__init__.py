@@ -1,1 +1,1 @@
-"""Stages on a GRBL 1.1 controller: `packets` is pure, `driver` speaks."""
+"""Stages on a GRBL 1.1 controller: `packets` is pure, `driver` does the I/O."""

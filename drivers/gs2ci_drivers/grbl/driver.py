@@ -1,8 +1,9 @@
 """A stage on a GRBL 1.1 controller.
 
-Every motion is a jog (`$J=`): it leaves the parser's modes alone, is refused as a whole when it would leave the
-travel, and can be cancelled without losing the position. Completion is two-fold (grbl issue 1115: Idle can be
-reported early): the state is Idle, then a `G4` dwell, which the planner executes last, is acknowledged.
+Every motion is a jog (`$J=`): it does not change the parser's modes, is refused as a whole if its target lies outside
+the travel, and can be cancelled without losing the position. The end of a motion is checked twice (grbl issue 1115:
+Idle can be reported early): first the state is Idle, then a `G4` dwell, which the planner executes last, is
+acknowledged.
 
 Here: what a stage does. Not here: lines (`link`), formats (`packets`).
 """
@@ -31,15 +32,15 @@ STOP_TIMEOUT_S = 5.0
 SYNC_TIMEOUT_S = 5.0
 LETTERS = ("x", "y", "z")
 FEED_STEP_MM_MIN = 0.001
-"""Resolution of the feed as we write it."""
+"""Resolution of the feed in the commands."""
 ARRIVAL_STEPS = 1.0
 REPORT_STEP_MM = 0.001
-"""Reports carry three decimals."""
+"""Reports have three decimals."""
 LOCKED_OUT = 9
 MM_PER_INCH = 25.4
 NUMBERS_NEEDED = (13, 22, 100, 110, 120, 130)
 RESETTING_ALARMS = frozenset({1, 2, 3, 6, 7, 8, 9})
-"""Alarms out of which the controller only comes by a soft reset."""
+"""Alarms that only a soft reset ends."""
 
 
 class GrblStage(Stage):
@@ -48,7 +49,7 @@ class GrblStage(Stage):
     Args:
         name: Name in the rig file.
         port: The serial line.
-        clock: Where waits are kept.
+        clock: The clock of all waits.
         options: From the rig file.
     """
 
@@ -179,7 +180,7 @@ class GrblStage(Stage):
             try:
                 self._link.command("G4 P0.01", SYNC_TIMEOUT_S)
             except RefusedError as error:
-                # Locked out although Idle was reported: it is still jogging (grbl issue 1115).
+                # Locked although Idle was reported: it is still jogging (grbl issue 1115).
                 if error.code != f"error:{LOCKED_OUT}" or self.clock.now_s() - begin_s >= timeout_s:
                     raise
                 self.incidents.append(f"{self.name}: Idle was reported early")

@@ -1,4 +1,4 @@
-"""Requests to a GRBL controller and what comes back: `ok`, `error:n`, reports, alarms, banners, in any mix.
+"""Requests to a GRBL controller and its answers: `ok`, `error:n`, reports, alarms, banners, in any order.
 
 Here: the exchange. Not here: what a stage does with it (`driver`).
 """
@@ -18,7 +18,7 @@ from gs2ci_drivers.lines import LineChannel
 from gs2ci_drivers.ports import BytePort
 
 REPLY_TIMEOUT_S = 1.0
-"""A line waits behind the planner's buffer at most when it is full, which single jogs never make it."""
+"""Enough for a line, since it waits only behind a full planner buffer, which single jogs never fill."""
 STATUS_TIMEOUT_S = 0.5
 BOOT_TIMEOUT_S = 2.5
 """An Arduino's boot loader takes up to 2 s."""
@@ -31,8 +31,8 @@ class GrblLink:
     Args:
         name: Name of the stage, for messages.
         port: The serial line.
-        clock: Where deadlines are kept.
-        incidents: Where to note what was ridden out.
+        clock: The clock of the deadlines.
+        incidents: Receives the problems from which the link recovered.
     """
 
     def __init__(self, name: str, port: BytePort, clock: Clock, incidents: list[str]) -> None:
@@ -44,16 +44,16 @@ class GrblLink:
         self.alarm: int | None = None
         """The last alarm's number, until the controller is reset or homed."""
         self.restarted = False
-        """Whether a banner was seen that nobody had asked for: the controller lost its position."""
+        """Whether a banner came without a reset by this link: the controller restarted and lost its position."""
 
     def await_boot(self) -> None:
-        """Wait for a status report; a controller that was just opened may first have to boot."""
+        """Wait for a status report; a controller whose line was just opened may have to boot first."""
         self._lines.drain("connect")
         try:
             self._one_status()
         except NoAnswerError:
             self.await_banner()
-        self.restarted = False  # whatever happened before we connected is seen in the state
+        self.restarted = False  # a restart before connecting is seen in the state
 
     def await_banner(self) -> None:
         """Wait for the banner after a reset.
@@ -67,7 +67,7 @@ class GrblLink:
         self.alarm, self.restarted = None, False
 
     def status(self) -> Status:
-        """Ask for a status report; a lost or damaged one is requested again.
+        """Request a status report; a lost or damaged one is requested again.
 
         Raises:
             NoAnswerError, BadReplyError, DisconnectedError: No usable answer.
@@ -114,7 +114,7 @@ class GrblLink:
         self._lines.send(data, asked)
 
     def drain(self) -> None:
-        """Throw away what waits on the line."""
+        """Discard the bytes that wait on the line."""
         self._lines.drain()
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class GrblLink:
         self._lines.close()
 
     def alarm_error(self, asked: str) -> MoveFailedError:
-        """Return the error that the present alarm makes."""
+        """Return the error for the present alarm."""
         number = self.alarm
         meaning = "unknown alarm" if number is None else ALARMS.get(number, "unknown alarm")
         return MoveFailedError(
@@ -146,7 +146,7 @@ class GrblLink:
                     ) from error
 
     def _next(self, deadline_s: float, asked: str) -> str:
-        """Return the next line, having noted an alarm or a restart in it."""
+        """Return the next line; store an alarm or a restart that it reports."""
         text = self._lines.line(deadline_s, asked).decode("ascii", "replace")
         code = parse_code(text)
         if code and code[0] == "ALARM":

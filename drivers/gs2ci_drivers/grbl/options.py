@@ -17,6 +17,6 @@ class GrblOptions(ConfigTable):
     baud: Count = 115200
     """Bits per second of the line."""
     axes: Annotated[tuple[Literal["x", "y", "z"], ...], Field(min_length=1)] = ("x",)
-    """Which axes of the controller carry something."""
+    """Which axes of the controller are in use."""
     mount: MountOptions | None = None
-    """How the stage carries the camera; leave it out if nothing is known."""
+    """How the stage moves the camera; leave it out if unknown."""

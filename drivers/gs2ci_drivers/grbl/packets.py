@@ -63,7 +63,7 @@ class Status:
     Args:
         state: Machine state without its sub-state.
         substate: Number after the colon, or None.
-        machine: Machine position as reported (mm or inches), or None when only the work position was.
+        machine: Machine position as reported (mm or inches), or None if only the work position was reported.
         work: Work position, or None.
         offset: Work coordinate offset, present in some reports only.
         pins: Letters of triggered input pins.
@@ -82,7 +82,7 @@ def parse_status(line: str) -> Status:
     """Read a status report.
 
     Raises:
-        ValueError: Not one, or without a position.
+        ValueError: Not a status report, or one without a position.
     """
     if not (line.startswith("<") and line.endswith(">")):
         raise ValueError("a status report stands in < >")
@@ -132,10 +132,10 @@ def is_banner(line: str) -> bool:
 
 
 def jog(targets_mm: Mapping[str, float], feed_mm_min: float) -> str:
-    """Build a jog in machine coordinates, millimetres, absolute; it leaves the parser's modes alone.
+    """Build a jog in machine coordinates, millimetres, absolute; it does not change the parser's modes.
 
     Raises:
-        ValueError: Longer than a controller takes.
+        ValueError: Longer than a controller accepts.
     """
     words = " ".join(f"{axis.upper()}{position:.4f}" for axis, position in targets_mm.items())
     line = f"$J=G53 G21 G90 {words} F{feed_mm_min:.3f}"

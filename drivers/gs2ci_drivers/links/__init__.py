@@ -1,1 +1,1 @@
-"""The real ports: USB HID, USB bulk, serial line, Linux system calls. One file per library that they rest on."""
+"""The real ports: USB HID, USB bulk, serial line, Linux system calls, GenTL, video output. One file per library."""

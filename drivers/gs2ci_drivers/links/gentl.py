@@ -1,7 +1,7 @@
 """GenICam cameras by their makers' GenTL producers: a `CameraPort` on harvesters (Apache-2.0) and EMVA's bindings.
 
-Here: the calls. Not here: what features mean (`gs2ci_drivers.genicam`). Needs the extra `genicam`; it is loaded when a
-camera is opened and not before.
+Here: the calls. Not here: what features mean (`gs2ci_drivers.genicam`). Needs the extra `genicam`, which is imported
+only when a camera is opened.
 """
 
 import errno
@@ -20,9 +20,9 @@ from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 
 PATHS: Final = "GENICAM_GENTL64_PATH"
-"""Where producers install themselves (GenTL standard 1.6)."""
+"""Environment variable with the folders of installed producers (GenTL standard 1.6)."""
 SHORTEST_FETCH_S: Final = 1e-3
-"""harvesters waits for ever for a timeout of 0."""
+"""harvesters takes a timeout of 0 as endless."""
 KINDS: Final = {
     "IInteger": "integer",
     "IFloat": "float",
@@ -58,7 +58,7 @@ class GenTlPort:
         """Open a camera; see `CameraPort`.
 
         Raises:
-            OSError: ENOENT: none, or several and no serial number; EBUSY: somebody else holds it.
+            OSError: ENOENT: none, or several and no serial number; EBUSY: another program uses it.
         """
         cameras = self.list_cameras(producer)
         matching = [index for index, one in enumerate(cameras) if not serial or one.serial == serial]
@@ -66,7 +66,7 @@ class GenTlPort:
             self.close()
             named = ", ".join(f"{one.serial} ({one.model})" for one in cameras) or "none"
             raise OSError(errno.ENOENT, f"{len(matching)} cameras match {serial!r}; there are: {named}")
-        # harvesters takes SIGINT for itself in the main thread and never gives it back: Ctrl-C would end nothing.
+        # harvesters replaces the main thread's SIGINT handler and never restores it: Ctrl-C would have no effect.
         main = threading.current_thread() is threading.main_thread()
         handler = signal.getsignal(signal.SIGINT) if main else None
         try:
@@ -79,7 +79,7 @@ class GenTlPort:
         return cameras[matching[0]]
 
     def describe(self, name: str) -> Feature | None:
-        """Return what a feature is; see `CameraPort`."""
+        """Return the state of a feature; see `CameraPort`."""
         from genicam.genapi import EAccessMode  # noqa: PLC0415
 
         with _gentl_errors(name):
@@ -137,7 +137,7 @@ class GenTlPort:
         with _gentl_errors("fetch"):
             raw = self._acquirer.try_fetch(timeout=max(timeout_s, SHORTEST_FETCH_S), is_raw=True)
             if raw is None:
-                # harvesters queues an incomplete buffer again at once: that there was one is all that is known.
+                # harvesters queues an incomplete buffer again at once: only the fact that there was one is known.
                 return None if self.incomplete == before else CameraBuffer(b"", False, -1, None)
             try:
                 return self._copy(raw)
@@ -155,10 +155,10 @@ class GenTlPort:
         return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
 
     def close(self) -> None:
-        """Let go of camera and producer; a second call does nothing."""
+        """Release camera and producer; a second call does nothing."""
         acquirer, self._acquirer = self._acquirer, None
         harvester, self._harvester = self._harvester, None
-        with suppress(Exception):  # a camera that is gone cannot be told
+        with suppress(Exception):  # a camera that is gone cannot be stopped
             if acquirer is not None:
                 acquirer.destroy()
         with suppress(Exception):
@@ -245,7 +245,7 @@ def _identity(info: Any) -> CameraIdentity:
 
 
 def _told(raw: Any, name: str, default: Any = 0) -> Any:
-    """Return what a producer tells of a buffer, or the default where it does not."""
+    """Return a property of a buffer as the producer reports it, or the default if it does not."""
     try:
         value = getattr(raw, name)
     except Exception:
@@ -265,7 +265,7 @@ def _counter(port: GenTlPort) -> Any:
 
 @contextmanager
 def _gentl_errors(asked: str) -> Iterator[None]:
-    """Turn what the bindings raise into what ports raise."""
+    """Turn the bindings' errors into those that ports raise."""
     from genicam import genapi, gentl  # noqa: PLC0415
 
     refusals = (

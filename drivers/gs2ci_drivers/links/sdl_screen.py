@@ -1,15 +1,15 @@
 """A video output covered by one window of SDL 2 (zlib licence), by PySDL2: a `ScreenPort`.
 
-Pictures are handed over by SDL's renderer with vertical synchronisation, which returns when the picture before has been
-shown. SDL says so of every renderer: where the video driver has none it waits by a timer of its own and raises the same
-flag (SDL_render.c, `simulate_vsync`), and Mesa's software renderers take a swap interval that they do not keep. So a
-renderer is believed only if OpenGL draws it in hardware with a swap interval. All others (virtual displays, computers
-without a graphics driver) are timed here, to the output's own refresh rate, by SDL's software renderer, which on X
-waits until the server has drawn (SDL_x11framebuffer.c, XSync); `synchronised` says which it is. SDL keeps to one
-thread: the one that opened the output.
+Pictures are drawn by SDL's renderer with vertical synchronisation: its call returns when the previous picture has been
+shown. SDL claims this of every renderer: if the video driver has no synchronisation, SDL waits by a timer and sets the
+same flag (SDL_render.c, `simulate_vsync`), and Mesa's software renderers accept a swap interval that they do not keep.
+So the claim is trusted only for OpenGL in hardware with a swap interval. In all other cases (virtual displays,
+computers without a graphics driver) this module times the pictures itself, by the output's refresh rate, and draws by
+SDL's software renderer, which on X waits until the server has drawn (SDL_x11framebuffer.c, XSync); `synchronised` says
+which case it is. All calls of SDL must come from one thread: the one that opened the output.
 
-Here: the calls. Not here: masks (`gs2ci_drivers.video_out`). Needs the extra `video`; it is loaded when an output is
-opened and not before.
+Here: the calls. Not here: masks (`gs2ci_drivers.video_out`). Needs the extra `video`, which is imported only when an
+output is opened.
 """
 
 import ctypes
@@ -27,15 +27,15 @@ from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.ports import ScreenOutput
 
 USUAL_HZ: Final = 60.0
-"""Where the video driver does not tell."""
+"""Assumed if the video driver does not report the refresh rate."""
 SESSIONS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 GREY: Final = np.uint32(0x01010101)
 """A level times this is a grey pixel of four bytes."""
 GL_RENDERER: Final = 0x1F01
 SOFTWARE_GL: Final = (b"llvmpipe", b"softpipe", b"swrast", b"software", b"swiftshader")
-"""OpenGL without a graphics card, by what it calls itself: Mesa's three, and those of others."""
+"""Names of OpenGL renderers without a graphics card: Mesa's three, and those of others."""
 SPIN_S: Final = 2e-3
-"""The last bit of a wait is not slept: the computer's scheduler is coarser."""
+"""The end of a wait is spent polling the clock, because the computer's scheduler is coarser."""
 
 
 class SdlScreen:
@@ -55,7 +55,7 @@ class SdlScreen:
         self._output: ScreenOutput | None = None
         self._due_ns = 0
         self.synchronised = False
-        """Whether the video driver waits for the refresh; otherwise we do, by the clock."""
+        """Whether the video driver waits for the refresh; otherwise this object does, by the clock."""
 
     def list_outputs(self) -> list[ScreenOutput]:
         """List the video outputs; see `ScreenPort`."""
@@ -109,7 +109,7 @@ class SdlScreen:
         return output
 
     def flip(self, levels: U8) -> int:
-        """Hand a picture over and wait for its refresh; see `ScreenPort`.
+        """Draw a picture and wait for its refresh; see `ScreenPort`.
 
         Raises:
             OSError: ENODEV: the output is not open, or cannot be drawn on.
@@ -117,8 +117,8 @@ class SdlScreen:
         if self._output is None:
             raise OSError(errno.ENODEV, "the video output is not open")
         sdl = self._sdl
-        sdl.SDL_PumpEvents()  # or the window system takes us for dead
-        assert self._pixels is not None  # made with the output
+        sdl.SDL_PumpEvents()  # otherwise the window system considers the program hung
+        assert self._pixels is not None  # allocated by `open`
         np.multiply(levels, GREY, out=self._pixels, casting="unsafe")
         if sdl.SDL_UpdateTexture(self._texture, None, self._pixels.ctypes.data, self._pixels.strides[0]):
             raise self._broken("the picture is not taken")
@@ -147,7 +147,7 @@ class SdlScreen:
         sdl.SDL_QuitSubSystem(sdl.SDL_INIT_VIDEO)
 
     def _waits_for_refresh(self) -> bool:
-        """Return whether it is hardware that shows the pictures, and waits for the refresh before it does."""
+        """Return whether hardware draws the pictures and waits for the refresh."""
         sdl, info = self._sdl, self._sdl.SDL_RendererInfo()
         sdl.SDL_GetRendererInfo(self._renderer, ctypes.byref(info))
         if not info.flags & sdl.SDL_RENDERER_ACCELERATED or sdl.SDL_GL_GetSwapInterval() < 1:
@@ -159,7 +159,7 @@ class SdlScreen:
         return bool(drawn_by) and not any(name in drawn_by.lower() for name in SOFTWARE_GL)
 
     def _wait_for_refresh(self) -> None:
-        """Wait until the next refresh is due by the clock; one that was missed is not made up for."""
+        """Wait until the next refresh is due by the clock; one that was missed is skipped."""
         assert self._output is not None
         period_ns = round(1e9 / self._output.refresh_hz)
         now_ns = self.clock_ns()
@@ -177,7 +177,7 @@ class SdlScreen:
             return self._sdl
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # it tells which SDL it took
+                warnings.simplefilter("ignore")  # the import warns which SDL it loaded
                 import sdl2  # noqa: PLC0415
         except ImportError as error:
             raise UnsupportedError(
@@ -186,7 +186,7 @@ class SdlScreen:
                 asked="open",
                 remedy="pip install 'gs2ci[video]'",
             ) from error
-        # Without a session SDL would look for others, and take a screen that nobody sees.
+        # Without a graphical session SDL would try other video drivers and might take one without a visible screen.
         if not any(os.environ.get(name) for name in SESSIONS):
             raise OSError(errno.ENODEV, f"no display: neither {' nor '.join(SESSIONS)} is set")
         if sdl2.SDL_InitSubSystem(sdl2.SDL_INIT_VIDEO):

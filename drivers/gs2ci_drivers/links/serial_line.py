@@ -15,11 +15,11 @@ from gs2ci_drivers.ports import port_errors
 class SerialLine:
     """A tty that keeps the rules of `BytePort`.
 
-    DTR is high while the line is open and stays high afterwards. Linux raises it on opening whatever it is told
+    DTR is high while the line is open and stays high afterwards. Linux raises it on every opening
     (tty_port_block_til_ready), an Arduino Uno resets when it rises, and boards with USB of their own, such as those on
-    the RP2040, only talk while it is high. So the line is told not to hang up on closing (HUPCL off): after the first
-    session since the board was plugged in, opening raises nothing and resets nothing. The line is locked against
-    other programs.
+    the RP2040, send only while it is high. So the line is set not to drop DTR on closing (HUPCL off): after the first
+    session since the board was plugged in, DTR no longer rises on opening, and nothing is reset. The line is locked
+    against other programs.
 
     Args:
         device: Name of the device, for messages.
@@ -54,7 +54,7 @@ class SerialLine:
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send all of `data`; see `BytePort.write`."""
         self._require_open()
-        self._port.write_timeout = max(timeout_s, 1e-3)  # pyserial takes 0 for «do not wait at all»
+        self._port.write_timeout = max(timeout_s, 1e-3)  # pyserial takes 0 to mean that it must not wait at all
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
@@ -67,7 +67,7 @@ class SerialLine:
             waiting = self._port.in_waiting
             self._port.timeout = max(timeout_s, 0.0)
             return bytes(self._port.read(min(max(waiting, 1), max_bytes)))
-        except TypeError as error:  # pyserial's own way of noticing that the port was closed under it
+        except TypeError as error:  # pyserial raises it if the port was closed meanwhile
             raise OSError(errno.EIO, "the port was closed") from error
 
     def close(self) -> None:

@@ -29,7 +29,7 @@ class UsbFifo:
 
     Args:
         device: Name of the device in the rig file, for messages.
-        bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
+        bus_port: Which one, if several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
         find: pyusb's search, replaceable in tests.
 
     Raises:
@@ -64,7 +64,7 @@ class UsbFifo:
                 self._requests += 1
                 request = _REQUEST.pack(self._requests, _DATA_IN, _READ, 0, _BLOCK_BYTES, 0, 0)
                 self._claimed.write(_CONTROL_OUT, request, timeout_s)
-                self._requested = True  # and stays so until data came: a second request would queue behind
+                self._requested = True  # until data comes: a second request would queue behind the first
             data = self._claimed.read(_DATA_IN, _BLOCK_BYTES, timeout_s)
         except TimeoutError:
             return b""
@@ -72,5 +72,5 @@ class UsbFifo:
         return data
 
     def close(self) -> None:
-        """Give the bridge back; a second call does nothing."""
+        """Release the bridge; a second call does nothing."""
         self._claimed.close()

@@ -1,4 +1,4 @@
-"""Interfaces of a USB device by pyusb: found, claimed, written and read, and given back as they were.
+"""Interfaces of a USB device by pyusb: found, claimed, written and read, and returned to the kernel's driver.
 
 Here: what the HID and the bulk link share. Not here: endpoints and their contents (`usb_hid`, `usb_bulk`).
 """
@@ -19,14 +19,14 @@ Find = Callable[..., Any]
 
 
 def udev_rules(vendor_id: int, product_id: int) -> str:
-    """Return the udev rules that let ordinary users of group `plugdev` and the seated user use a USB device."""
+    """Return the udev rules that let members of group `plugdev` and the locally logged-in user use a USB device."""
     ids = f'ATTRS{{idVendor}}=="{vendor_id:04x}", ATTRS{{idProduct}}=="{product_id:04x}"'
     access = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
     return f'SUBSYSTEM=="usb", {ids}, {access}\nSUBSYSTEM=="hidraw", {ids}, {access}\n'
 
 
 class ClaimedInterfaces:
-    """Interfaces of a USB device that are ours until `close`.
+    """Interfaces of a USB device that this process holds until `close`.
 
     The kernel's own driver (usbhid) is detached for that time and attached again afterwards. Nothing is reset and
     no configuration is set, unless the device has none yet.
@@ -36,7 +36,7 @@ class ClaimedInterfaces:
         vendor_id: USB vendor.
         product_id: USB product.
         interfaces: Numbers of the interfaces to claim.
-        bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices; "" for the only one.
+        bus_port: Which one, if several are plugged in: "1-2.3" as in /sys/bus/usb/devices; "" for the only one.
         find: pyusb's search, replaceable in tests.
 
     Raises:
@@ -74,7 +74,7 @@ class ClaimedInterfaces:
                 raise as_os_error(error) from error
 
     def _claim(self, interface: int) -> None:
-        # Not every backend can tell; where none can, there is no kernel driver to detach either.
+        # Not every backend supports this query; on systems whose backend does not, no kernel driver is to be detached.
         with suppress(NotImplementedError):
             if self.usb.is_kernel_driver_active(interface):
                 self.usb.detach_kernel_driver(interface)
@@ -92,7 +92,7 @@ class ClaimedInterfaces:
         return int(self._transfer(self.usb.write, endpoint, data, timeout_s))
 
     def read(self, endpoint: int, most_bytes: int, timeout_s: float) -> bytes:
-        """Receive what an endpoint has.
+        """Receive the data that an endpoint has ready.
 
         Raises:
             TimeoutError: Nothing in time.
@@ -123,17 +123,17 @@ class ClaimedInterfaces:
 
     @property
     def is_open(self) -> bool:
-        """Get whether any interface is ours."""
+        """Get whether any interface is claimed."""
         return bool(self._claimed)
 
 
 def timeout_ms(timeout_s: float) -> int:
-    """Return a timeout for libusb, for which 0 would mean «for ever»: at least 1 ms."""
+    """Return a timeout for libusb: at least 1 ms, because 0 would mean endless."""
     return max(math.ceil(timeout_s * 1e3), 1)
 
 
 def as_os_error(error: usb.core.USBError) -> OSError:
-    """Return the error with an errno: EIO where the backend gives none."""
+    """Return the error with an errno: EIO if the backend gives none."""
     return OSError(error.errno if error.errno is not None else errno.EIO, str(error))
 
 

@@ -23,7 +23,7 @@ class UsbHid:
         device: Name of the device in the rig file, for messages.
         vendor_id: USB vendor.
         product_id: USB product.
-        bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
+        bus_port: Which one, if several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
         find: pyusb's search, replaceable in tests.
 
     Raises:

@@ -1,7 +1,7 @@
 """`SysPort` over the running Linux kernel: open, ioctl, mmap, poll and small files, with no knowledge of V4L2.
 
-Here: system calls. Not here: what is asked by them (`gs2ci_drivers.v4l2`). `gs2ci.rig` builds one; tests under a
-real kernel do too.
+Here: system calls. Not here: the requests made with them (`gs2ci_drivers.v4l2`). `gs2ci.rig` and the tests on a real
+kernel create one.
 """
 
 import fcntl
@@ -36,7 +36,7 @@ class KernelSysPort:
     def ioctl(self, fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
         """Call ioctl with a structure that is read and written in place; return its result.
 
-        The kernel follows the pointer inside `argument`; `payload` is named only to keep that memory alive.
+        The kernel follows the pointer inside `argument`; `payload` is a parameter only to keep that memory alive.
 
         Raises:
             OSError: With the kernel's errno.
@@ -61,7 +61,7 @@ class KernelSysPort:
         return mapping[:length]
 
     def poll(self, fd: int, events: int, timeout_s: float) -> int:
-        """Wait for any of `events`; return those that came and POLLERR, POLLHUP, POLLNVAL, or 0 in time.
+        """Wait for any of `events`; return those that occurred, with POLLERR, POLLHUP, POLLNVAL; 0 if none did in time.
 
         Raises:
             OSError: With the kernel's errno.

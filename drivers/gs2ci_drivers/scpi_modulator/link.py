@@ -1,4 +1,4 @@
-"""One tagged request, its one reply, with deadlines, repetition of what may be repeated, and resynchronisation.
+"""One tagged request and its one reply, with deadlines, repetition of repeatable requests, and resynchronisation.
 
 Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`).
 """
@@ -18,7 +18,7 @@ from gs2ci_drivers.scpi_modulator.packets import (
     request,
 )
 
-# A device drops an unfinished line after half a second of silence: then both sides are at a line's begin.
+# A device drops an unfinished line after half a second of silence: then both sides expect the start of a line.
 QUIET_S: Final = 0.6
 # 512 bytes take half a second at 9600 baud, within the line's write timeout.
 _CHUNK_BYTES: Final = 512
@@ -32,7 +32,7 @@ class ScpiLink:
         name: Name of the device, for messages.
         port: The serial line.
         clock: Where deadlines are kept.
-        incidents: Where to note what was ridden out.
+        incidents: Receives the problems from which the link recovered.
         timeout_s: How long a reply may take.
     """
 
@@ -42,16 +42,16 @@ class ScpiLink:
         self._incidents = incidents
         self._timeout_s = timeout_s
         self._lines = LineChannel(name, port, clock)
-        # A new session begins at another tag than the last one probably ended with.
+        # The session begins at a tag that most probably differs from the last one's end, so old replies are recognised.
         self._tag = int(clock.now_s() * 1e3) % TAGS
         self._unsure = True
 
     def ask(self, command: str) -> str:
-        """Send something that may be sent twice; a lost or damaged answer is requested again once.
+        """Send a request that may be sent twice; a lost or damaged answer is requested again once.
 
         Raises:
             NoAnswerError, BadReplyError: No usable answer, twice.
-            RefusedError: The device said no.
+            RefusedError: The device refused.
             DisconnectedError: The port is gone.
         """
         try:
@@ -61,7 +61,7 @@ class ScpiLink:
         return self.once(command)
 
     def once(self, command: str) -> str:
-        """Send something that must not be sent twice; return the reply's text.
+        """Send a request that must not be sent twice; return the reply's text.
 
         Raises:
             NoAnswerError, BadReplyError, RefusedError, DisconnectedError: As `ask`.
@@ -78,7 +78,7 @@ class ScpiLink:
         chunks = [message[at : at + _CHUNK_BYTES] for at in range(0, len(message), _CHUNK_BYTES)]
         asked = f"SEQ:DATA {index}"
         body = self._exchange(chunks, asked)
-        # After a block that it could not read, the device ignores everything up to a silence.
+        # After a block that it could not read, the device ignores all bytes until the line is silent.
         self._unsure = body == "ERR"
         self._checked(body, asked)
 
@@ -116,7 +116,7 @@ class ScpiLink:
             self._clock.sleep_s(QUIET_S)
             self._lines.send(b"\n", asked)
         self._lines.drain(asked)
-        self._unsure = True  # until the reply is here, device and host may stand at different places
+        self._unsure = True  # until the reply has arrived, device and host may be out of step
         for chunk in chunks:
             self._lines.send(chunk, asked)
         tag = self._tag

@@ -1,7 +1,7 @@
 """Lines and blocks of the open modulator protocol, version 1 (docs/scpi-modulator.md). Pure.
 
-Here: tagged and checked lines, definite-length pattern blocks, replies, mask packing. Not here: the conversation
-(`driver`). Imported by the driver and tests; the wire twin parses with code of its own.
+Here: tagged and checked lines, definite-length pattern blocks, replies, mask packing. Not here: the exchange
+(`link`). Imported by the driver and tests; the wire twin parses with code of its own.
 
 A tagged line is answered by exactly one tagged line::
 
@@ -30,12 +30,12 @@ _ERROR: Final = re.compile(r'(-?\d{1,5}),"([^"]*)"\Z')
 
 
 class MalformedScpiReplyError(DeviceError):
-    """A line that is no reply; the driver adds which device and what was asked."""
+    """A line that is no reply; the driver adds the device and the request."""
 
 
 @dataclass(frozen=True)
 class ScpiReply:
-    """A reply: which request it answers, and what it says."""
+    """A reply: the tag of its request, and its text."""
 
     tag: int
     body: str
@@ -53,7 +53,7 @@ def request(tag: int, command: str) -> bytes:
     """Build a tagged line.
 
     Raises:
-        InputError: The tag is not 0 to 999, or the command is not plain ASCII on one line without "*" at its end.
+        InputError: The tag is not 0 to 999, or the command is not one line of plain ASCII without "*" at its end.
     """
     if not 0 <= tag < TAGS or not command.isascii() or not command.isprintable():
         raise InputError(f"request {command!r} with tag {tag}", allowed=f"printable ASCII, tags 0 to {TAGS - 1}")
@@ -130,7 +130,7 @@ def pack_mask(levels: U8 | U16, bits: int) -> bytes:
 
 
 def mask_bytes(height: int, width: int, bits: int) -> int:
-    """Return how many bytes `pack_mask` makes of a mask."""
+    """Return how many bytes `pack_mask` returns for a mask."""
     if bits == 1:
         return height * -(-width // 8)
     return height * width * (1 if bits <= 8 else 2)

@@ -1,9 +1,9 @@
-"""The contracts that every driver keeps, as tests to run on a driver of one's own.
+"""The contracts that every driver keeps, as tests that can be run on a driver of another package.
 
 modulator.py        the modulator's contract; modulator_bench.py, a driver on its twin
 stage.py            the stage's
 
-A plug-in's test takes over the tests and gives them the fixtures that they ask for:
+A plug-in's test module imports the tests and defines the fixtures that they need:
 
     from gs2ci_drivers.testing.modulator import *
 

@@ -1,6 +1,6 @@
 """The modulator contract, to be run on every implementation through its twin.
 
-Fixtures asked for: `bench`, a connected `TwinBench`, closed in the end; `unconnected`, another before `connect`.
+Required fixtures: `bench`, a connected `TwinBench`, closed in the end; `unconnected`, another before `connect`.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ class TwinBench(ModulatorBench[Modulator]):
 
     Args:
         pulse_line: The trigger line on the world's bus that pulses.
-        gate_line: The one that is held; the same for most.
+        gate_line: The one that is held at a level; for most devices the same.
         stale: The twin's fault that leaves an answer of an earlier session on the line.
         cell: Modulator pixels per side of one of the 12 x 16 cells that the masks of these tests have.
         exclusive: Whether the port serves one session at a time; windows of a video output do not.
@@ -52,7 +52,7 @@ class TwinBench(ModulatorBench[Modulator]):
         return replace(PatternSequence(masks, bits, exposure_s, pause_s=2 * exposure_s, trigger=trigger), **changes)
 
     def play(self, sequence: PatternSequence) -> list[Any]:
-        """Show a sequence; return what was on show."""
+        """Show a sequence; return the masks that were shown."""
         return self.run(sequence, sequence.duration_s + 1.0)
 
     def dark_for(self, duration_s: float) -> bool:
@@ -62,7 +62,7 @@ class TwinBench(ModulatorBench[Modulator]):
 
 
 def assert_shows(bench: TwinBench, shown: list[Any], sequence: PatternSequence) -> None:
-    """Hold what was on show against the masks of a sequence."""
+    """Compare the masks that were shown with the masks of a sequence."""
     rows, columns = 12 * bench.cell, 16 * bench.cell
     assert len(shown) == sequence.count * sequence.repeats
     for i, interval in enumerate(shown):

@@ -1,4 +1,4 @@
-"""A modulator's driver on its twin: opened, played through, unplugged, opened again; for the tests of all of them."""
+"""A modulator's driver on its twin: opened, run, unplugged, opened again; for the tests of all modulators."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,11 +15,11 @@ class ModulatorBench(Generic[D]):
     """A driver on its twin.
 
     Args:
-        driver: Opens it from its name, a link to the twin, a clock and, where there are any, its options.
-        name: The modulator's.
-        twin: Of the device.
-        world: In which the twin is, a `gs2ci_sims.world.World`.
-        settings: The driver's options; None for its own defaults. Those of the next opening may be changed.
+        driver: Opens it from its name, a link to the twin, a clock and, if it has any, its options.
+        name: The modulator's name.
+        twin: The device's twin.
+        world: The twin's `gs2ci_sims.world.World`.
+        settings: The driver's options; None for its own defaults. A change holds from the next opening on.
     """
 
     driver: Callable[..., D]
@@ -44,7 +44,7 @@ class ModulatorBench(Generic[D]):
         self.modulator = self.open()
 
     def run(self, sequence: PatternSequence, timeout_s: float = 60.0) -> list[Any]:
-        """Connect, upload, arm, start, wait; return what was on show."""
+        """Connect, upload, arm, start, wait; return the masks that were shown."""
         self.modulator.connect()
         self.modulator.upload(sequence)
         self.modulator.arm()

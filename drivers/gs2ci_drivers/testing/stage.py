@@ -1,7 +1,7 @@
 """The stage contract, to be run on every implementation through its twin.
 
-Fixtures asked for: `bench`, a connected and referenced `StageBench`, closed in the end; `unreferenced`, one that is
-neither connected nor knows where it is.
+Required fixtures: `bench`, a connected and referenced `StageBench`, closed in the end; `unreferenced`, one that is
+neither connected nor referenced.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ class StageBench:
 
     Args:
         stage: The driver.
-        twin: Of the device; `positions_mm_at` tells where its axes truly are.
+        twin: The device's twin; its `positions_mm_at` returns the true positions of the axes.
         clock: The world's, virtual.
         reopen: Opens the driver again after the twin was plugged in.
         cut_power: Cuts the twin's power and brings it back.

@@ -1,8 +1,8 @@
 """The V4L2 ABI of 64-bit Linux: structures, ioctl numbers, control ids and flags, exactly those the driver uses.
 
 Here: layouts and numbers (linux/videodev2.h, linux/v4l2-controls.h, linux/v4l2-subdev.h), no behaviour. Not here: pixel
-layouts (`formats`), calls (`node`). the simulated kernel builds the same bytes on its own, so that an error here cannot
-cancel itself.
+layouts (`formats`), calls (`node`). The simulated kernel builds the same bytes with code of its own, so that an error
+here does not cancel against the same error there.
 """
 
 import ctypes
@@ -102,7 +102,7 @@ class Format(ctypes.Structure):
 
 
 class RequestBuffers(ctypes.Structure):
-    """struct v4l2_requestbuffers: how many buffers are requested, and got."""
+    """struct v4l2_requestbuffers: how many buffers are requested, and how many were allocated."""
 
     _fields_ = (
         ("count", u32),
@@ -243,7 +243,7 @@ class _EventUnion(ctypes.Union):
 
 
 class V4l2Event(ctypes.Structure):
-    """struct v4l2_event: something the driver wants known (source change, end of stream)."""
+    """struct v4l2_event: an event that the kernel driver reports (source change, end of stream)."""
 
     _fields_ = (
         ("type", u32),
@@ -347,7 +347,7 @@ class Ioctl(enum.IntEnum):
     QUERY_EXT_CTRL = _ioc(_READ | _WRITE, 103, QueryExtCtrl)
 
 
-# The number 5 with a direction and a size of its own: sub-devices have their own number space.
+# The number 5 again, with another direction and size: sub-devices have a number space of their own.
 SUBDEV_S_FMT: Final = _ioc(_READ | _WRITE, 5, SubdevFormat)
 SUBDEV_G_SELECTION: Final = _ioc(_READ | _WRITE, 61, SubdevSelection)
 SUBDEV_S_SELECTION: Final = _ioc(_READ | _WRITE, 62, SubdevSelection)
@@ -404,7 +404,7 @@ class ControlType(enum.IntEnum):
 
 
 class ControlFlag(enum.IntFlag):
-    """V4L2_CTRL_FLAG_*: why a control cannot be set, and the mark that asks for the next one."""
+    """V4L2_CTRL_FLAG_*: why a control cannot be set, and the flag that requests the next control."""
 
     DISABLED = 0x1
     GRABBED = 0x2

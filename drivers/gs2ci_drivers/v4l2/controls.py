@@ -1,10 +1,10 @@
 """Controls of a V4L2 node by name and number, and exposure in seconds on top of them.
 
-Here: `ControlTable` (what there is, read, set with clamping reported) and `ExposureControl` (seconds ↔ lines or
+Here: `ControlTable` (list, read, and set controls, clamping reported) and `ExposureControl` (seconds ↔ lines or
 100 µs units). Not here: trigger modes (`trigger`). Imported by `setup`, `trigger` and `driver`.
 
-The V4L2 control framework rounds integers into their range and refuses menu entries that are not there; some
-drivers refuse with ERANGE instead. Both come out the same here.
+The V4L2 control framework rounds integers into their range and refuses menu entries that do not exist; some
+drivers refuse with ERANGE instead. This module treats both the same.
 """
 
 import ctypes
@@ -35,7 +35,7 @@ _FROZEN: Final = abi.ControlFlag.DISABLED | abi.ControlFlag.READ_ONLY
 ABSOLUTE_UNIT_S: Final = 100e-6
 """Unit of V4L2_CID_EXPOSURE_ABSOLUTE (V4L2 manual, camera class)."""
 VBLANK_MARGIN_LINES: Final = 16
-"""Lines that we leave between exposure and frame length when we raise VBLANK; sensors want 4 to 13."""
+"""Lines left between exposure and frame length when VBLANK is raised; sensors need 4 to 13."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Applied:
-    """What became of a value that was set: asked for, and in force now."""
+    """The result of setting a control: the requested value, and the value in force."""
 
     control: str
     requested: int
@@ -94,7 +94,7 @@ class Applied:
 
     @property
     def clamped(self) -> bool:
-        """Get whether the device took another value than the one asked for."""
+        """Get whether the device took a value other than the requested one."""
         return self.requested != self.applied
 
 
@@ -122,7 +122,7 @@ class ControlTable:
         return iter(self._controls.values())
 
     def refresh(self) -> None:
-        """List the controls anew: names and ranges may change with the format, and a list may have been cut short.
+        """List the controls again: names and ranges may change with the format, and a list may have been incomplete.
 
         Raises:
             DriverError: The node does not answer.
@@ -131,7 +131,7 @@ class ControlTable:
 
     def _enumerate(self) -> Iterator[Control]:
         cid = 0
-        for _ in range(_MAX_CONTROLS):  # a driver that never ends its list must not hang us
+        for _ in range(_MAX_CONTROLS):  # a driver whose list never ends must not block the program
             query = self._query(cid | abi.ControlFlag.NEXT_CTRL)
             if query is None or query.id <= cid:
                 return
@@ -181,7 +181,7 @@ class ControlTable:
         return entries
 
     def find(self, key: str | int) -> Control | None:
-        """Return a control by name (spelling as `normal_name` makes it) or number, None where it is not there."""
+        """Return a control by name (spelt as by `normal_name`) or number, None if there is none."""
         if isinstance(key, int):
             return self._controls.get(key)
         wanted = normal_name(key)
@@ -191,7 +191,7 @@ class ControlTable:
         """Return a control by name or number.
 
         Raises:
-            UnsupportedError: It is not there; the nearest names are given.
+            UnsupportedError: There is none; the message gives the most similar names.
         """
         control = self.find(key)
         if control is None:
@@ -218,12 +218,12 @@ class ControlTable:
         return self._value(control, value)
 
     def set(self, key: str | int, value: int) -> Applied:
-        """Set a control to the nearest value that it can take; return what came of it.
+        """Set a control to the nearest value that it can take; return the requested and the resulting value.
 
         Raises:
             UnsupportedError: It is not there.
             AccessError: It is read-only, or another stream holds it (EACCES, EBUSY).
-            OutOfRangeError: The value is no entry of a menu, or the driver refuses it even inside its range.
+            OutOfRangeError: The value is no entry of a menu, or the driver refuses it although it is in the range.
         """
         control = self._refresh(self.require(key))
         if control.menu and value not in control.menu:
@@ -238,7 +238,7 @@ class ControlTable:
         return Applied(control.name, value, self.get(control.cid))
 
     def _refresh(self, control: Control) -> Control:
-        """Ask for the range again: that of one control may hang on another (exposure on vertical blanking)."""
+        """Query the range again: that of one control may depend on another (exposure on vertical blanking)."""
         query = self._query(control.cid)
         fresh = self._describe(query) if query is not None else None
         if fresh is None:
@@ -279,7 +279,7 @@ class ControlTable:
 
 
 class ExposureControl:
-    """Exposure in seconds over the control that the sensor has for it.
+    """Exposure in seconds, through the control that the sensor has for it.
 
     Args:
         table: Where the controls are.
@@ -299,7 +299,7 @@ class ExposureControl:
         Args:
             table: Where the controls are.
             width: Columns, for the line time (width + HBLANK) / PIXEL_RATE.
-            unit_s: Seconds per unit of EXPOSURE as the user knows it; None to ask the driver.
+            unit_s: Seconds per unit of EXPOSURE from the user; None to take the driver's figures.
         """
         lines, absolute = table.find(abi.Cid.EXPOSURE), table.find(abi.Cid.EXPOSURE_ABSOLUTE)
         unit_s = unit_s or line_time_s(table, width)
@@ -321,7 +321,7 @@ class ExposureControl:
 
     @property
     def max_s(self) -> float:
-        """Get the longest exposure in seconds, reached by longer frames where VBLANK can be set."""
+        """Get the longest exposure in seconds, with longer frames if VBLANK can be set."""
         return (self._control.maximum + self._spare_lines()) * self.unit_s
 
     def _spare_lines(self) -> int:
@@ -331,7 +331,7 @@ class ExposureControl:
         return max(0, vblank.maximum - self._table.get(vblank.cid))
 
     def _vblank(self) -> Control | None:
-        """Return VBLANK where it lengthens an exposure counted in lines."""
+        """Return VBLANK if raising it allows longer exposures, that is, if exposure is counted in lines."""
         vblank = self._table.find(abi.Cid.VBLANK)
         in_lines = self._control.cid == abi.Cid.EXPOSURE
         return vblank if in_lines and vblank is not None and vblank.settable else None
@@ -353,7 +353,7 @@ class ExposureControl:
 
 
 def line_time_s(table: ControlTable, width: int) -> float | None:
-    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None where the driver is silent."""
+    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None if the driver reports neither."""
     hblank, rate = table.find(abi.Cid.HBLANK), table.find(abi.Cid.PIXEL_RATE)
     if hblank is None or rate is None:
         return None

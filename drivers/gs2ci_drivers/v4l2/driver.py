@@ -1,11 +1,11 @@
 """A V4L2 camera as a `Sensor`: calls in the order that kernel drivers expect, and recovery after it was unplugged.
 
-Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), what a frame is worth
+Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), the check of a frame
 (`judge`), requests (`node`).
 
 Order: open, QUERYCAP, S_FMT (re-read: the driver may change everything), controls (automatic ones off first),
-REQBUFS, QUERYBUF + mmap, QBUF of all, SUBSCRIBE_EVENT, STREAMON, STREAMOFF, STREAMON (old frames are gone, frame
-numbers begin at 0), then poll, DQBUF, copy, QBUF; back by STREAMOFF, munmap, REQBUFS 0, close.
+REQBUFS, QUERYBUF + mmap, QBUF of all, SUBSCRIBE_EVENT, STREAMON, STREAMOFF, STREAMON (old frames are dropped, frame
+numbers begin at 0), then poll, DQBUF, copy, QBUF; at the end STREAMOFF, munmap, REQBUFS 0, close.
 """
 
 import contextlib
@@ -35,20 +35,20 @@ from gs2ci_drivers.v4l2.streaming import BufferQueue
 WARM_UP_PATIENCE_S: Final = 5.0
 """How long a warm-up frame may take beyond its exposure: USB cameras need seconds to begin."""
 MAX_DISCARD: Final = 256
-"""Frames that `discard` throws away at most, so that it ends with a source faster than we are."""
+"""Limit on the frames that `discard` discards, so that it ends even if frames arrive faster than it reads them."""
 
 
 class V4l2Sensor(Sensor):
     """A camera behind a V4L2 capture node, single-plane or multi-plane.
 
-    When the device goes away, or will not stop, the node is closed at once, so that the kernel frees everything;
-    `configure` or `start` opens it again and, after a replug, the same object captures on.
+    If the device disappears, or does not stop, the node is closed at once, so that the kernel frees everything;
+    `configure` or `start` opens it again, so that after a replug the same object can go on capturing.
 
     Args:
         name: Name of the device in the rig file, for messages.
         port: The system calls, real or a twin's.
-        clock: The clock on which waits are kept.
-        options: What the kernel driver does not tell.
+        clock: The clock of all waits.
+        options: What the kernel driver does not report.
     """
 
     def __init__(self, name: str, port: SysPort, clock: Clock, options: V4l2Options | None = None) -> None:
@@ -63,7 +63,7 @@ class V4l2Sensor(Sensor):
 
     @property
     def applied_controls(self) -> tuple[Applied, ...]:
-        """Get what became of each control set by the last `configure`: asked for, and in force."""
+        """Get the requested and the resulting value of each control set by the last `configure`."""
         return self._setup.applied if self._setup is not None else ()
 
     def _do_connect(self) -> SensorInfo:
@@ -92,7 +92,7 @@ class V4l2Sensor(Sensor):
     def _do_start(self) -> None:
         assert self._config is not None  # the base class starts nothing that is not configured
         with self._noticing_loss():
-            if self._camera is None:  # it had gone away and may be back, without its settings
+            if self._camera is None:  # it had disappeared and may be back, without its settings
                 self._setup = self._open().apply(self._config)
             assert self._setup is not None
             camera = self._open()
@@ -109,9 +109,9 @@ class V4l2Sensor(Sensor):
             )
 
     def _run(self, camera: OpenCamera, queue: BufferQueue, config: SensorConfig) -> int:
-        """Stream for the warm-up by the sensor's own clock, then start anew, so that nothing old is left.
+        """Stream the warm-up frames by the sensor's own clock, then restart, so that no old frame is left.
 
-        Returns the kernel time before which a frame is an old one.
+        Returns the kernel time before which a frame counts as old.
         """
         triggered = config.trigger is not TriggerMode.FREE_RUN
         free = config.warm_up_frames > 0 and TriggerMode.FREE_RUN in camera.adapter.triggers
@@ -125,7 +125,7 @@ class V4l2Sensor(Sensor):
         queue.pause()
         if triggered and free:
             camera.adapter.set_mode(config.trigger)
-        started_ns = self._port.clock_ns()  # before STREAMON: an exposure may begin while that is under way
+        started_ns = self._port.clock_ns()  # before STREAMON: an exposure may begin during that call
         queue.start()
         return started_ns
 
@@ -172,7 +172,7 @@ class V4l2Sensor(Sensor):
                 self._release(queue)
 
     def _release(self, queue: BufferQueue) -> None:
-        """Give the buffers back; where that fails, close the node, which makes the kernel do it."""
+        """Free the buffers; if that fails, close the node, so that the kernel frees them."""
         try:
             queue.release()
         except DriverError:
@@ -195,7 +195,7 @@ class V4l2Sensor(Sensor):
 
     @contextlib.contextmanager
     def _noticing_loss(self) -> Iterator[None]:
-        """Let go of everything when the device turns out to be gone."""
+        """Release everything if the device turns out to be gone."""
         try:
             yield
         except DisconnectedError:

@@ -4,7 +4,7 @@ Here: what a four-character code means (bits, packing, mosaic), the geometry of 
 `unpack`. Not here: ioctls.
 
 Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
-the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in
+the value in the low bits unless the rig file says otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in
 3 (12 bit).
 """
 
@@ -87,16 +87,16 @@ PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
 
 @dataclass(frozen=True)
 class FrameGeometry:
-    """A frame as the kernel stated it after S_FMT.
+    """The layout of a frame as the kernel reported it after S_FMT.
 
     Args:
         pixel: What the pixels are.
         width: Columns.
         height: Rows.
         stride: Bytes from one row to the next, at least the packed row.
-        significant_bits: Bits that carry the value; fewer than the format's where a driver puts, say, 12-bit
+        significant_bits: Bits that carry the value; fewer than the format's if a driver puts, for example, 12-bit
             samples into `Y16`.
-        alignment: Where the value sits in a 16-bit container: `low` (value = word) or `high` (left-aligned).
+        alignment: Position of the value in a 16-bit container: `low` (value = word) or `high` (left-aligned).
 
     Raises:
         InputError: A size below 1, a stride shorter than a row, or bits that the container does not have.
@@ -137,12 +137,12 @@ class FrameGeometry:
 
     @property
     def payload_bytes(self) -> int:
-        """Get how many bytes must have been filled; the padding behind the last row may be missing."""
+        """Get how many bytes must have been filled; the padding after the last row may be missing."""
         return self.stride * (self.height - 1) + self.pixel.row_bytes(self.width)
 
 
 class PixelRangeError(InputError):
-    """A pixel reads more than its format can hold: the frame is corrupt, or the alignment is set wrongly."""
+    """A pixel value exceeds the format's range: the frame is corrupt, or the alignment is set wrongly."""
 
 
 def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
@@ -194,8 +194,8 @@ def _aligned(words: U16, geometry: FrameGeometry) -> U16:
         _check_range(words, geometry)
         return words
     spare = 16 - geometry.significant_bits
-    # Left-aligned values are filled up with zeros; anything else there means that they are right-aligned after
-    # all, and shifting would throw the low bits of the picture away.
+    # Left-aligned values are padded with zeros; any other bits there mean that the values are right-aligned, and
+    # shifting would lose the low bits of the picture.
     if spare and int(np.bitwise_or.reduce(words, axis=None)) & ((1 << spare) - 1):
         raise PixelRangeError(
             f"a {geometry.pixel.code!r} pixel has bits set below its {geometry.significant_bits} upper bits",

@@ -22,7 +22,7 @@ from gs2ci_drivers.v4l2.stamps import meaning_of
 
 _WRAP: Final = 1 << 32
 _STAMP_GRAIN_NS: Final = 1000
-"""The kernel hands time stamps out in whole microseconds, cut off."""
+"""The kernel truncates time stamps to whole microseconds."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class FrameJudge:
     Args:
         device: Name of the sensor for messages.
         geometry: What a frame looks like.
-        first_sequence: The kernel's number of the first frame; None where any will do.
-        started_ns: Kernel time of the start: a frame of before is stale.
+        first_sequence: The kernel's number of the first frame; None if any number is accepted.
+        started_ns: Kernel time of the start: an earlier frame is stale.
         driver: Name of the kernel driver, which decides what its time stamps mean.
-        stamps: What they mean by the rig file, if it says.
+        stamps: Their meaning by the rig file, if it states one.
     """
 
     device: str
@@ -64,17 +64,17 @@ class FrameJudge:
     frame_index: int = field(default=0, init=False)
     """Index of the frame that should come next, from 0: the kernel's numbers since the start, unwrapped."""
     held: TakenBuffer | None = field(default=None, init=False)
-    """A frame that came behind a gap; it is the next to be judged."""
+    """A frame that came after a gap; it is judged next."""
 
     def __post_init__(self) -> None:
         self._next = self.first_sequence
         self._after_loss = False
 
     def judge(self, taken: TakenBuffer, not_before_ns: int) -> Frame:
-        """Return the frame if it is whole, next in order and no older than `not_before_ns`.
+        """Return the frame if it is complete, next in order and no older than `not_before_ns`.
 
         Raises:
-            DeviceFaultError: It is the mark of the stream's end.
+            DeviceFaultError: It marks the end of the stream.
             FrameLostError: Frames before it are missing; it is held for the next call.
             FrameCorruptError: It is marked bad, too short, repeated, or holds values beyond its format.
             FrameStaleError: It is older than the trigger or the start.
@@ -91,7 +91,7 @@ class FrameJudge:
         number = taken.buffer.sequence
         if self._next is not None:
             ahead = (number + 1 - self._next) % _WRAP
-            self.frame_index += ahead if ahead < _WRAP // 2 else 0  # else it came before, or out of order
+            self.frame_index += ahead if ahead < _WRAP // 2 else 0  # otherwise it is a repetition, or out of order
         self._next = (number + 1) % _WRAP
 
     def _check_number(self, taken: TakenBuffer) -> None:
@@ -122,7 +122,7 @@ class FrameJudge:
         raise FrameCorruptError(self.device, frame_index, why)
 
     def _check_age(self, taken: TakenBuffer, not_before_ns: int) -> None:
-        """Compare the kernel's time stamp with the trigger's; stamps of another clock say nothing."""
+        """Compare the kernel's time stamp with the trigger's, unless it is of another clock."""
         age_ns = max(not_before_ns, self.started_ns) - taken.buffer.time_ns
         if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
             raise FrameStaleError(self.device, self.frame_index - 1, age_ns * 1e-9)

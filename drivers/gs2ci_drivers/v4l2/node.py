@@ -1,7 +1,7 @@
 """One V4L2 device node: each request as a method, each errno as a typed error.
 
-Here: filling in structures, calling, reading them out; nothing is remembered but the descriptor. Not here: the
-order of calls (`driver`), buffers (`streaming`), controls (`controls`). Imported by the rest of this package.
+Here: filling in structures, calling, reading them; the only state is the descriptor. Not here: the order of calls
+(`driver`), buffers (`streaming`), controls (`controls`). Imported by the rest of this package.
 """
 
 import ctypes
@@ -93,7 +93,7 @@ def raise_typed(device: str, asked: str, error: OSError) -> NoReturn:
 
 @contextmanager
 def errno_errors(device: str, asked: str) -> Iterator[None]:
-    """Run system calls; what they raise comes out as by `raise_typed`."""
+    """Run system calls and translate the errors that they raise by `raise_typed`."""
     try:
         yield
     except OSError as error:
@@ -102,12 +102,12 @@ def errno_errors(device: str, asked: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Identity:
-    """What VIDIOC_QUERYCAP says of a node.
+    """The answer of a node to VIDIOC_QUERYCAP.
 
     Args:
         driver: Kernel module.
         card: Name of the camera.
-        bus: Where it is plugged in.
+        bus: The bus address where it is plugged in.
         version: Kernel version of the driver, `6.1.0`.
         caps: What this node can do.
     """
@@ -120,7 +120,7 @@ class Identity:
 
     @property
     def buffer_type(self) -> abi.BufferType | None:
-        """Get how frames are captured: single-plane where both are offered, None where neither is."""
+        """Get the kind of queue that captures frames: single-plane if both are offered, None if neither is."""
         if abi.Cap.VIDEO_CAPTURE in self.caps:
             return abi.BufferType.VIDEO_CAPTURE
         if abi.Cap.VIDEO_CAPTURE_MPLANE in self.caps:
@@ -130,7 +130,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class NodeFormat:
-    """A frame as the kernel states it: four-character code, pixels, bytes per line, bytes per buffer, planes."""
+    """A frame's format from the kernel: four-character code, pixels, bytes per line, bytes per buffer, planes."""
 
     code: str
     width: int
@@ -152,7 +152,7 @@ class Region:
 
 @dataclass(frozen=True)
 class BufferPlace:
-    """Where VIDIOC_QUERYBUF says that a buffer's plane can be mapped."""
+    """Offset and length for mapping a buffer's plane, from VIDIOC_QUERYBUF."""
 
     length: int
     offset: int
@@ -166,7 +166,7 @@ class Dequeued:
         index: Which buffer; must be queued again.
         bytes_used: Filled bytes, header included.
         data_offset: Bytes of header before the pixels (multi-plane only).
-        flags: What the kernel says of it.
+        flags: The kernel's flags.
         time_ns: The kernel's time stamp.
         sequence: The kernel's frame number since STREAMON, modulo 2³².
     """
@@ -187,7 +187,7 @@ class VideoNode:
         path: The node, `/dev/video0` or `/dev/v4l-subdev0`.
         device: Name of the device for messages.
 
-    Every method raises as `raise_typed` says.
+    Every method raises the errors of `raise_typed`.
     """
 
     def __init__(self, port: SysPort, path: str, device: str) -> None:
@@ -205,7 +205,7 @@ class VideoNode:
             self.port.close(fd)
 
     def call(self, request: int, argument: bytearray, asked: str, payload: bytearray | None = None) -> None:
-        """Make one request, with the structure's bytes in place; `asked` names it in messages."""
+        """Make one request, on the structure's bytes in place; `asked` names it in messages."""
         with errno_errors(self.device, asked):
             self._ioctl(request, argument, payload)
 
@@ -228,7 +228,7 @@ class VideoNode:
     def formats(self) -> list[str]:
         """List the four-character codes of the pixel formats on offer."""
         codes: list[str] = []
-        for index in range(4096):  # a driver that never ends its list must not hang us
+        for index in range(4096):  # a driver whose list never ends must not block the program
             entry, raw = allocate(abi.FormatDescription)
             entry.index, entry.type = index, self.buffer_type
             try:
@@ -249,11 +249,11 @@ class VideoNode:
         return self._read_format(fmt)
 
     def set_format(self, code: str, width: int, height: int) -> NodeFormat:
-        """Ask for a format; return what the driver made of it, which may differ in every member."""
+        """Request a format; return the one that the driver set, which may differ in every field."""
         return self._negotiate(abi.Ioctl.S_FMT, code, width, height)
 
     def try_format(self, code: str, width: int, height: int) -> NodeFormat:
-        """Return what the driver would make of a format; nothing is changed."""
+        """Return the format that the driver would set; nothing is changed."""
         return self._negotiate(abi.Ioctl.TRY_FMT, code, width, height)
 
     def _negotiate(self, request: abi.Ioctl, code: str, width: int, height: int) -> NodeFormat:
@@ -281,10 +281,10 @@ class VideoNode:
         return NodeFormat(abi.fourcc_name(pix.pixelformat), pix.width, pix.height, stride, size, planes)
 
     def set_bus_format(self, bus_code: int, width: int, height: int) -> tuple[int, int]:
-        """Set the format on pad 0 of a sub-device; return the width and height that it settled on.
+        """Set the format on pad 0 of a sub-device; return the width and height that it set.
 
         Raises:
-            RefusedError: It settled on another bus format, or refused.
+            RefusedError: It set another bus format, or refused.
             LinkError: It does not answer.
         """
         fmt, raw = allocate(abi.SubdevFormat)
@@ -304,10 +304,10 @@ class VideoNode:
         return fmt.format.width, fmt.format.height
 
     def get_region(self, target: abi.SelectionTarget, *, of_subdevice: bool) -> Region | None:
-        """Return a region of the pixel array; None where the driver knows none.
+        """Return a region of the pixel array; None if the driver has none.
 
         Args:
-            target: Which.
+            target: Which region.
             of_subdevice: Whether this is the sensor's own node.
         """
         selection, raw = self._selection(target, of_subdevice=of_subdevice)
@@ -321,7 +321,7 @@ class VideoNode:
         return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
 
     def set_region(self, region: Region, *, of_subdevice: bool) -> Region:
-        """Ask for the region that is read out; return what the driver made of it: it may be moved and widened."""
+        """Request the region that is read out; return the one that the driver set, which may be moved and widened."""
         selection, raw = self._selection(abi.SelectionTarget.CROP, of_subdevice=of_subdevice)
         selection.r.left, selection.r.top = region.left, region.top
         selection.r.width, selection.r.height = region.width, region.height
@@ -342,7 +342,7 @@ class VideoNode:
         return selection, raw
 
     def request_buffers(self, count: int) -> int:
-        """Ask for `count` kernel buffers (0 frees them); return how many there are."""
+        """Request `count` kernel buffers (0 frees them); return how many were allocated."""
         req, raw = allocate(abi.RequestBuffers)
         req.count, req.type, req.memory = count, self.buffer_type, abi.MEMORY_MMAP
         self.call(abi.Ioctl.REQBUFS, raw, f"VIDIOC_REQBUFS {count}")
@@ -357,12 +357,12 @@ class VideoNode:
         return BufferPlace(buffer.length, buffer.m.offset)
 
     def queue_buffer(self, index: int) -> None:
-        """Hand buffer `index` to the driver to be filled."""
+        """Queue buffer `index` for the driver to fill."""
         _, raw, _, payload = self._buffer(index)
         self.call(abi.Ioctl.QBUF, raw, f"VIDIOC_QBUF {index}", payload)
 
     def dequeue_buffer(self) -> Dequeued | None:
-        """Take the oldest filled buffer, or None when there is none yet (EAGAIN)."""
+        """Take the oldest filled buffer, or None if there is none yet (EAGAIN)."""
         buffer, raw, plane, payload = self._buffer(0)
         try:
             self._ioctl(abi.Ioctl.DQBUF, raw, payload)
@@ -400,7 +400,7 @@ class VideoNode:
         return bytearray(int(self.buffer_type).to_bytes(4, "little"))
 
     def subscribe(self, event: abi.EventType) -> bool:
-        """Ask to be told of an event; return False where the driver does not have it."""
+        """Subscribe to an event; return False if the driver does not have it."""
         sub, raw = allocate(abi.EventSubscription)
         sub.type = event
         try:

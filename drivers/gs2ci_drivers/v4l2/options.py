@@ -1,6 +1,6 @@
 """Options of a V4L2 camera: the [sensor] table of a rig file, which is also the driver's options.
 
-Here: `V4l2Options`: what is wanted of the camera, and what must be known of it that its kernel driver does not tell.
+Here: `V4l2Options`: the requested settings of the camera, and properties of it that its kernel driver does not report.
 Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
 """
 
@@ -25,18 +25,18 @@ class V4l2Options(CameraOptions):
     port: str = SIMULATED
     """The capture node ("/dev/video0") or "simulated"."""
     subdevice: str = ""
-    """The sensor's own node ("/dev/v4l-subdev0") where a media controller keeps the controls there."""
+    """The sensor's own node ("/dev/v4l-subdev0"), if a media controller exposes the controls there."""
     top: Annotated[int, Field(ge=0)] | None = None
-    """First row of the region of interest; without it, the middle of the sensor. Kernel drivers move and widen regions
-    to what the sensor can do, the IMX296's to multiples of 4."""
+    """First row of the region of interest; without it, the region is centred. Kernel drivers move and widen regions to
+    those that the sensor supports, the IMX296's to multiples of 4."""
     format: str = ""
     """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
     gain_db: float | None = None
     """Analogue gain; needs `gain_db_per_unit`."""
     gain_db_per_unit: Positive | None = None
-    """Gain in dB per unit of the gain control, where it is linear in dB."""
+    """Gain in dB per unit of the gain control, if it is linear in dB."""
     buffers: Count = 4
-    """Frame buffers to ask the kernel for."""
+    """Frame buffers to request from the kernel."""
     controls: dict[str, int] = Field(default_factory=dict)
     """[sensor.controls]: further controls by name, set in this order."""
     trigger_adapter: Literal["none", "module", "control"] = "control"
@@ -50,24 +50,24 @@ class V4l2Options(CameraOptions):
     )
     """[sensor.trigger_values]: its value for "free-run", "edge" and "level"; the default is the VC-MIPI drivers'."""
     power_down_s: Delay = 1.1
-    """How long an idle sensor takes to power down; a module's parameter is taken in only then."""
+    """How long an idle sensor takes to power down; a change of a module's parameter takes effect only after that."""
     alignment: Alignment = "low"
-    """Where values sit in 16-bit pixels: in the "low" or the "high" bits."""
+    """Position of values in 16-bit pixels: in the "low" or the "high" bits."""
     significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
     """Bits that carry the value; 0 takes the pixel format's."""
     exposure_unit_s: Duration | None = None
-    """Seconds per unit of the control EXPOSURE, where the driver does not tell its line time."""
+    """Seconds per unit of the control EXPOSURE, if the driver does not report its line time."""
     fixed_exposure_s: Duration | None = None
     """Exposure of a camera that has no control for it."""
     readout_s: Delay | None = None
     """Time from the end of an exposure to the earliest next one; without it, computed from the line time."""
     exposure_offset_s: Offset | None = None
-    """Constant added to the exposure; without it, what is known of `trigger_module`."""
+    """Constant added to the exposure; without it, the known constant of `trigger_module`."""
     first_sequence: Annotated[int, Field(ge=-1)] = 0
-    """Number of the first frame after a start; -1 for kernel drivers that go on counting."""
+    """Number of the first frame after a start; -1 for kernel drivers that do not restart the count."""
     stamps: StampMeaning | None = None
-    """What the frames' time stamps are the time of: "start-of-exposure", "start-of-frame" or "end-of-frame"; without
-    it, what is known of the kernel driver. `gs2ci doctor` measures it."""
+    """The event that a frame's time stamp marks: "start-of-exposure", "start-of-frame" or "end-of-frame"; without it,
+    the known one of the kernel driver. `gs2ci doctor` measures it."""
 
     @property
     def node(self) -> str:
@@ -82,6 +82,6 @@ class V4l2Options(CameraOptions):
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is requested; None where the device's present one is taken."""
+        """Get the bits of the format that is requested; None if the device's present one is kept."""
         known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
         return known.bits if known else None

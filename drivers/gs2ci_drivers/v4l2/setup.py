@@ -1,4 +1,4 @@
-"""Setting an open camera up: its identity, its abilities, and the format and controls that a capture asks for.
+"""Setting an open camera up: its identity, its abilities, and the format and controls that a capture needs.
 
 Here: `OpenCamera`. Not here: streaming (`streaming`), the interface (`driver`). Imported by `driver` only.
 """
@@ -20,14 +20,14 @@ from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.trigger import trigger_adapter
 
 REGION_STEP_PX: Final = 4
-"""Centred regions begin at multiples of this: every sensor of ours takes these, and a mosaic keeps its order."""
+"""Centred regions begin at multiples of this: all supported sensors accept these, and a mosaic keeps its order."""
 LARGEST_PX: Final = 16384
-"""Asked for where the largest frame is wanted: every driver cuts it to what it has."""
+"""Requested if the largest frame is wanted: every driver reduces it to its own largest."""
 
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """What came of a configuration: for the user, for unpacking, and per control."""
+    """The result of a configuration: the settings, the layout for unpacking, and the value of each control."""
 
     settings: SensorSettings
     geometry: FrameGeometry
@@ -35,13 +35,13 @@ class CameraSetup:
 
 
 class OpenCamera:
-    """The capture node, the sensor's sub-device where it has one, its controls and its trigger.
+    """The capture node, the sensor's sub-device if it has one, its controls and its trigger.
 
     Args:
         name: Name of the device for messages.
         port: The system calls.
-        clock: On which waits are kept.
-        options: What the kernel driver does not tell.
+        clock: The clock of all waits.
+        options: What the kernel driver does not report.
 
     Raises:
         UnsupportedError: Not a streaming capture node, or the trigger adapter's module or control is not there.
@@ -65,7 +65,7 @@ class OpenCamera:
             undo.pop_all()
 
     def close(self) -> None:
-        """Put the trigger back as it was found and close the nodes; never raises."""
+        """Restore the trigger mode that was found and close the nodes; never raises."""
         with contextlib.suppress(DriverError):
             self.adapter.restore()
         self.node.close()
@@ -83,7 +83,7 @@ class OpenCamera:
             )
 
     def describe(self) -> SensorInfo:
-        """Read what the camera is and can do; nothing is changed.
+        """Read the camera's identity and abilities; nothing is changed.
 
         Raises:
             UnsupportedError: It offers no raw format.
@@ -132,12 +132,12 @@ class OpenCamera:
         return FrameFormat(pixel.code.strip(), fmt.height, fmt.width, bits, pixel.cfa)
 
     def apply(self, config: SensorConfig) -> CameraSetup:
-        """Set format, controls, trigger and exposure, in this order; return what the device made of them.
+        """Set format, controls, trigger and exposure, in this order; return the settings in force.
 
         Raises:
-            UnsupportedError: A format, control or trigger is not there, or the device does not tell a figure that
+            UnsupportedError: A format, control or trigger does not exist, or the device does not report a figure that
                 is needed.
-            DeviceFaultError: The kernel states an impossible frame.
+            DeviceFaultError: The kernel reports an impossible frame.
             DriverError: On the way.
         """
         fmt = self._set_format(config)
@@ -178,7 +178,7 @@ class OpenCamera:
         return ", ".join(code.strip() for code in self.node.formats() if code in PIXEL_FORMATS)
 
     def _set_format(self, config: SensorConfig) -> NodeFormat:
-        """Set the format on the sub-device and the capture node; return what the kernel made of it."""
+        """Set the format on the sub-device and the capture node; return the one that the kernel set."""
         node, present = self.node, self.node.get_format()
         code = config.fourcc.ljust(4) if config.fourcc else present.code
         if code not in PIXEL_FORMATS:
@@ -196,7 +196,7 @@ class OpenCamera:
             if bus_code is not None:
                 width, height = self._subdevice.set_bus_format(bus_code, width, height)
         fmt = node.set_format(code, width, height)
-        # A capture node that scales gives every size; one that does not reads out the region that it is told.
+        # A capture node with a scaler accepts every size; one without reads out the region that was set.
         other = config.top is not None or config.left is not None or (fmt.height, fmt.width) != (height, width)
         if self._subdevice is None and other and self._set_region(node, config, of_subdevice=False):
             fmt = node.set_format(code, width, height)
@@ -211,10 +211,10 @@ class OpenCamera:
         return fmt
 
     def _set_region(self, node: VideoNode, config: SensorConfig, *, of_subdevice: bool) -> bool:
-        """Have the sensor read out the region that is wanted; return whether its driver knows regions.
+        """Set the requested region of interest; return whether the driver supports regions.
 
         Raises:
-            UnsupportedError: A place is requested and there are no regions, or none of this size.
+            UnsupportedError: A position is requested and regions are not supported, or not this size.
             OutOfRangeError: It leaves the pixel array.
         """
         bounds = node.get_region(abi.SelectionTarget.CROP_BOUNDS, of_subdevice=of_subdevice)
@@ -262,7 +262,7 @@ class OpenCamera:
         return True
 
     def _set_controls(self, config: SensorConfig) -> list[Applied]:
-        """Switch automatic controls off, then set the gain and the controls asked for, in their order."""
+        """Switch automatic controls off, then set the gain and the requested controls, in their order."""
         table, applied = self.controls, []
         for cid, value in ((abi.Cid.EXPOSURE_AUTO, abi.EXPOSURE_MANUAL), (abi.Cid.AUTOGAIN, 0)):
             control = table.find(cid)
@@ -286,7 +286,7 @@ class OpenCamera:
 
     def _set_exposure(self, config: SensorConfig, width: int) -> float:
         """Set the exposure; return the one in force, in seconds."""
-        if config.trigger is TriggerMode.LEVEL:  # the line decides, the control is ignored
+        if config.trigger is TriggerMode.LEVEL:  # the line determines the exposure, the control is ignored
             return config.exposure_s
         exposure = self._exposure_control(width)
         if exposure is not None:
@@ -308,7 +308,7 @@ class OpenCamera:
         line_s = line_time_s(self.controls, fmt.width)
         if line_s is not None:
             return fmt.height * line_s
-        if trigger is TriggerMode.FREE_RUN:  # the sensor keeps its own period
+        if trigger is TriggerMode.FREE_RUN:  # the sensor's own frame period holds
             return 0.0
         raise UnsupportedError(
             self.name,
@@ -319,5 +319,5 @@ class OpenCamera:
 
 
 def _centred(there: int, wanted: int) -> int:
-    """Return the first row or column of a region in the middle."""
+    """Return the first row or column of a centred region."""
     return (there - wanted) // 2 // REGION_STEP_PX * REGION_STEP_PX

@@ -1,15 +1,15 @@
-"""What a V4L2 time stamp is the time of. The flag says "start of exposure" or "end of frame", and is not to be trusted.
+"""What a V4L2 time stamp marks. Its flag says "start of exposure" or "end of frame", and is wrong for some drivers.
 
-    unicam, rp1-cfe   stamp the frame start of the bus and leave the flag away: drivers/media/platform/broadcom/
+    unicam, rp1-cfe   stamp the bus's frame start and do not set the flag: drivers/media/platform/broadcom/
                       bcm2835-unicam.c (unicam_isr, "Timestamp is to be when the first data byte was captured"),
                       drivers/media/platform/raspberrypi/rp1-cfe/cfe.c (cfe_sof_isr_handler)
-    uvcvideo          raises the flag for start of exposure and stamps the first packet: drivers/media/usb/uvc/
+    uvcvideo          sets the flag for start of exposure and stamps the first packet: drivers/media/usb/uvc/
                       uvc_queue.c (V4L2_BUF_FLAG_TSTAMP_SRC_SOE), uvc_video.c (uvc_video_decode_start)
-    others            as the flag says; without it the end of the frame, as videobuf2 has it
+    others            as the flag says; without it the end of the frame, as videobuf2 defines
 
 A frame's first packet leaves the sensor when its exposure has ended: with a global shutter the two are one line apart.
 
-Here: the table and its use. Not here: finding out by measuring (`gs2ci.rig.trigger_check`).
+Here: the table and its use. Not here: the measurement of it (`gs2ci.rig.trigger_check`).
 """
 
 from typing import Final
@@ -24,7 +24,7 @@ BY_DRIVER: Final[dict[str, StampMeaning]] = {
 
 
 def meaning_of(driver: str, stated: StampMeaning | None, *, flagged: bool) -> StampMeaning:
-    """Return what a time stamp is the time of.
+    """Return the event that a time stamp marks.
 
     Args:
         driver: Name of the kernel driver.

@@ -1,4 +1,4 @@
-"""The kernel's frame buffers: asked for, mapped, queued, read out, given back in that order's inverse.
+"""The kernel's frame buffers: requested, mapped, queued, read, and released in the inverse order.
 
 Here: `BufferQueue`. Not here: what a frame means (`driver`). Imported by `driver` only.
 """
@@ -14,7 +14,7 @@ from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.node import Dequeued, VideoNode, errno_errors
 
 MAX_IDLE_WAKES: Final = 64
-"""How often poll may promise a frame that is not there before the driver is called broken; keeps read finite."""
+"""How often poll may report a frame that is not there before the driver counts as broken; it keeps `take` finite."""
 
 _BAD: Final = select.POLLERR | select.POLLHUP | select.POLLNVAL
 _EVENTS: Final = {
@@ -28,11 +28,11 @@ class BufferQueue:
 
     Args:
         node: An open capture node whose format is set.
-        clock: On which waits are kept.
-        count: How many buffers to ask for.
+        clock: The clock of all waits.
+        count: How many buffers to request.
 
     Raises:
-        DriverError: As `gs2ci_drivers.v4l2.node.raise_typed` says; what had been got is given back.
+        DriverError: As `gs2ci_drivers.v4l2.node.raise_typed`; buffers requested before are released.
     """
 
     def __init__(self, node: VideoNode, clock: Clock, count: int) -> None:
@@ -54,11 +54,11 @@ class BufferQueue:
 
     @property
     def count(self) -> int:
-        """Get how many buffers the kernel gave."""
+        """Get how many buffers the kernel allocated."""
         return len(self._maps)
 
     def start(self) -> None:
-        """Queue every buffer, ask for events, start streaming."""
+        """Queue every buffer, subscribe to events, start streaming."""
         for index in range(self.count):
             self._node.queue_buffer(index)
         for event in _EVENTS:
@@ -83,7 +83,7 @@ class BufferQueue:
             came = self._node.wait(max(0.0, deadline_s - self._clock.now_s()))
             if came & select.POLLPRI and not came & _BAD:
                 self._check_event()
-            # Where poll reports an error, DQBUF is asked for the reason: it raises it.
+            # If poll reports an error, DQBUF raises the reason.
             buffer = self._node.dequeue_buffer() if came & (select.POLLIN | _BAD) else None
             if buffer is not None:
                 return buffer, self._copy_and_requeue(buffer)
@@ -121,7 +121,7 @@ class BufferQueue:
         """Stop streaming, unmap and free.
 
         Raises:
-            DriverError: The first that went wrong, after the rest was done.
+            DriverError: The first error, after the remaining steps were done.
         """
         error = self._give_back()
         if error is not None:

@@ -1,10 +1,10 @@
 """External triggers: V4L2 has no standard control for them, so each kind of kernel driver gets an adapter.
 
     ModuleTrigger    /sys/module/<module>/parameters/trigger_mode      imx296, ov9282, ov7251, ar0234 ...
-    ControlTrigger   a private control found by its name               VC-MIPI drivers and their like
+    ControlTrigger   a private control found by its name               VC-MIPI drivers and similar ones
     NoTrigger        free run only
 
-Here: switching modes and putting back what was found. Not here: what a mode means (`sensor.TriggerMode`).
+Here: switching modes and restoring the one that was found. Not here: what a mode means (`sensor.TriggerMode`).
 Imported by `setup`.
 """
 
@@ -39,7 +39,7 @@ class TriggerAdapter(Protocol):
 
 
 class NoTrigger:
-    """A sensor that only runs by its own clock."""
+    """A sensor that runs only by its own clock."""
 
     triggers = frozenset({TriggerMode.FREE_RUN})
     exposure_offset_s = 0.0
@@ -54,12 +54,12 @@ class NoTrigger:
 class ModuleTrigger:
     """A kernel module's parameter `trigger_mode`: 0 own clock, 1 external.
 
-    The driver takes the parameter in when the sensor powers up, so after a change we wait until it has powered
-    down.
+    The driver reads the parameter when the sensor powers up, so after a change this class waits until the sensor has
+    powered down.
 
     Args:
         port: The system calls.
-        clock: On which the power-down is waited for.
+        clock: The clock of the wait for the power-down.
         device: Name of the sensor for messages.
         module: The kernel module.
         power_down_s: How long an idle sensor takes to power down.
@@ -79,11 +79,11 @@ class ModuleTrigger:
         self._read()
 
     def set_mode(self, mode: TriggerMode) -> None:
-        """Write the parameter and let the sensor power down if that changed it.
+        """Write the parameter and, if its value changed, wait until the sensor has powered down.
 
         Raises:
             AccessError: The parameter may not be written.
-            UnsupportedError: The module is not loaded, or did not take the value.
+            UnsupportedError: The module is not loaded, or did not accept the value.
         """
         if self._write(b"0" if mode is TriggerMode.FREE_RUN else b"1"):
             self._clock.sleep_s(self._power_down_s)
@@ -122,7 +122,7 @@ class ModuleTrigger:
             value = self._port.read_file(self._path).strip()
         except OSError as error:
             self._fail(error)
-        return {b"Y": b"1", b"N": b"0"}.get(value, value)  # the kernel prints bool parameters so
+        return {b"Y": b"1", b"N": b"0"}.get(value, value)  # the kernel prints bool parameters as Y and N
 
     def _fail(self, error: OSError) -> NoReturn:
         asked = f"access {self._path}"
@@ -153,7 +153,7 @@ class ControlTrigger:
         options: Name of the control and its value for each mode.
 
     Raises:
-        UnsupportedError: The control is not there, or has none of the values.
+        UnsupportedError: The control does not exist, or has none of the values.
     """
 
     def __init__(self, table: ControlTable, device: str, options: V4l2Options) -> None:

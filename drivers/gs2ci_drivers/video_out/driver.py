@@ -1,9 +1,9 @@
-"""A modulator on a video output: grey pictures, one per refresh, each picture's time counted.
+"""A modulator on a video output: grey pictures, one per refresh, with a check of each picture's time.
 
-A mask is on show for a whole number of refreshes. The time at which each picture is shown is held against the one
-before: a picture that stays when another was due (doubled) or is never seen (dropped) ends the run with an error, since
-its mask met the light for another time than planned. One that stays because the same is due is as it should be: a
-display shows what it was given last.
+A mask is shown for a whole number of refreshes. The time at which each picture appears is compared with that of the one
+before: if a picture stays when another was due (doubled) or never appears (dropped), the run ends with an error, since
+the exposure of its mask differs from the planned one. A picture that stays because the next one is the same is correct:
+a display keeps its last picture.
 
 Here: `VideoOut`. Not here: windows (`gs2ci_drivers.links.sdl_screen`).
 """
@@ -23,10 +23,10 @@ from gs2ci_drivers.video_out.options import VideoOutOptions
 LAST: Final = "last"
 MAX_EXPOSURE_S: Final = 60.0
 CAPACITY: Final = 4096
-"""Masks are kept in memory as they are drawn."""
+"""Limit on the number of masks, which are kept in memory as pictures."""
 DEPTHS: Final = (1, 8)
 UNEVEN: Final = 0.5
-"""Share of a refresh after which a picture counts as one of its own."""
+"""Share of a refresh after which a picture counts as shown at the next refresh."""
 
 
 class VideoOut(Modulator):
@@ -35,7 +35,7 @@ class VideoOut(Modulator):
     Args:
         name: Name of the device in the rig file.
         port: The video output; closed with this.
-        clock: Where deadlines are kept.
+        clock: The clock of the deadlines.
         settings: From the rig file.
     """
 
@@ -79,7 +79,7 @@ class VideoOut(Modulator):
         )
 
     def levels(self, mask: U8 | U16, bit_depth: int) -> U8:
-        """Return the grey levels of a mask, [H, W] uint8, by the table, or linear between dark and bright."""
+        """Return a mask's grey levels, [H, W] uint8: by the table if given, otherwise linear from dark to bright."""
         shares = np.linspace(0, 1, 1 << bit_depth)
         if self.settings.grey_table:
             known = np.linspace(0, 1, len(self.settings.grey_table))
@@ -100,7 +100,7 @@ class VideoOut(Modulator):
         return sum(picture.nbytes for picture in self._pictures)
 
     def _require_output(self, asked: str) -> None:
-        """Raise where the output is gone: windows of outputs that are gone go on taking pictures."""
+        """Raise an error if the output is gone: the window of a missing output still accepts pictures."""
         with port_errors(self.name, asked):
             if self._output not in self._port.list_outputs():
                 raise DisconnectedError(self.name, asked, "no such video output any more")
@@ -114,7 +114,7 @@ class VideoOut(Modulator):
         self._step(sequence)
 
     def _step(self, sequence: PatternSequence) -> None:
-        """Show the picture that is due at the next refresh, and hold its time against the one before.
+        """Show the picture that is due at the next refresh, and compare its time with that of the one before.
 
         Raises:
             SequenceError: A picture was on show for longer or shorter than it should have been.
@@ -129,7 +129,7 @@ class VideoOut(Modulator):
             return
         passed = (shown_ns - before_ns) * 1e-9 / self.refresh_s
         first, shown = self._refresh, self._refresh + round(passed) - 1
-        # A picture that stays because the same one is due is on show for as long as it should be.
+        # A picture that stays because the next one is the same is shown for the planned time.
         stayed = all(self._looks(sequence, first - 1) == self._looks(sequence, one) for one in range(first, shown))
         fits = self._looks(sequence, drawn) == self._looks(sequence, shown)
         if passed < UNEVEN or not stayed or not fits:
@@ -145,14 +145,14 @@ class VideoOut(Modulator):
         self._refresh = shown + 1
 
     def _idle_refreshes(self) -> int:
-        """Return how many refreshes have passed since the last one in which nobody called."""
+        """Return how many refreshes passed without a call since the last picture."""
         if not self._shown_ns:
             return 0
         passed = (self._port.clock_ns() - self._shown_ns) * 1e-9 / self.refresh_s
         return max(0, int(passed + 1e-6))
 
     def _looks(self, sequence: PatternSequence, refresh: int) -> tuple[int | None, bool]:
-        """Return which mask is due at a refresh, and whether the trigger's patch is lit with it."""
+        """Return which mask is due at a refresh, and whether the trigger patch is lit with it."""
         slot, since = self._due(sequence, refresh)
         return slot, self._is_lit(sequence, slot, since)
 
@@ -169,7 +169,7 @@ class VideoOut(Modulator):
         return (slot, since) if since < shown else (None, since)
 
     def _drawn(self, sequence: PatternSequence, slot: int | None, since: int) -> U8:
-        """Return a mask's picture with the trigger's patch in it."""
+        """Return a mask's picture with the trigger patch in it."""
         picture = self._dark() if slot is None else self._pictures[slot]
         if self.settings.trigger_patch is None:
             return picture
@@ -227,7 +227,7 @@ class VideoOut(Modulator):
     def _end(self) -> None:
         self._running = None
         self._show_dark()
-        self.clock.sleep_s(self.settings.frames_late * self.refresh_s)  # until the panel is dark, too
+        self.clock.sleep_s(self.settings.frames_late * self.refresh_s)  # until the panel itself is dark
 
     def _do_disarm(self) -> None:
         self._go_dark()

@@ -21,11 +21,11 @@ class VideoOutOptions(ConfigTable):
     bright_level: Level = 255
     """Grey level at which they pass it."""
     grey_table: tuple[Level, ...] = ()
-    """Grey levels for shares of light 0 to 1 in equal steps, at least two, where they are not linear in between."""
+    """Grey levels for transmissions 0 to 1 in equal steps, at least two, if they are not linear in between."""
     frames_late: Annotated[int, Field(ge=0, le=16)] = 1
-    """Pictures after which one that was handed over is on the panel: electronics of displays hold them back."""
+    """Delay of the display's electronics: the number of refreshes until a picture appears on the panel."""
     trigger_patch: tuple[Place, Place, Count, Count] | None = None
-    """First row and column, rows and columns of a patch that is lit as a trigger line would be, for a photodiode with a
+    """First row and column, rows and columns of a patch that is lit like a trigger signal, for a photodiode with a
     comparator; without it there is no trigger."""
     pitch_um: Positive = 8.0
     """Distance of neighbouring pixels."""

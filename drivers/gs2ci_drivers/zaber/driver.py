@@ -2,10 +2,10 @@
 
 Here: what a stage does, in Zaber's commands. Not here: lines and ids (`link`), numbers (`units`), tables (`flags`).
 
-Speeds: from firmware 7.25 on each move carries its own, and nothing on the device is changed. Older firmware has but
-the setting `maxspeed`, which lies in non-volatile memory: a session that is killed on the way leaves the stage slow for
-good. So it is changed only where the rig file says what to put back (`own_speed_mm_s`); that is done when the stage
-rests, stops or is closed, and on connecting.
+Speeds: from firmware 7.25 on each move carries its own, and no setting of the device is changed. Older firmware has
+only the setting `maxspeed`, which lies in non-volatile memory: if a session is killed meanwhile, the stage stays slow.
+So the setting is changed only if the rig file states the value to restore (`own_speed_mm_s`); it is restored when the
+stage has arrived, stops or is closed, and on connecting.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ from gs2ci_drivers.zaber.units import Units
 
 POLL_S = 0.02
 ARRIVAL_STEPS = 2
-"""Microsteps by which a finished move may be off: the controller's own settling window."""
+"""Microsteps by which a finished move may miss its target: the controller's own settling window."""
 STOP_TIMEOUT_S = 5.0
 SPEEDS_SINCE = (7, 25)
 """Firmware from which on `move abs` takes a speed of its own."""
@@ -42,7 +42,7 @@ class ZaberStage(Stage):
     Args:
         name: Name in the rig file.
         port: The serial line.
-        clock: Where waits are kept.
+        clock: The clock of all waits.
         options: From the rig file.
     """
 
@@ -110,7 +110,7 @@ class ZaberStage(Stage):
         )
 
     def _check_resolution(self, axis: str) -> None:
-        """Accept an axis whose microsteps are those that the rig file speaks of; a direct drive has no such setting."""
+        """Check that an axis has the microsteps that the rig file states; a direct drive has no such setting."""
         try:
             resolution = self._number(self._numbers[axis], "resolution")
         except RefusedError:
@@ -136,7 +136,7 @@ class ZaberStage(Stage):
         if INTERRUPTED & set(self._flags):
             self._link.command(0, "warnings clear")  # an old interruption must not be taken for a new one
         self._targets = {axis: self._units[axis].steps(target) for axis, target in targets_mm.items()}
-        # Rounding must not ask for more than the device's own speed.
+        # Rounding must not request more than the device's own speed.
         speeds = {axis: min(self._units[axis].speed_data(speed_mm_s), self._own_speed[axis]) for axis in targets_mm}
         if not self._moves_take_speeds:
             for axis, data in speeds.items():
@@ -167,7 +167,7 @@ class ZaberStage(Stage):
     def _do_stop(self) -> None:
         self._targets = {}
         self._link.drain()
-        self._link.query(0, "stop")  # stopping twice is harmless, so it is asked for again like a question
+        self._link.query(0, "stop")  # stopping twice is harmless, so it is repeated like a query
         self._wait_until_idle(STOP_TIMEOUT_S, "stop")
         self._restore_speeds()
 
@@ -185,7 +185,7 @@ class ZaberStage(Stage):
     def _do_close(self) -> None:
         try:
             self._restore_speeds()
-        except DriverError:  # the line may be dead; closing must still let go of the port
+        except DriverError:  # the line may be dead; closing must still release the port
             self._speed = dict(self._own_speed)
         self._link.close()
 
@@ -200,7 +200,7 @@ class ZaberStage(Stage):
             self.clock.sleep_s(POLL_S)
 
     def _read_flags(self) -> tuple[str, ...]:
-        """Return all flags that are up."""
+        """Return all flags that are set."""
         data = self._link.query(0, "warnings").data.split()
         if not data or not data[0].isdigit() or len(data) != int(data[0]) + 1:
             raise BadReplyError(
@@ -221,7 +221,7 @@ class ZaberStage(Stage):
             )
 
     def _set_speed(self, axis: str, data: int) -> None:
-        """Change the setting `maxspeed`, on firmware that knows no other way; it has to be known what to put back."""
+        """Change the setting `maxspeed`, on firmware without another way; the value to restore must be known."""
         if data == self._speed[axis]:
             return
         if axis not in self._stated_speed:
@@ -264,7 +264,7 @@ class ZaberStage(Stage):
         text = self._get(axis, setting)
         try:
             found = float(text)
-            round(found)  # refuses what is infinite or undefined
+            round(found)  # raises an error for infinities and NaN
         except (ValueError, OverflowError) as error:
             raise BadReplyError(
                 self.name, f"get {setting}", text.encode(), "not a number", allowed="a number"
@@ -273,6 +273,6 @@ class ZaberStage(Stage):
 
 
 def _version(text: str) -> tuple[int, ...]:
-    """Return a firmware version as numbers; what is none counts as very old."""
+    """Return a firmware version as numbers; a text that is no version counts as very old."""
     parts = text.split(".")
     return tuple(int(part) for part in parts) if all(part.isdigit() for part in parts) else (0,)

@@ -1,7 +1,7 @@
 """What Zaber's warning flags and rejections mean. Pure tables.
 
-F flags are faults (the driver is disabled or the motion was stopped), W are warnings, N are notes. Source: Zaber
-ASCII protocol manual, "Warning flags" and "Reply"; reference section 3.1. The driver imports this.
+F flags are faults (the motor driver is disabled or the motion was stopped), W are warnings, N are notes. Source: Zaber
+ASCII protocol manual, "Warning flags" and "Reply"; reference section 3.1.
 """
 
 FLAGS: dict[str, str] = {

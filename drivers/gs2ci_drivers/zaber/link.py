@@ -11,9 +11,9 @@ from gs2ci_drivers.zaber.flags import REJECTIONS, describe, is_fault
 from gs2ci_drivers.zaber.packets import MESSAGE_IDS, Alert, ZaberReply, parse, request
 
 REPLY_TIMEOUT_S = 0.5
-"""Devices answer within some 10 ms; the rest is for USB serial adapters and busy hosts."""
+"""Devices answer within about 10 ms; the rest is for USB serial adapters and busy hosts."""
 QUERY_ATTEMPTS = 2
-"""A question changes nothing, so a lost answer may be requested again; a motion is never sent twice."""
+"""A query changes nothing, so it may be repeated if its answer is lost; a motion is never sent twice."""
 
 
 class ZaberLink:
@@ -22,10 +22,10 @@ class ZaberLink:
     Args:
         name: Name of the stage, for messages.
         port: The serial line.
-        clock: Where deadlines are kept.
+        clock: The clock of the deadlines.
         address: The device's address in the chain.
         with_checksum: Whether requests carry checksums; those in replies are always checked.
-        incidents: Where to note what was ridden out.
+        incidents: Receives the problems from which the link recovered.
     """
 
     def __init__(
@@ -44,15 +44,15 @@ class ZaberLink:
         self._with_checksum = with_checksum
         self._incidents = incidents
         self._lines = LineChannel(name, port, clock)
-        # A new session begins at another id than the last one probably ended with.
+        # The session begins at an id that most probably differs from the last one's end, so old replies are recognised.
         self._next_id = int(clock.now_s() * 1e3) % MESSAGE_IDS
 
     def query(self, axis: int, text: str) -> ZaberReply:
-        """Ask something that changes nothing; a lost or damaged answer is requested again.
+        """Send a request that changes nothing; a lost or damaged answer is requested again.
 
         Raises:
             LinkError: No usable answer.
-            RefusedError: The device said no.
+            RefusedError: The device refused.
         """
         for _ in range(QUERY_ATTEMPTS - 1):
             try:
@@ -66,8 +66,8 @@ class ZaberLink:
 
         Raises:
             NoAnswerError: Nothing in time.
-            BadReplyError: Only lines that cannot be read, or of other devices, came in time.
-            RefusedError: The device said no.
+            BadReplyError: Only unreadable lines, or lines of other devices, came in time.
+            RefusedError: The device refused.
             DisconnectedError: The port is gone.
         """
         message_id = self._next_id
@@ -82,7 +82,7 @@ class ZaberLink:
         return reply
 
     def drain(self) -> None:
-        """Throw away what waits on the line."""
+        """Discard the bytes that wait on the line."""
         self._lines.drain()
 
     def close(self) -> None:

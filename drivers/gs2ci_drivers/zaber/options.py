@@ -23,14 +23,14 @@ class ZaberOptions(ConfigTable):
     microstep_mm: dict[str, Positive] = Field(default_factory=lambda: {"x": 0.000047625})
     """For each axis the travel of one microstep, from the data sheet."""
     resolution: Count = 64
-    """Microsteps per full step for which `microstep_mm` holds: 64 is what devices come with and data sheets mean."""
+    """Microsteps per full step for which `microstep_mm` holds: 64 is the factory setting, which data sheets assume."""
     own_speed_mm_s: dict[str, Positive] = Field(default_factory=dict)
-    """For each axis its own top speed; only for firmware before 7.25, which knows no speed of a single move. There
-    `maxspeed` has to be changed for a sweep, which outlives a killed session: connecting puts this value back."""
+    """For each axis its own top speed; only for firmware before 7.25, where a single move has no speed of its own. A
+    sweep then changes `maxspeed`, which stays changed if the session is killed: connecting restores this value."""
     checksums: bool = True
     """Whether requests carry checksums; those in replies are always checked."""
     mount: MountOptions | None = None
-    """How the stage carries the camera; leave it out if nothing is known."""
+    """How the stage moves the camera; leave it out if unknown."""
 
     @model_validator(mode="after")
     def _every_axis_has_a_microstep(self) -> Self:

@@ -47,7 +47,7 @@ class ZaberReply:
 
 @dataclass(frozen=True)
 class Alert:
-    """Something a device says unasked."""
+    """A message that a device sends without a request."""
 
     address: int
     axis: int
@@ -81,7 +81,7 @@ def request(address: int, axis: int, message_id: int, text: str, *, with_checksu
     """Build a request.
 
     Raises:
-        ValueError: Longer than a device takes, or not plain ASCII.
+        ValueError: Longer than a device accepts, or not plain ASCII.
     """
     body = f"{address:02d} {axis} {message_id:02d}" + (f" {text}" if text else "")
     line = f"/{body}:{checksum(body)}\n" if with_checksum else f"/{body}\n"
@@ -91,7 +91,7 @@ def request(address: int, axis: int, message_id: int, text: str, *, with_checksu
 
 
 def parse(line: bytes) -> ZaberReply | Alert | Info:
-    """Read one line without its end; whatever precedes the last marker on it is noise and is dropped.
+    """Read one line without its end; bytes before its last marker are noise and are dropped.
 
     Raises:
         ValueError: Not a message, or its checksum is wrong.

@@ -1,4 +1,4 @@
-"""The one place where millimetres become Zaber's numbers and back. Pure."""
+"""Conversion between millimetres and Zaber's numbers. Pure."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ ACCELERATION_DIVISOR = 1e4
 """Acceleration data is in units of this many speed data per second."""
 
 NO_RAMP_DATA = 10**6
-"""Steeper than any motor; keeps the run-up of a sweep finite where the device says «no ramp»."""
+"""Steeper than any motor; it keeps the run-up of a sweep finite if the device has no ramp."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Units:
         return steps * self.microstep_mm
 
     def speed_data(self, speed_mm_s: float) -> int:
-        """Return the nearest speed data, at least 1 (0 means something else to some firmware)."""
+        """Return the nearest speed data, at least 1 (0 has another meaning for some firmware)."""
         return max(1, round(speed_mm_s / self.microstep_mm * self.speed_scale))
 
     def speed_mm_s(self, data: int) -> float:
@@ -40,5 +40,5 @@ class Units:
         return data / self.speed_scale * self.microstep_mm
 
     def acceleration_mm_s2(self, data: int) -> float:
-        """Return an acceleration in mm/s²; data 0 means «no ramp» and counts as a very steep one."""
+        """Return an acceleration in mm/s²; data 0 means no ramp and counts as a very steep one."""
         return (data or NO_RAMP_DATA) * ACCELERATION_DIVISOR / self.speed_scale * self.microstep_mm
