@@ -30,12 +30,12 @@ class MeasuredAxis:
     Args:
         direction: Unit vector of the camera's motion in its own frame (x right, y down, z ahead), [3].
         scale: True mm per counted mm.
-        speed_error: Of a sweep, relative, against the scale at rest; 0 where none was measured.
+        speed_error: Relative error of a sweep's speed, beyond the scale at rest; 0 if none was measured.
         measured_utc: When, ISO 8601.
         backlash_mm: Lost motion at a reversal, counted mm, and its standard error.
-        sweep_lag_s: By how much too late a position is counted during a sweep, and its standard error; None where it
-            was not measured.
-        repeatability_mm: How well a sweep comes back to where it was, counted mm, one standard deviation.
+        sweep_lag_s: Delay with which a position is counted during a sweep, and its standard error; None if not
+            measured.
+        repeatability_mm: Repeatability of a sweep's positions, counted mm, one standard deviation.
     """
 
     direction: F64
@@ -57,9 +57,9 @@ class Calibrated:
     """A bundle that fits the bench.
 
     Args:
-        bundle: It; it has masks.
-        notes: What is worth knowing about its fit.
-        probe: What one mask looked like just now, or None where it was not looked at.
+        bundle: The bundle, which has masks.
+        notes: Remarks on how it fits the bench.
+        probe: The comparison of one mask, shown just before the capture, with the bundle; None if that was skipped.
     """
 
     bundle: Bundle
@@ -68,13 +68,13 @@ class Calibrated:
 
     @property
     def masks(self) -> F32:
-        """Get the transmissions in the order shown, [N, H, W] in [0, 1]; 0 where they are not known."""
+        """Get the transmissions in the order shown, [N, H, W] in [0, 1]; 0 at pixels where they are unknown."""
         masks = np.clip(self.bundle.sections["masks"].array("masks"), 0.0, 1.0)
         return np.where(self._known, masks, 0.0).astype(np.float32)
 
     @property
     def weights(self) -> F32 | None:
-        """Get the share of each mask's time that is exposed, [N], where it was measured: by light, else by `timing`."""
+        """Get the measured share of each mask's time that is exposed, [N]: by light, otherwise from step `timing`."""
         section, timing = self.bundle.sections["masks"], self.bundle.sections.get("timing")
         by_light = section.facts.get("weights", "measured") == "measured"
         same_time = timing is not None and timing.facts.get("mask_s") == section.facts.get("mask_s")
@@ -84,7 +84,7 @@ class Calibrated:
 
     @property
     def unusable(self) -> Bool:
-        """Get the pixels of which readings mean nothing: dead, hot, or without a known mask, [H, W]."""
+        """Get the pixels whose readings cannot be used: dead, hot, or without a known mask, [H, W]."""
         dark = self._dark
         bad = ~self._known
         return bad if dark is None else bad | ~dark.good
@@ -96,32 +96,32 @@ class Calibrated:
 
     @property
     def saturation_dn(self) -> float | None:
-        """Get the reading at which pixels may be clipped, by the photon transfer curve, where it was taken."""
+        """Get the reading at which pixels may be clipped, by the photon transfer curve; None without that curve."""
         if "sensor" not in self.bundle:
             return None
         section = self.bundle.sections["sensor"]
-        # Read noise scatters clipped pixels round their mean reading: four deviations catch all but one in 30 000.
+        # Read noise scatters clipped pixels around their mean: four standard deviations include all but one in 30 000.
         noise_dn = section.number("read_noise_e") / section.number("gain_e_per_dn")
         return section.number("saturation_dn") - 4 * noise_dn
 
     @property
     def intrinsics(self) -> F64 | None:
-        """Get the camera matrix, [3, 3], where it was measured."""
+        """Get the measured camera matrix, [3, 3], or None."""
         return self.bundle.sections["camera"].array("intrinsics") if "camera" in self.bundle else None
 
     @property
     def distortion(self) -> F64 | None:
-        """Get the lens's coefficients, [5], where they were measured."""
+        """Get the measured distortion coefficients, [5], or None."""
         return self.bundle.sections["camera"].array("distortion") if "camera" in self.bundle else None
 
     @property
     def late_s(self) -> tuple[float, float] | None:
-        """Get how long after its edge an exposure begins, and its standard error, where it was measured."""
+        """Get the measured delay from an edge to its exposure and the standard error, or None."""
         return self._timing("latency_s")
 
     @property
     def longer_s(self) -> tuple[float, float] | None:
-        """Get by how much an exposure is longer than set, and its standard error, where it was measured."""
+        """Get the measured excess of an exposure over the configured one and the standard error, or None."""
         return self._timing("exposure_offset_s")
 
     def _timing(self, name: str) -> tuple[float, float] | None:
@@ -130,7 +130,7 @@ class Calibrated:
 
     @property
     def axes(self) -> dict[str, MeasuredAxis]:
-        """Get the stage's axes that were measured, by name."""
+        """Get the measured axes of the stage, by name."""
         if "stage" not in self.bundle:
             return {}
         section = self.bundle.sections["stage"]
@@ -138,10 +138,10 @@ class Calibrated:
         return {name: _axis(section, name) for name in names}
 
     def arrays(self, exposure_s: float, *, mosaic: bool) -> dict[str, NDArray[Any]]:
-        """Return what else a shot file keeps of a calibration, by its keys there.
+        """Return the other arrays of a calibration that a shot file stores, by their keys there.
 
         Args:
-            exposure_s: Of the capture: the dark reading grows with it.
+            exposure_s: Exposure of the capture: the dark reading grows with it.
             mosaic: Whether pixels stand behind a colour filter array: each colour's sensitivity then has a mean of 1.
         """
         found: dict[str, NDArray[Any]] = {"masks/contrast": self.bundle.sections["masks"].array("contrast")}
@@ -154,7 +154,7 @@ class Calibrated:
         return found
 
     def record(self) -> dict[str, Any]:
-        """Return what it was, for the shot file's events."""
+        """Return a summary of the bundle for the shot file's events."""
         told: dict[str, Any] = {
             "bundle": str(self.bundle.path),
             "created_utc": self.bundle.created_utc,
@@ -207,20 +207,20 @@ def _pair(section: Section, name: str) -> tuple[float, float] | None:
 def load(
     rig: Rig, devices: Devices, path: Path | None, *, probe: bool = True, progress: Progress | None = None
 ) -> Calibrated | None:
-    """Read the bundle of a rig, see that it still fits the bench, and look at one mask.
+    """Read the bundle of a rig, check that it still fits the bench, and compare one mask with it.
 
     Args:
         rig: The rig; its [calibration] `bundle` names one beside the rig file.
         devices: Its open devices.
         path: Another bundle; None takes the rig's.
-        probe: Whether to show one mask and look; else nothing is uploaded.
+        probe: Whether to show one mask and compare it; otherwise nothing is uploaded.
         progress: Receives the stages and steps.
 
     Returns:
-        The bundle, or None where the rig names none.
+        The bundle, or None if the rig names none.
 
     Raises:
-        CalibrationError: It has no masks, does not fit, or a mask is not as it says.
+        CalibrationError: It has no masks, does not fit, or the mask shown differs from the one that it states.
         DriverError: A device failed.
         StorageError: It cannot be read.
     """

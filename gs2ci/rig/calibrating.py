@@ -1,4 +1,4 @@
-"""A rig as calibration uses it: its devices, and an operator who does what must be done by hand.
+"""A rig as calibration uses it: its devices, and an operator who does the manual steps.
 
 Here: the bench of a rig file, the operator at the terminal, the bundle's provenance. Not here: the simulated operator
 (`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.tables.truth`).
@@ -29,10 +29,10 @@ REQUESTS = {
 
 
 class TerminalOperator:
-    """A person who is told what to set up and says when it is done.
+    """A person at a terminal who sets up what is requested and confirms it.
 
     Args:
-        ask: Shows a request and returns when it was confirmed.
+        ask: Shows a request and returns when the person has confirmed it.
     """
 
     def __init__(self, ask: Callable[[str], object]) -> None:
@@ -40,17 +40,17 @@ class TerminalOperator:
         self._now: tuple[Arrangement, int] | None = None
 
     def please(self, setup: Arrangement, index: int) -> None:
-        """Ask, unless it is set up already."""
+        """Request an arrangement, unless it is already set up."""
         if self._now != (setup, index):
             self._ask(REQUESTS[setup].format(number=index + 1))
             self._now = (setup, index)
 
 
 def operator_of(rig: Rig, ask: Callable[[str], object]) -> Operator:
-    """Return who sets things up on this rig."""
+    """Return the operator of this rig: a person, or the simulated one."""
     if rig.bench is None:
         return TerminalOperator(ask)
-    # A real bench does without the simulator.
+    # Imported here because a real bench does not need the simulator.
     from gs2ci.rig.simulated_operator import SimulatedOperator  # noqa: PLC0415
 
     return SimulatedOperator(rig.bench, rig.table.world or WorldTable(), rig.table.calibration.board)
@@ -88,13 +88,13 @@ def bench_of(
 
 
 def _directions(table: RigTable) -> dict[str, tuple[float, float, float]]:
-    """Return how the rig file says that the axes move the camera; nothing where it does not say."""
+    """Return the direction in which each axis moves the camera by the rig file; empty if it states none."""
     mount = table.stage.mount if table.stage is not None else None
     return {} if mount is None else {"x": mount.x, "y": mount.y, "z": mount.z}
 
 
 def provenance_of(rig: Rig, devices: Devices) -> Provenance:
-    """Return which bench this is: the rig file, and who the devices say that they are."""
+    """Return which bench this is: the rig file, and the identities that the devices report."""
     modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
     named = {
         "modulator": (modulator.model, modulator.serial, modulator.firmware),

@@ -1,4 +1,4 @@
-"""What a rig file may say: the devices' own tables, one for the capture, one for the simulated surroundings.
+"""The contents of a rig file: the devices' own tables, one for the capture, one for the simulated surroundings.
 
 Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"` puts a
 device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`).
@@ -36,23 +36,23 @@ from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 
-# Tables of a simulation's rig file that no bench's has; `gs2ci_sims.rig_file` knows those that only a bench's has.
+# Tables that only a simulation's rig file has; `gs2ci_sims.rig_file` lists those that only a bench's has.
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
-# Tables that both may have.
+# Tables that both kinds of file may have.
 SHARED = frozenset({"modulator", "sensor", "optics"})
 DEVICE_GROUPS = {"modulator": "gs2ci.modulators", "sensor": "gs2ci.sensors", "stage": "gs2ci.stages"}
-"""Table of a rig file -> entry points of drivers for it."""
+"""Table of a rig file -> group of entry points of its drivers."""
 
 
 class CaptureTable(ConfigTable):
-    """[capture]: what to take."""
+    """[capture]: the capture to be taken."""
 
     masks: Count = 8
     density: Fraction = 0.25
     """Share of open pixels of a random binary mask."""
     seed: Annotated[int, Field(ge=0)] = 0
     pattern_file: str = ""
-    """An .npy file with mask codes [N, h, w] in 0 to 1 instead of random ones, beside the rig file."""
+    """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
     mask_s: Duration = 0.01
     dark_s: Delay = 0.0
@@ -67,26 +67,26 @@ class CaptureTable(ConfigTable):
     jitter_s: Delay = 20e-6
     retries: Annotated[int, Field(ge=0)] = 0
     continuous: bool = False
-    """Take all shots in one run of the modulator, as fast as the devices follow each other: for a camera at rest.
-    Frames that are lost are named and passed over."""
+    """Take all shots in one run of the modulator, as fast as the devices allow: for a camera at rest. Lost frames are
+    named and skipped."""
     ring: Count = 16
     """Shots that may wait in memory while the disk is busy, in a continuous capture."""
     sync: bool = False
-    """Wait after each row until the storage device has it, so that it survives a loss of power, too."""
+    """Wait after each row until the storage device has stored it, so that it survives a loss of power, too."""
 
 
 class RegistrationTable(ConfigTable):
-    """[registration]: which modulator pixels a sensor pixel sees, nominally."""
+    """[registration]: which modulator pixels a sensor pixel sees, by design."""
 
     superpixel: Count = 1
     """Modulator pixels per side of one mask element, which one sensor pixel sees."""
     row: Annotated[int, Field(ge=-1)] = -1
-    """First modulator row that is seen; -1 centres the masks."""
+    """First modulator row that the sensor sees; -1 centres the masks."""
     column: Annotated[int, Field(ge=-1)] = -1
 
 
 class OpticsTable(ConfigTable):
-    """[optics]: what is known of lens, scene and light; used for the plan and for scaling."""
+    """[optics]: what is known about lens, scene and light; used for the plan and for scaling."""
 
     focal_px: Positive | None = None
     nearest_mm: Positive | None = None
@@ -94,11 +94,11 @@ class OpticsTable(ConfigTable):
     full_scale_e_per_s: Positive | None = None
     """Electrons per second in a pixel that sees a white scene through an open mask."""
     full_scale_dn: Positive | None = None
-    """Reading above black of a white scene under one open mask for its time on show."""
+    """Reading above black that a white scene gives under one open mask during the time that a mask is shown."""
 
 
 class TrueSensorTable(ConfigTable):
-    """[world.sensor]: the simulated sensor as it truly is, where that differs from [sensor]; at 12 bits."""
+    """[world.sensor]: true properties of the simulated sensor that differ from [sensor]; at 12 bits."""
 
     full_well_e: Positive | None = None
     electrons_per_dn: Positive | None = None
@@ -108,7 +108,7 @@ class TrueSensorTable(ConfigTable):
 
 
 class MechanicsTable(ConfigTable):
-    """[world.mechanics.AXIS]: what lies between the counted and the true position of a simulated axis."""
+    """[world.mechanics.AXIS]: the differences between counted and true position of a simulated axis."""
 
     scale: Positive = 1.0
     backlash_mm: NotNegative = 0.0
@@ -123,7 +123,7 @@ class MechanicsTable(ConfigTable):
 
 
 class WorldTable(ConfigTable):
-    """[world]: what surrounds simulated devices; needed when any port is "simulated"."""
+    """[world]: the surroundings of simulated devices; required if any port is "simulated"."""
 
     scene: Literal["motorcycle", "planes"] = "motorcycle"
     seed: Annotated[int, Field(ge=0)] = 0
@@ -131,7 +131,7 @@ class WorldTable(ConfigTable):
     """How far the camera moves in the scene per mm of the stage."""
     supersampling: Count = 1
     tolerance_dn: Positive = 0.25
-    """By how much readings may differ from a simulation of everything, rms, in total; decides what is simulated."""
+    """Allowed difference in total, rms, from a simulation of every effect; it decides which effects are simulated."""
     height: Count = 400
     width: Count = 600
     noise: bool = True
@@ -139,34 +139,34 @@ class WorldTable(ConfigTable):
     trigger_latency_s: Delay = 0.0
     trigger_jitter_s: Delay = 0.0
     trigger_exposure_offset_s: Offset = 0.0
-    """By how much longer than set a triggered exposure truly is."""
+    """True excess of a triggered exposure over the configured one."""
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
-    """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
+    """The true effect of bit 0 of a pattern entry's byte 9 on the simulated DLPC900."""
     dlpc900_start_s: Delay = 500e-6
-    """How long after a start the simulated DLPC900 shows its first mask; TI states no figure."""
+    """Delay from a start to the first mask of the simulated DLPC900; TI states no figure."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
-    """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
+    """The kernel driver whose time stamps the simulated camera imitates, also a GenICam one; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""
     camera_clock_ppm: Annotated[float, Field(gt=-1e6, lt=1e6)] = 0.0
-    """By how much longer a second of the simulated V4L2 camera is than a true one, parts per million."""
+    """By how much a second of the simulated V4L2 camera is longer than a true one, parts per million."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""
     camera_readout_s: Delay | None = None
-    """How long the simulated camera truly reads out; without it, 10 us per row."""
+    """True readout time of the simulated camera; without it, 10 us per row."""
     panel_response_s: Delay = 0.0
     """Time constant with which the pixels of a simulated LCoS panel follow their mask."""
     grbl_board: Literal["plain", "uno", "native"] = "plain"
-    """What opening its port does to the simulated GRBL controller: nothing, a reset, or answers only while DTR is
-    high."""
+    """How the simulated GRBL controller reacts to the opening of its port: not at all, by a reset, or by answering only
+    while DTR is high."""
     devices: Literal["ideal", "typical"] = "typical"
-    """Whether what no key of [world] says is as ideal devices are, or as most real ones (docs/idealisations.md)."""
+    """Whether properties without a key in [world] are those of ideal or of typical devices (docs/idealisations.md)."""
     flat_radiance: Positive = 0.5
-    """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
+    """Brightness of the flat field that is used to calibrate masks; 1 is the white of a scene."""
     lamp_drift_per_min: float = 0.0
     """Relative change of all light per minute."""
     always: Literal["", "dark", "flat", "board", "scene"] = ""
-    """What is before the camera whatever `gs2ci calibrate` asks for; "" obeys."""
+    """What stands before the camera whatever `gs2ci calibrate` requests; "" is what it requests."""
     mirrored: bool = False
     """Whether the image of the modulator is mirrored left to right."""
     quarter_turns: Annotated[int, Field(ge=0, le=3)] = 0
@@ -176,7 +176,7 @@ class WorldTable(ConfigTable):
     sensor: TrueSensorTable = TrueSensorTable()
     mechanics: dict[str, MechanicsTable] = Field(default_factory=dict)
     mount: MountOptions | None = None
-    """How the stage truly carries the camera; without it, as [stage.mount] says."""
+    """How the stage truly moves the camera; without it, as [stage.mount] says."""
     faults: tuple[str, ...] = ()
     """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
@@ -196,10 +196,10 @@ class RigTable(ConfigTable):
     calibration: CalibrationOptions = CalibrationOptions()
     world: WorldTable | None = None
     metadata: dict[str, str | int | float | bool] = Field(default_factory=dict)
-    """[metadata]: what the operator wants kept with every shot, under names of their own; `operator`, `sample`,
-    `institution` and `experiment` are what exports look for."""
+    """[metadata]: entries of the operator's choice that are stored with every shot; exports use `operator`, `sample`,
+    `institution` and `experiment`."""
     session: Literal["off", "info", "debug"] = "info"
-    """How much is written into the session log beside the shot file; "debug" has every command and answer."""
+    """How much is written into the session log beside the shot file; "debug" includes every command and answer."""
     trace: bool = False
     """Whether to write every byte that passes the ports beside the shot file."""
 
@@ -211,7 +211,7 @@ class RigTable(ConfigTable):
 
 
 def with_plugins(tables: Mapping[str, Any]) -> type[RigTable]:
-    """Return the model of a rig file whose devices may be other packages' (`gs2ci_drivers.plugin`).
+    """Return the model of a rig file whose devices may come from other packages (`gs2ci_drivers.plugin`).
 
     Raises:
         PluginError: A plug-in that the file names cannot be used.
@@ -226,7 +226,7 @@ def with_plugins(tables: Mapping[str, Any]) -> type[RigTable]:
 
 
 def describes_simulation(tables: Mapping[str, Any]) -> bool:
-    """Return whether a file's tables are those of a simulation alone, without any device: docs/simulation.md."""
+    """Return whether a file describes a simulation only, without devices: docs/simulation.md."""
     keys = tables.keys()
     kinds = [name for name in SHARED if isinstance(tables.get(name), dict) and "kind" in tables[name]]
     return not kinds and not keys & (RigTable.model_fields.keys() - SHARED)
@@ -239,8 +239,8 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         The rig, and the file's text for keeping in shot files.
 
     Raises:
-        InputError: It cannot be read, describes a simulation and no bench, a key is unknown or a value cannot be; or
-            simulated and real devices are mixed, which cannot share one time; or simulated ones have no [world].
+        InputError: It cannot be read; it describes a simulation and no bench; a key is unknown or a value is invalid;
+            simulated and real devices are mixed, which cannot share one clock; or simulated ones have no [world].
     """
     tables, text = read_toml(path)
     if tables.keys() & SIMULATION_ONLY and describes_simulation(tables):
@@ -257,7 +257,7 @@ def rig_from_tables(tables: Mapping[str, Any], path: Path) -> RigTable:
 
     Args:
         tables: The tables.
-        path: The file that they are of, for errors.
+        path: Their file, for error messages.
 
     Raises:
         InputError: A key is unknown or a value cannot be; simulated and real devices are mixed; or simulated ones have

@@ -1,6 +1,6 @@
-"""What is plugged into this computer that a rig could use.
+"""Devices plugged into this computer that a rig could use.
 
-Here: looking, without opening more than it takes to learn a name. Not here: using any of it.
+Here: listing them, opening a device only if its name cannot be read otherwise. Not here: using them.
 """
 
 import usb.core
@@ -16,10 +16,10 @@ from gs2ci_drivers.v4l2.driver import list_cameras
 
 
 def find_devices(port: SysPort | None = None) -> list[tuple[str, str, str]]:
-    """Return kind, port for the rig file, and name of each device that was found.
+    """Return kind, port for the rig file, and name of each device found.
 
     Args:
-        port: The system calls to look for cameras with; None takes this computer's.
+        port: The system calls used to look for cameras; None takes this computer's.
     """
     cameras = [
         ("sensor", path, f"{identity.card} ({identity.driver})")
@@ -31,7 +31,7 @@ def find_devices(port: SysPort | None = None) -> list[tuple[str, str, str]]:
 
 
 def _genicam() -> list[tuple[str, str, str]]:
-    """List the cameras of the GenTL producers that are installed; none without the extra `genicam`."""
+    """List the cameras of the installed GenTL producers; none without the extra `genicam`."""
     port = GenTlPort("sensor")
     try:
         found = port.list_cameras("")

@@ -1,8 +1,8 @@
-"""What may be wrong with a bench: each finding with its remedy.
+"""Examining a bench for problems: each finding with its remedy.
 
-Here: the examination: ports and permissions, who answers, faults, clocks, the trigger loop from modulator to sensor,
-which way the modulator reads its settings and what time stamps mean. The stage is asked and not moved. Not here:
-printing (`gs2ci.commands.doctor`), the devices' own checks.
+Here: the examination of ports and permissions, identities, faults, clocks, the trigger loop from modulator to sensor,
+the modulator's interpretation of its settings, and the meaning of time stamps. The stage is queried and not moved. Not
+here: printing (`gs2ci.commands.doctor`), the devices' own checks.
 """
 
 import os
@@ -37,17 +37,17 @@ Verdict = Literal["ok", "note", "bad"]
 LOOP_MASKS = 8
 LOOP_MASK_S = 0.05
 LARGEST_DRIFT_PPM = 500.0
-"""Two crystals differ by some 100 ppm; more is a wrong clock or a wrong unit."""
+"""Two crystals differ by about 100 ppm; a larger difference means a wrong clock or a wrong unit."""
 VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uaccess"'
 
 
 @dataclass(frozen=True)
 class BenchFinding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Args:
-        what: What was looked at.
-        verdict: How it is.
+        what: What was checked.
+        verdict: The verdict.
         detail: What was found.
         remedy: What to do about it.
     """
@@ -89,12 +89,12 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
     finally:
         devices.close()
     if trigger_loop and answering:
-        # What was found holds for the rest of the examination, whatever the rig file says.
+        # The settings found hold for the rest of the examination, whatever the rig file says.
         yield from _with_settings(rig, found)
 
 
 def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]:
-    """Go on with settings of the modulator that were found."""
+    """Run the remaining checks with the settings of the modulator that were found."""
     if settings:
         modulator = rig.table.modulator.model_copy(update=settings)
         rig = replace(rig, table=rig.table.model_copy(update={"modulator": modulator}))
@@ -115,7 +115,7 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]
 
 
 def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
-    """Find out with which masks the modulator pulses; put the settings that say so into `found`."""
+    """Find out with which masks the modulator pulses; put the matching settings into `found`."""
     info, triggers = devices.modulator.info, devices.sensor.info.triggers
     if TriggerOut.PER_EXPOSURE not in info.trigger_outs or TriggerMode.EDGE not in triggers:
         return
@@ -142,7 +142,7 @@ def _gated(rig: Rig, devices: Devices) -> bool:
 
 
 def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
-    """Find out whether a gated sensor exposes while masks are on show; put the polarity that is right into `found`."""
+    """Find out whether a gated sensor exposes while masks are shown; put the correct polarity into `found`."""
     modulator = rig.table.modulator
     try:
         gate = check_gate(devices, _config(rig))
@@ -162,7 +162,7 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
 
 
 def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
-    """Find out what the sensor's time stamps are the time of."""
+    """Find out which event the sensor's time stamps mark."""
     gated = _gated(rig, devices)
     out = TriggerOut.GATE_PER_MASK if gated else TriggerOut.PER_MASK
     mode = TriggerMode.LEVEL if gated else TriggerMode.EDGE
@@ -221,9 +221,9 @@ def _permissions(rig: Rig) -> Iterator[BenchFinding]:
 
 
 def tty_rule(port: str) -> str:
-    """Return the udev rule for one serial device: by its USB identity where it has one, else by its name.
+    """Return the udev rule for one serial device: by its USB identity if it has one, otherwise by its name.
 
-    Never for all of them: a rule for every tty would hand out consoles, modems and other people's machines.
+    The rule is never for all of them: that would give access to consoles, modems and other people's devices.
     """
     node = os.path.realpath(port)
     access = 'MODE="0660", GROUP="dialout", TAG+="uaccess"'
@@ -236,7 +236,7 @@ def tty_rule(port: str) -> str:
 
 
 def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions) -> tuple[int, int] | None:
-    """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
+    """Return vendor and product of a modulator with a USB port; None for one behind a tty."""
     if isinstance(modulator, Dlpc900Options):
         return packets.VENDOR_ID, packets.PRODUCT_ID
     return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
@@ -260,7 +260,7 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
 
 
 def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
-    """Say which GenTL producer speaks for the camera; makers' producers bring their own udev rules."""
+    """Return the finding about the camera's GenTL producer; makers' producers install their own udev rules."""
     if sensor.port == SIMULATED:
         return
     what = "GenTL producer"
@@ -332,14 +332,14 @@ def _stage(devices: Devices) -> Iterator[BenchFinding]:
 
 
 def _loop_masks(info: ModulatorInfo) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
-    """Return masks that are easily uploaded: open and closed in turn."""
+    """Return masks that upload quickly: open and closed in turn."""
     masks = np.zeros((LOOP_MASKS, info.height, info.width), np.uint8)
     masks[::2] = 1
     return masks
 
 
 def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
-    """Show masks with one trigger each and count what comes back."""
+    """Show masks with one trigger each and count the frames."""
     info = devices.modulator.info
     mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
     settings = CaptureSettings(

@@ -1,7 +1,7 @@
-"""What a simulated bench would simulate in an exposure of its [capture], from the rig file alone: nothing is opened.
+"""The effects that a simulated bench would simulate in an exposure of its [capture], from the rig file alone.
 
-Here: the exposure as the file lays it out, and the plan of its light. Not here: taking it (`recording`), which opens
-the devices and learns what they make of it; the reckoning (`gs2ci_sims.planner`).
+Here: the exposure as the file lays it out, and the plan of its light; nothing is opened. Not here: taking it
+(`recording`), which opens the devices and uses the settings in force; the computation (`gs2ci_sims.planner`).
 """
 
 from typing import Final
@@ -16,15 +16,15 @@ from gs2ci_sims.simulation_plan import Plan
 from gs2ci_sims.world import Exposure, MaskInterval
 
 DEFAULT_BITS: Final = 10
-"""Of the first format that the camera's twin offers."""
+"""Bits of the first format that the camera's twin offers."""
 
 
 def foreseen_plan(rig: Rig, tolerance_dn: float | None = None) -> Plan:
-    """Plan the light of the first exposure that a rig file's [capture] asks for.
+    """Plan the light of the first exposure of a rig file's [capture].
 
     Args:
         rig: A rig of simulated devices.
-        tolerance_dn: In total, DN rms; None takes the file's `tolerance_dn` in [world].
+        tolerance_dn: Tolerance in total, DN rms; None takes the file's `tolerance_dn` in [world].
 
     Raises:
         InputError: The devices are real, or the masks do not fit on the modulator.
@@ -40,7 +40,7 @@ def foreseen_plan(rig: Rig, tolerance_dn: float | None = None) -> Plan:
         world = table.world.model_copy(update={"tolerance_dn": tolerance_dn})
         table = table.model_copy(update={"world": world})
     bench = build_bench(table)
-    assert bench.light is not None  # no other light was given
+    assert bench.light is not None  # a bench that is built without another light renders its scene
     return bench.light.foresee(_exposure(Rig(table, rig.text, rig.folder, bench), bench))
 
 

@@ -1,4 +1,4 @@
-"""What a rig file wants captured, in the drivers' terms: mask codes, capture settings, the sensor's set-up.
+"""The capture that a rig file requests, in the drivers' terms: mask codes, capture settings, the sensor's set-up.
 
 Not here: planning and taking it (`recording`), calibrating for it (`calibrating`).
 """
@@ -16,7 +16,7 @@ from gs2ci_drivers.sensor import SensorConfig
 
 
 def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorConfig]:
-    """Connect and return what a rig file wants captured: mask codes [N, H, W], the capture, the sensor's set-up.
+    """Connect, and return a rig file's requested capture: mask codes [N, H, W], the settings, the sensor's set-up.
 
     Raises:
         DriverError: A device does not answer.
@@ -43,7 +43,7 @@ def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorCo
 
 
 def _optics(rig: Rig) -> KnownOptics:
-    """Return what is known of lens and scene; of a rendered scene it is known without being told."""
+    """Return what is known about lens and scene; for a rendered scene it is taken from the scene."""
     optics = rig.table.optics
     known = KnownOptics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
     light = rig.bench.light if rig.bench else None

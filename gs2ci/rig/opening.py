@@ -1,7 +1,7 @@
 """From a rig file to open devices: the only file that chooses between a device and its twin.
 
-Here: drivers on real ports or on twins, and wire traces round either. Not here: what the twins stand in
-(`gs2ci.rig.simulated`), what a rig file may say (`config`).
+Here: drivers on real ports or on twins, and wire traces around either. Not here: the world of the twins
+(`gs2ci.rig.simulated`), the contents of a rig file (`config`).
 """
 
 from collections.abc import Callable, Iterator
@@ -54,7 +54,7 @@ class Rig:
     """A rig, not open yet.
 
     Args:
-        table: What its file says.
+        table: The contents of its file.
         text: The file, word for word.
         folder: Where the file lies.
         bench: The simulated surroundings, or None for a real bench. They outlive the devices' sessions.
@@ -71,7 +71,7 @@ class Rig:
         return self.bench.world.clock if self.bench else WallClock()
 
     def set_shots(self, shots: int) -> None:
-        """Take another number of shots than the file says.
+        """Set the number of shots, instead of the file's.
 
         Raises:
             InputError: Not 1 or more.
@@ -117,7 +117,7 @@ class Rig:
         return ScpiModulator("modulator", line, clock, table)
 
     def _plugged(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
-        """Open another package's device; None for one of ours."""
+        """Open a device of another package; None for a built-in one."""
         plugin = driver_plugin(DEVICE_GROUPS[device], table.kind)
         if plugin is None:
             return None
@@ -162,7 +162,7 @@ class Rig:
     def _line(self, device: str, path: str, baud: int, traces: "_Traces") -> BytePort:
         if self.bench is not None:
             twin = self.bench.stage if device == "stage" else self.bench.modulator
-            assert twin is not None  # a table without a twin cannot be: both are made from it
+            assert twin is not None  # the bench makes a twin for every such table
             line: BytePort = _opened(device, twin.open)  # type: ignore[assignment]
         else:
             line = SerialLine(device, path, baud)
@@ -178,14 +178,14 @@ def load_rig(path: Path) -> Rig:
     table, text = read_rig(path)
     if not table.simulated:
         return Rig(table, text, path.parent)
-    # A real bench does without the simulator.
+    # Imported here because a real bench does not need the simulator.
     from gs2ci.rig.simulated import build_bench  # noqa: PLC0415
 
     return Rig(table, text, path.parent, build_bench(table))
 
 
 def _bus_port(port: str) -> str:
-    """Return where a USB device is plugged in: what follows "usb:"."""
+    """Return the bus address of a USB device: the part after "usb:"."""
     return port.removeprefix("usb").removeprefix(":")
 
 
@@ -195,7 +195,7 @@ def _opened(device: str, action: Callable[[], T]) -> T:
 
 
 class _Traces:
-    """Wire traces round ports, where they are wanted."""
+    """Wire traces around ports, if they are requested."""
 
     def __init__(self, stem: Path | None, clock: Clock, session: SessionLog | None) -> None:
         self._stem = stem

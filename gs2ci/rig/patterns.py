@@ -1,7 +1,7 @@
 """Mask codes and where they lie on the modulator.
 
 Here: drawing or reading codes at the sensor's resolution, and laying them out on the modulator's own pixels. Not here:
-measuring what the sensor really sees of them (`gs2ci_calibration`).
+measuring the masks as the sensor sees them (`gs2ci_calibration`).
 """
 
 from pathlib import Path
@@ -71,7 +71,7 @@ def origin(table: RegistrationTable, size: tuple[int, int], modulator: tuple[int
 
 
 def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int]) -> U8 | U16:
-    """Lay codes out on the modulator's pixels; what the sensor does not see stays closed.
+    """Lay codes out on the modulator's pixels; pixels that the sensor does not see stay closed.
 
     Args:
         codes: [N, H, W].
@@ -79,7 +79,7 @@ def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int
         modulator: The modulator's height and width.
 
     Returns:
-        [N, Hm, Wm], uint8 where the levels fit.
+        [N, Hm, Wm], uint8 if the levels fit.
 
     Raises:
         InputError: The masks do not fit on the modulator.

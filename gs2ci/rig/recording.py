@@ -1,7 +1,7 @@
-"""From what a rig takes to a shot file, row by row.
+"""Recording a rig's shots into a shot file, row by row.
 
 Here: the capture of a rig file from the plan to the finished file, the file's header, the rows. Not here: the file's
-layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the order of things on the bench
+layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the order of steps on the bench
 (`gs2ci_drivers.acquisition`).
 """
 
@@ -38,22 +38,22 @@ if TYPE_CHECKING:
     from gs2ci_sims.world import Exposure
 
 GUESSED_OPEN_SHARE: Final = 0.5
-"""Without any word on the light, the range is taken to be filled by half of the masks being open."""
+"""Without any figure of the light, it is assumed that a pixel with this share of the masks open fills the range."""
 
 FORGOTTEN_S: Final = 30.0
-"""What happened longer ago in a simulated world is of no further use to a continuous capture."""
+"""A continuous capture deletes the history of the simulated world that is older than this."""
 FULL_WELL_SHARE: Final = 0.998
-"""Readings of a full well from here on count as clipped: their noise carries some of them below its end."""
+"""Readings from this share of the full well on count as clipped: noise puts some clipped pixels below its end."""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A capture that is planned and not begun.
+    """A capture that is planned and not yet started.
 
     Args:
         plan: The plan, which may break limits.
         codes: Mask levels at the sensor's pixels, [N, H, W].
-        calibrated: The bench as it was measured, or None: then masks are as drawn.
+        calibrated: The measured bench, or None: then the masks are assumed to be as drawn.
     """
 
     plan: CapturePlan
@@ -80,11 +80,11 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
     Args:
         rig: The rig.
         devices: Its open devices.
-        calibrated: What was measured of the bench, from `gs2ci.rig.calibrated.load`.
+        calibrated: The measured bench, from `gs2ci.rig.calibrated.load`.
 
     Raises:
         DriverError: A device does not answer or refuses its set-up.
-        UnsupportedError: The sensor takes another size than was requested.
+        UnsupportedError: The sensor set a frame size other than the requested one.
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
@@ -104,7 +104,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
 
 
 def _timed(settings: CaptureSettings, calibrated: Calibrated | None) -> CaptureSettings:
-    """Put the trigger's measured times in; a gated sensor's exposure begins and ends by other edges."""
+    """Insert the trigger's measured times, except for a gated sensor, whose exposure is timed by other edges."""
     if calibrated is None or calibrated.late_s is None or settings.trigger_mode is not TriggerMode.EDGE:
         return settings
     longer_s = calibrated.longer_s
@@ -128,11 +128,11 @@ def record(
         rig: The rig.
         devices: Its open devices.
         prepared: From `prepare`.
-        out: The shot file; while it grows it is `<out>.partial`.
+        out: The shot file; while it is written it is `<out>.partial`.
         replace: Whether a finished file of that name may be replaced.
         progress: Receives upload and shots.
-        saved: Is told where the rows are when the capture ends early with some; never of another capture's file.
-        session: The log beside it, which is begun and closed here; one of its own, as the rig file says, if None.
+        saved: Called with the file of the rows if the capture ends early with some; never with another capture's file.
+        session: The log beside it, begun and closed here; None makes one by the rig file.
 
     Returns:
         The shot file.
@@ -170,7 +170,7 @@ def record(
     except BaseException:
         if writer.rows_written:
             saved(writer.partial)
-        else:  # nothing was taken, so there is nothing to recover and nothing in the way
+        else:  # no shot was taken, so there is nothing to recover, and no file is left in the way
             writer.partial.unlink(missing_ok=True)
         raise
     finally:
@@ -180,7 +180,7 @@ def record(
 def _take_continuously(
     rig: Rig, devices: Devices, plan: CapturePlan, recorder: "_Recorder", progress: Progress
 ) -> None:
-    """Take shots as fast as they come and write them beside; a simulated world discards what is no longer needed."""
+    """Take shots as fast as they come and write them in parallel; a simulated world deletes history meanwhile."""
     with WritingRing(recorder.take, rig.table.capture.ring) as ring:
 
         def keep(taken: Taken) -> None:
@@ -197,7 +197,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
     picture = devices.sensor.settings.format
     stage = devices.stage
     light = rig.bench.light if rig.bench else None
-    # In a continuous capture rows are written while the simulated world goes on, which is not asked then.
+    # In a continuous capture rows are written while the simulated world goes on: the truth cannot be read then.
     truth = light is not None and plan.settings.mode is not Mode.PER_MASK and not plan.settings.continuous
     cfa: Any = picture.cfa
     masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
@@ -225,7 +225,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
 
 
 def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: CapturePlan) -> CaptureHeader:
-    """Put what was measured in the place of what the rig file says; what was not measured stays."""
+    """Replace the rig file's values by measured ones; values that were not measured stay."""
     arrays = calibrated.arrays(plan.exposure_s, mosaic=header.cfa is not None)
     found = replace(header, masks=calibrated.masks, saturated_map=True, calibration=arrays)
     if calibrated.weights is not None and plan.settings.mode is not Mode.PER_MASK:
@@ -240,7 +240,7 @@ def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: Captu
 
 
 def _scale_dn(table: RigTable, plan: CapturePlan, top: int) -> tuple[float, str]:
-    """Return the reading of one fully open view at full scale, and where the number is from."""
+    """Return the reading of one fully open view at full scale, and the source of the number."""
     optics, sensor = table.optics, table.sensor
     if optics.full_scale_dn:
         return optics.full_scale_dn, "full_scale_dn in [optics]"
@@ -265,7 +265,7 @@ def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
 
 
 def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:
-    """Return how the stage carries the camera, where it moves during the exposures."""
+    """Return how the stage moves the camera, if it moves during the exposures."""
     plan = prepared.plan
     if plan.sweep is None:
         return None
@@ -287,7 +287,7 @@ class _Recorder:
         self._epoch_ns = time_ns() - round(devices.clock.now_s() * 1e9)
 
     def note_plan(self) -> None:
-        """Write who took it and what was planned."""
+        """Write the origin of the capture and its plan."""
         modulator, sensor, stage = self._devices.modulator.info, self._devices.sensor.info, self._devices.stage
         self._writer.event(
             "devices",
@@ -304,11 +304,11 @@ class _Recorder:
         self._log.note("plan", scale=scale, figures=figures)
 
     def note_ring(self, ring: WritingRing) -> None:
-        """Write how full the ring was, and how often the disk was waited for."""
+        """Write how full the ring became, and how often the capture waited for the disk."""
         self._writer.event("ring", size=ring.size, fullest=ring.fullest, waits=ring.waits, waited_s=ring.waited_s)
 
     def note_failure(self, error: Exception) -> None:
-        """Write why the capture ended; the rows before it stay. On a full disk that error is told, not this one."""
+        """Write why the capture ended; earlier rows stay. On a full disk the error of the disk is the one reported."""
         notes = [str(note) for note in getattr(error, "__notes__", [])]
         self._log.note("failed", error=type(error).__name__, message=str(error), notes=notes)
         with suppress(StorageError):
@@ -370,7 +370,7 @@ class _Recorder:
         return self._carriage.world_to_camera(taken.stage_mm, tuple(stage.info.axes))
 
     def _truth(self, frame: Frame) -> Truth | None:
-        """Return what was really there, on a simulated bench."""
+        """Return the true views, on a simulated bench."""
         bench = self._rig.bench
         settings = self._prepared.plan.settings
         if bench is None or settings.mode is Mode.PER_MASK or settings.continuous:
@@ -384,7 +384,7 @@ class _Recorder:
         return Truth(views=views, world_to_camera=poses, depth=light.true_depth(exposure))
 
     def _exposure_of(self, bench: "SimulatedBench", frame: Frame) -> "Exposure | None":
-        """Return the exposure that a frame came from: the one that began when its stamp says."""
+        """Return the exposure that a frame came from: the one that began at the time of its stamp."""
         readout_s = self._devices.sensor.settings.readout_s
         began_s = frame.began_s(self._prepared.plan.exposure_s, readout_s)
         return min(bench.world.exposures, key=lambda exposure: abs(exposure.start_s - began_s), default=None)

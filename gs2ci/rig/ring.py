@@ -1,8 +1,8 @@
 """A ring buffer of shots between acquisition and the disk.
 
-Shots are written by a thread of their own while the next ones are exposed. Where the disk is slower, they wait; where
-as many wait as the ring holds, whoever takes them waits too (back-pressure), and what the sensor's own buffers cannot
-hold meanwhile is lost there and named by its numbers. Memory never holds more than the ring.
+A thread of its own writes shots while the next ones are exposed. If the disk is slower, shots wait in the ring; if the
+ring is full, the acquisition waits too (back-pressure), and frames that the sensor's own buffers cannot hold meanwhile
+are lost there and named by their numbers. Memory never holds more shots than the ring.
 
 Here: `WritingRing`. Not here: what is written (`recording`), lost frames (`gs2ci_drivers.acquisition`).
 """
@@ -19,16 +19,16 @@ from gs2ci_drivers.acquisition import Taken
 
 
 class WritingRing:
-    """Hands shots to a sink in a thread of its own, in order.
+    """Passes shots to a sink in a thread of its own, in order.
 
-    Use as a context manager: leaving it waits until all is written, and raises what the sink raised.
+    Use it as a context manager: its end waits until all shots are written, and raises an error of the sink.
 
     Args:
         sink: Writes one shot.
         size: How many may wait.
 
     Raises:
-        InputError: No size.
+        InputError: The size is below 1.
     """
 
     def __init__(self, sink: Callable[[Taken], None], size: int) -> None:
@@ -36,21 +36,21 @@ class WritingRing:
             raise InputError(f"a ring of {size}", allowed="1 or more", remedy="set `ring` in [capture]")
         self.size = size
         self.fullest = 0
-        """The most that ever waited."""
+        """The largest number of shots that waited."""
         self.waits = 0
-        """How often there was no room."""
+        """How often the ring was full."""
         self.waited_s = 0.0
-        """How long, together."""
+        """How long the acquisition waited in total."""
         self._sink = sink
         self._queue: Queue[Taken | None] = Queue(size)
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._write, name="writing ring", daemon=True)
 
     def put(self, taken: Taken) -> None:
-        """Hand a shot on; waits while the ring is full.
+        """Queue a shot; waits while the ring is full.
 
         Raises:
-            BaseException: What the sink raised on an earlier shot; this one is not written.
+            BaseException: The sink's error on an earlier shot; this one is not written.
         """
         self._raise()
         if self._queue.full():
@@ -79,7 +79,7 @@ class WritingRing:
             raise self._error
 
     def _write(self) -> None:
-        """Write what comes; after an error, discard what comes, so that no producer blocks for ever."""
+        """Write the queued shots; after an error, discard them, so that no producer blocks for ever."""
         while (taken := self._queue.get()) is not None:
             if self._error is None:
                 try:

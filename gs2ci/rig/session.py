@@ -1,8 +1,8 @@
-"""The log of a capture, beside its shot file: who took it, when, on what, how warm it was, and what happened.
+"""The log of a capture, beside its shot file: operator, time, devices, temperatures and events.
 
 `<shot file>.session.jsonl` holds JSON lines, each with the time (UTC), a level and an event. At level "debug" every
-command and answer on every port is a line, too; of long blocks (patterns, pixels) the length and a checksum. The file
-appears when the capture begins and is written line by line, so that it tells of a capture that failed.
+command and answer on every port is a line, too; long blocks (patterns, pixels) appear as length and checksum. The file
+is created when the capture begins and written line by line, so that it also documents a capture that failed.
 
 Here: the file. Not here: the shot file's own events (`gs2ci.core.storage`), traces that can be played back
 (`gs2ci_drivers.trace`).
@@ -30,17 +30,17 @@ from gs2ci_drivers.trace import Call, CallLog
 SCHEMA: Final = "gs2ci.session/1"
 SUFFIX: Final = ".session.jsonl"
 Level = Literal["off", "info", "debug"]
-"""How much a session log says: nothing, what happened, or every command and answer as well."""
+"""Contents of a session log: nothing, the events, or every command and answer as well."""
 _SHOWN_BYTES: Final = 64
-"""A command of any of our devices is shorter; blocks that are longer are patterns and pixels."""
+"""Commands of all supported devices are shorter; longer blocks are patterns and pixels."""
 
 
 class SessionLog:
     """The log of one capture.
 
     Args:
-        shot: The shot file beside which it lies.
-        level: How much it says.
+        shot: The shot file beside which the log lies.
+        level: How much it contains.
     """
 
     def __init__(self, shot: Path, level: Level) -> None:
@@ -52,7 +52,7 @@ class SessionLog:
         self._broken = False
 
     def begin(self, **figures: Any) -> None:
-        """Open the file, and write who begins, what happened before, and these figures.
+        """Open the file; write who starts the capture, the events noted before, and these figures.
 
         Raises:
             StorageError: The file cannot be written.
@@ -72,12 +72,12 @@ class SessionLog:
             self._put(line)
 
     def note(self, event: str, **figures: Any) -> None:
-        """Write what happened."""
+        """Write an event."""
         if self.level != "off":
             self._put(_line("info", event, figures))
 
     def wire(self, device: str, clock: Clock) -> "CallLog | None":
-        """Return what writes down a device's traffic; None below level "debug"."""
+        """Return the recorder of a device's traffic; None below level "debug"."""
         return _Traffic(self, device, clock) if self.level == "debug" else None
 
     def close(self) -> None:
@@ -87,7 +87,7 @@ class SessionLog:
                 self._file.close()
 
     def debug(self, event: str, **figures: Any) -> None:
-        """Write what passed, where that is wanted."""
+        """Write a call on a port, at level "debug"."""
         if self.level == "debug":
             self._put(_line("debug", event, figures))
 
@@ -97,7 +97,7 @@ class SessionLog:
         elif not (self._broken or self._file.closed):
             try:
                 self._file.write(line)
-            except OSError:  # a full disk ends the log; whether it ends the capture, the shot file says
+            except OSError:  # a full disk ends the log; writing the shot file decides whether it ends the capture
                 self._broken = True
 
 
@@ -121,18 +121,18 @@ class _Traffic(CallLog):
         self.log.debug("call", device=self.device, op=call.op, clock_s=round(call.t_s, 9), **kept)
 
     def close(self) -> None:
-        """Do nothing: the log goes on without the device."""
+        """Do nothing: the log outlives the device."""
 
 
 def note_devices(log: SessionLog, devices: Devices) -> None:
-    """Write what each device is, and how warm where it tells."""
+    """Write each device's identity, and its temperatures if it reports any."""
     for kind, info in _infos(devices):
         log.note("device", device=kind, **info)
     note_temperatures(log, devices)
 
 
 def note_temperatures(log: SessionLog, devices: Devices) -> None:
-    """Write the temperatures of those devices that tell them; one that does not answer costs no capture."""
+    """Write the temperatures that devices report; a device that does not answer does not end the capture."""
     if log.level == "off":
         return
     for device in (devices.modulator, devices.sensor, devices.stage):
@@ -180,5 +180,5 @@ def _line(level: str, event: str, figures: dict[str, Any]) -> str:
 
 
 def _shown(data: bytes) -> str:
-    """Write a block as hexadecimal digits, a long one by its length and checksum."""
+    """Return a block as hexadecimal digits, a long one as length and checksum."""
     return data.hex() if len(data) <= _SHOWN_BYTES else f"{len(data)} bytes, crc32 {zlib.crc32(data):08x}"

@@ -1,7 +1,7 @@
 """The simulated surroundings of a rig: one world, and one twin per device.
 
-Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`), who sets things up in that
-world (`simulated_operator`).
+Here: building them from the rig file. Not here: the choice between twin and device (`gs2ci.rig.opening`), the operator
+of that world (`simulated_operator`).
 """
 
 import re
@@ -66,7 +66,7 @@ class SimulatedBench:
         modulator: The modulator's twin.
         sensor: The camera's and its kernel's twin.
         stage: The stage's twin, or None.
-        faults: What each twin was told to suffer.
+        faults: The faults to be injected into each twin.
     """
 
     world: World
@@ -77,18 +77,18 @@ class SimulatedBench:
 
     @property
     def light(self) -> "BenchLight | None":
-        """Get what exposes the scene of [world], or None where a test put another light in."""
+        """Get the light that exposes the scene of [world], or None if a test uses another light."""
         return _rendering(self.world.light)
 
     def forget_before(self, when_s: float) -> None:
-        """Forget what happened before, so that a long run takes no more memory than a short one."""
+        """Delete the history before a time, so that a long run takes no more memory than a short one."""
         for index in self.world.forget_before(when_s):
             if self.light is not None:
                 self.light.plans.pop(index, None)
 
 
 def _rendering(light: LightPath) -> "BenchLight | None":
-    """Return a light that renders a scene; None for any other. Nothing is imported for the answer."""
+    """Return the light if it renders a scene, otherwise None; the check imports no module of the renderer."""
     module = sys.modules.get("gs2ci_sims.bench_light")
     return light if module is not None and isinstance(light, module.BenchLight) else None
 
@@ -97,7 +97,7 @@ def modulator_size(rig: RigTable) -> tuple[int, int]:
     """Return rows and columns of the simulated modulator.
 
     Raises:
-        InputError: It is another package's, which does not say.
+        InputError: It comes from another package, which does not state its size.
     """
     plugin = driver_plugin("gs2ci.modulators", rig.modulator.kind)
     if plugin is None:
@@ -112,7 +112,7 @@ def _not_simulated(kind: str) -> InputError:
 
 
 def _plugged_twin(group: str, table: Any, world: World) -> Any:
-    """Make the twin of another package's device; None for one of ours."""
+    """Make the twin of another package's device; None for a built-in device."""
     plugin = None if table is None else driver_plugin(group, table.kind)
     if plugin is None:
         return None
@@ -122,7 +122,7 @@ def _plugged_twin(group: str, table: Any, world: World) -> Any:
 
 
 def with_typical_devices(rig: RigTable) -> RigTable:
-    """Return a rig in whose [world] stands what typical devices do, if it asks for such; its own keys go before."""
+    """Return the rig with typical devices' figures in its [world], if requested; its own keys take precedence."""
     world = rig.world
     if world is None or world.devices == "ideal":
         return rig
@@ -142,10 +142,10 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
 
     Args:
         rig: A rig of simulated devices.
-        light: What turns exposures into pixels; None renders the scene of [world].
+        light: Turns exposures into pixels; None renders the scene of [world].
 
     Raises:
-        InputError: The scene, the masks' place or a fault's name cannot be.
+        InputError: The scene, the masks' place or a fault's name is invalid.
     """
     rig = with_typical_devices(rig)
     table = rig.world or WorldTable()
@@ -179,7 +179,7 @@ def _scene(table: WorldTable) -> "Scene":
 
 
 def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLight":
-    # Scenes need torch, which a bench with another light does without.
+    # Imported here because scenes need torch, and a bench with another light does not.
     from gs2ci_sims.bench_light import BenchLight  # noqa: PLC0415
     from gs2ci_sims.radiance import Renderer  # noqa: PLC0415
     from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415
@@ -202,7 +202,7 @@ def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLi
 
 
 def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
-    """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
+    """Return where the modulator's image truly lies; misregistration among the effects displaces it further."""
     row, column = origin(rig.registration, size, modulator_size(rig))
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
     return MaskAlignment(
@@ -219,7 +219,7 @@ def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effec
 
 
 def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
-    """Return the sensor's true figures: those of the rig file where [world.sensor] says nothing else."""
+    """Return the sensor's true figures: those of the rig file unless [world.sensor] states others."""
     default, true = Sensor(), table.sensor
     black = rig.sensor.black_level_dn if true.black_level_dn is None else true.black_level_dn
     return Sensor(
@@ -232,7 +232,7 @@ def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
 
 
 def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
-    """Hang the camera so that it has the scene's suggested pose in the middle of the travel."""
+    """Mount the camera so that it has the scene's suggested pose in the middle of the travel."""
     directions = Mount().directions
     mount = table.mount or (rig.stage.mount if rig.stage is not None else None)
     if mount is not None:
@@ -248,7 +248,7 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
 
 
 def _rest_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
-    """Return where each axis truly is in the rest pose: counted in the middle of its travel, else where it starts."""
+    """Return each axis's true position in the rest pose: counted in the middle of its travel, else at its start."""
     capture = rig.capture
     rest = _start_mm(rig, table) | ({capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {})
     for axis, told in table.mechanics.items():

@@ -1,4 +1,4 @@
-"""The operator of a simulated bench: does what calibration asks to be done by hand.
+"""The operator of a simulated bench: carries out the manual steps that calibration requests.
 
 Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), the world (`simulated`).
 """
@@ -15,9 +15,9 @@ class SimulatedOperator:
     """Puts things before the camera of a simulated bench.
 
     Args:
-        bench: Whose world.
+        bench: The bench whose world is arranged.
         table: The rig's [world].
-        board: The board that it has at hand.
+        board: The available calibration board.
     """
 
     def __init__(self, bench: SimulatedBench, table: WorldTable, board: BoardSpec) -> None:
@@ -32,7 +32,7 @@ class SimulatedOperator:
         )
 
     def please(self, setup: Arrangement, index: int) -> None:
-        """Set up what is requested, or what [world] `always` says instead."""
+        """Set up the requested arrangement, or the one of `always` in [world] instead."""
         match Arrangement(self._table.always or setup):
             case Arrangement.DARK:
                 self._light.look_at_nothing()

@@ -1,7 +1,7 @@
-"""Camera poses from what the stage reports: by the calibration where it measured the axes, else as the rig file says.
+"""Camera poses from reported stage positions: by the calibration if it measured the axes, otherwise by the rig file.
 
-Here: how a capture's stage carries the camera, and the poses of a row. Not here: measuring it (the step `stage`,
-`gs2ci_calibration.geometry`), where the stage is at each mask (`gs2ci_drivers.acquisition`).
+Here: how a capture's stage moves the camera, and the poses of a row. Not here: measuring it (the step `stage`,
+`gs2ci_calibration.geometry`), the stage's position at each mask (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Mapping
@@ -18,16 +18,17 @@ from gs2ci_drivers.plan import Travel
 
 @dataclass(frozen=True)
 class Carriage:
-    """How the stage carries the camera in a capture that moves it.
+    """How the stage moves the camera in a capture.
 
     Args:
-        travel: Of the capture.
+        travel: The travel of the capture.
         per_mm: The camera's motion per counted mm of each axis at rest, in its own frame (x right, y down, z ahead),
             in the unit of the poses, [3].
         swept_per_mm: The same of the swept axis while it moves.
-        ahead_mm: How far ahead of where it is counted the swept axis is while it moves, counted mm: by the time that
-            it takes to ask it, less the half of its play by which it lies behind the mean of both sides.
-        told: Where these are from, for the shot's provenance.
+        ahead_mm: True minus counted position of the swept axis while it moves, counted mm: the distance travelled
+            during the delay of a position query, less half the backlash, by which it lags behind the mean of both
+            directions.
+        told: The source of these figures, for the shot's provenance.
     """
 
     travel: Travel
@@ -51,7 +52,7 @@ class Carriage:
             if not swept:
                 poses[:, :3, 3] -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
                 continue
-            # The stage was asked where it is as the travel began; from there on its speed counts.
+            # The position was read when the travel began; from there on positions follow from the speed.
             begin_mm = self.travel.from_mm
             poses[:, :3, 3] -= (begin_mm - rest_mm + self.ahead_mm) * per_mm
             poses[:, :3, 3] -= (stage_mm[:, column] - begin_mm)[:, None] * self.swept_per_mm
@@ -61,15 +62,15 @@ class Carriage:
 def carriage_of(
     table: RigTable, travel: Travel | None, calibrated: Calibrated | None, speed_mm_s: float = 0.0
 ) -> Carriage | None:
-    """Return how the stage carries the camera, or None where nothing moves or nothing tells where to.
+    """Return how the stage moves the camera, or None if it is at rest or the direction of the motion is unknown.
 
-    An axis that the calibration measured is taken from it, another from [stage.mount]; the swept axis must be known.
+    An axis that the calibration measured is taken from it, others from [stage.mount]; the swept axis must be known.
 
     Args:
         table: The rig file.
-        travel: Of the capture, None where the camera rests.
+        travel: The travel of the capture, None if the camera is at rest.
         calibrated: The bundle, None without one.
-        speed_mm_s: Of the sweep, counted: what comes of times that were measured grows with it.
+        speed_mm_s: Counted speed of the sweep: corrections by measured times are proportional to it.
     """
     if table.stage is None or travel is None:
         return None
@@ -81,7 +82,7 @@ def carriage_of(
     if travel.axis not in per_mm:
         return None
     swept = measured.get(travel.axis)
-    # Counted positions in a sweep are the commanded speed times the time: the true speed's error scales them.
+    # Counted positions in a sweep are commanded speed times time: the error of the true speed scales them.
     swept_per_mm = per_mm[travel.axis] * (1.0 if swept is None else 1.0 + swept.speed_error)
     told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
@@ -96,10 +97,10 @@ def carriage_of(
 def _ahead_of_count(
     swept: MeasuredAxis, calibrated: Calibrated, travel: Travel, speed_mm_s: float
 ) -> tuple[float, float]:
-    """Return how far ahead of where it is counted an axis is during a sweep, and its standard error, counted mm.
+    """Return true minus counted position of an axis during a sweep, and its standard error, in counted mm.
 
-    The error is that of all poses of a shot together: of the times and the play that were measured, of how well a
-    sweep comes back, and of where in it a speed that is not as counted was compared.
+    The error is common to all poses of a shot. It combines the errors of the measured times and of the backlash, the
+    repeatability of a sweep, and the speed error times half the travel.
     """
     way = 1.0 if travel.to_mm > travel.from_mm else -1.0
     lag_s, lag_error_s = swept.sweep_lag_s or (0.0, 0.0)

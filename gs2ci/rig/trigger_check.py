@@ -1,11 +1,11 @@
-"""The trigger line by experiment: which masks pulse, what the sensor makes of it, and what its time stamps mean.
+"""Tests of the trigger line: which masks send pulses, how the sensor reacts, and what its time stamps mean.
 
-A short sequence is shown twice, once with only its first mask open and once with all others: how many frames come says
-how the modulator reads its settings, and their light says with which mask each began. Then frames of two lengths of
-exposure say what a time stamp is the time of.
+A short sequence is shown twice, once with only its first mask open and once with all the others: the number of frames
+shows how the modulator interprets its settings, and their brightness shows with which mask each frame began. Then
+frames of two exposure times show which event a time stamp marks.
 
-Here: the experiments and what they say. Not here: words and remedies (`doctor`), what a count of pulses means for a
-modulator (`Modulator.judge_pulses`). Nothing here needs a plan: plans are refused until these are known.
+Here: the experiments and their evaluation. Not here: messages and remedies (`doctor`), the meaning of a pulse count for
+a modulator (`Modulator.judge_pulses`). No capture plan is needed: plans are refused until these results are known.
 """
 
 from collections.abc import Sequence
@@ -24,34 +24,34 @@ from gs2ci_drivers.steps import Steps
 
 MASKS: Final = 4
 PASSES: Final = 3
-"""With 4 masks in 3 passes every reading of a DLPC900's settings gives another number of pulses: 1, 2, 3, 9, 12, 36."""
+"""With 4 masks in 3 passes each interpretation of a DLPC900's settings gives another number: 1, 2, 3, 9, 12, 36 pulses."""
 MASK_S: Final = 0.05
 PAUSE_S: Final = 0.1
-"""Between passes for a gated sensor, at least: a sensor that exposes in them is noticed."""
+"""Shortest pause between passes for a gated sensor, so that exposures during the pauses are noticed."""
 STAMP_MASK_S: Final = 0.25
-"""Long masks for the stamps: what is looked for must stand out of the host's milliseconds."""
+"""Time of a mask in the test of stamps: long, so that the effect is larger than the host's timing errors of some ms."""
 LOOK_S: Final = 0.1
 GLANCE_S: Final = 1e-3
-"""While the host steps the masks it has no time to wait for frames."""
+"""Timeout for a frame while the host steps the masks: it must not wait longer."""
 PATIENCE_S: Final = 1.0
 MOST_FRAMES: Final = 200
 SURE: Final = 5.0
-"""Standard errors by which the light of two looks must differ to say something."""
+"""Number of standard errors by which the brightness of two runs must differ for a conclusion."""
 LEAST_DN: Final = 0.5
 SHORTEST_TOLD_S: Final = 1e-3
-"""A readout shorter than this hides behind the computer's delays: begin and end of a frame are then the same."""
+"""For a readout shorter than this, start and end of a frame cannot be told apart, because of the computer's delays."""
 
 
 @dataclass(frozen=True)
 class TriggerRun:
-    """What one run of a sequence brought.
+    """The frames of one run of a sequence.
 
     Args:
-        frames: The frames that came.
-        lost: How many more had been exposed.
-        fired_s: When the modulator was told to start, on the devices' clock.
-        ended_s: When it had come to rest, at the latest.
-        exposure_s: Of each frame.
+        frames: The frames received.
+        lost: How many more were exposed and lost.
+        fired_s: When the modulator was started, on the devices' clock.
+        ended_s: When it had ended, at the latest.
+        exposure_s: Exposure of each frame.
     """
 
     frames: tuple[Frame, ...]
@@ -67,7 +67,7 @@ class TriggerRun:
 
     @property
     def level_dn(self) -> tuple[float, float]:
-        """Get the mean reading over all pixels and its standard error by the frames' scatter, DN."""
+        """Get the mean reading over all pixels and its standard error from the frames' scatter, DN."""
         means = np.array([frame.pixels.mean(dtype=np.float64) for frame in self.frames])
         noise = max(float(frame.pixels.std(dtype=np.float64)) / frame.pixels.size**0.5 for frame in self.frames)
         scatter = float(means.std(ddof=1)) if len(means) > 1 else 0.0
@@ -76,12 +76,12 @@ class TriggerRun:
 
 @dataclass(frozen=True)
 class PulsesFound:
-    """What the trigger pulses are like.
+    """The result of the test of trigger pulses.
 
     Args:
-        verdict: By their number.
-        by_light: Whether pulses come with the masks that the settings say, as far as light tells: None where too
-            little of it comes through the masks.
+        verdict: The conclusion from their number.
+        by_light: Whether the frames' brightness confirms that conclusion; None if too little light comes through the
+            masks.
     """
 
     verdict: PulseVerdict
@@ -90,12 +90,12 @@ class PulsesFound:
 
 @dataclass(frozen=True)
 class GateFound:
-    """What the gate line is like.
+    """The result of the test of the gate line.
 
     Args:
-        count: Frames that came of `PASSES` passes.
+        count: Number of frames from `PASSES` passes.
         by_time: Whether frames end with the masks, rather than with the pauses between passes; None without frames.
-        by_light: Whether their light is that of the masks; None where too little light comes through them to say.
+        by_light: Whether the frames saw the open masks; None if too little light comes through them to decide.
     """
 
     count: int
@@ -115,12 +115,12 @@ class GateFound:
 
 @dataclass(frozen=True)
 class StampsFound:
-    """What time stamps mean, by measuring.
+    """The measured meaning of time stamps.
 
     Args:
-        meaning: It; None where nothing can be said, for the reason in `why`.
-        assumed: What frames are taken to mean now.
-        why: How that was seen.
+        meaning: The event that stamps mark; None if the test cannot decide, for the reason in `why`.
+        assumed: The meaning that the present settings assume.
+        why: The evidence.
     """
 
     meaning: StampMeaning | None
@@ -129,12 +129,12 @@ class StampsFound:
 
 
 def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> TriggerRun:
-    """Show a sequence once, whatever pulses it sends, and take all frames that come of it.
+    """Show a sequence once, whatever pulses it sends, and take all resulting frames.
 
     Args:
         devices: The rig's devices, connected.
         config: The sensor's set-up, trigger and exposure included.
-        sequence: What to show.
+        sequence: The sequence to show.
 
     Raises:
         DriverError: A device failed; all are at rest.
@@ -158,7 +158,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
                     modulator.keep_time(clock.now_s() + LOOK_S)
                 frames.append(sensor.read(LOOK_S if modulator.info.hardware_timed else GLANCE_S))
             except TriggerTimeoutError:
-                # A controller that reads its count otherwise may run several times as long as it was meant to.
+                # A controller that interprets its count differently may run several times as long as planned.
                 if modulator.status().state is ModulatorState.RUNNING:
                     ended_s = clock.now_s()
                 elif clock.now_s() > ended_s + patience_s:
@@ -170,7 +170,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
 
 
 def _start(devices: Devices) -> None:
-    """Start; a sequence that is over at the first look was shorter than stated, which its frames will tell."""
+    """Start; a sequence that has already ended at the first poll was shorter than planned, as its frames will show."""
     try:
         devices.modulator.start()
     except SequenceError as error:
@@ -203,7 +203,7 @@ def check_pulses(devices: Devices, config: SensorConfig) -> PulsesFound:
 
 
 def _with_the_first(looks: Sequence[TriggerRun], verdict: PulseVerdict) -> bool | None:
-    """Return whether light says the same as the number: frames that begin with the first mask see it and no other."""
+    """Return whether brightness confirms the count: frames that begin with the first mask see only that mask."""
     if not all(one.frames for one in looks):
         return None
     (with_first, error), (without, other_error) = (one.level_dn for one in looks)
@@ -214,7 +214,7 @@ def _with_the_first(looks: Sequence[TriggerRun], verdict: PulseVerdict) -> bool 
 
 
 def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
-    """Find out whether a gated sensor exposes while masks are on show or while they are not, by time and by light.
+    """Find out whether a gated sensor exposes while masks are shown or in the pauses, by time and by brightness.
 
     Raises:
         DriverError: A device failed; all are at rest.
@@ -229,7 +229,7 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
     ]
     by_time = None
     if looks[0].frames:
-        # The last frame comes when the last masks have ended, or as long before as they are on show.
+        # The last frame comes when the last pass ends, or, with the wrong polarity, when it begins.
         due_s = looks[0].fired_s + PASSES * (MASKS * mask_s + pause_s) - pause_s
         by_time = looks[0].frames[-1].t_host_ns * 1e-9 > due_s - MASKS * mask_s / 2
     by_light = None
@@ -240,10 +240,10 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
 
 
 def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> StampsFound:
-    """Find out what the sensor's time stamps are the time of, by exposures of two lengths.
+    """Find out which event the sensor's time stamps mark, by exposures of two lengths.
 
-    The stamp of a start of exposure does not move when the exposure grows, the others move with it; and a frame's end
-    is stamped when it arrives, its begin one readout earlier.
+    A stamp of the start of exposure does not change with the exposure time, the others become later by the difference.
+    A frame's end is stamped when it arrives, its start one readout time earlier.
 
     Args:
         devices: The rig's devices, connected.
@@ -296,7 +296,7 @@ _STAMPS: Final = FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START
 
 
 def _times(devices: Devices) -> tuple[float, float]:
-    """Return a time per mask that leaves room for a frame of each, and a short exposure."""
+    """Return a time per mask that is long enough for a frame of each mask, and a short exposure."""
     modulator, sensor = devices.modulator.info, devices.sensor.info
     shortest_s = modulator.min_exposure_s[min(modulator.min_exposure_s)]
     exposure_s = min(max(MASK_S / 10, sensor.min_exposure_s, 2 * shortest_s), sensor.max_exposure_s)

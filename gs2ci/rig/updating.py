@@ -1,8 +1,9 @@
-"""A calibration bundle held against coded shots: how far its masks have moved since, and the bundle refined by that.
+"""Comparing a calibration bundle with coded shots: how far the masks have moved since, and a correction of the bundle.
 
-A laboratory drifts by tenths of a pixel within hours, and every coded shot shows where its masks were
-(`gs2ci.reconstruct.registration`). Here: what shots say together, what of it is sure enough for a bundle, and the file.
-Not here: the registration of one shot, the command's words (`gs2ci.commands.calibrate`, `capture`).
+A set-up drifts by tenths of a pixel within hours, and every coded shot shows where its masks were
+(`gs2ci.reconstruct.registration`). Here: combining the shots' estimates, selecting those that are significant enough
+for a bundle, and writing it. Not here: the registration of one shot, the command's output
+(`gs2ci.commands.calibrate`, `capture`).
 """
 
 import shutil
@@ -47,12 +48,12 @@ UNITS: Final = {
     "leak": "1",
     "widening_px": "px",
 }
-# A parameter goes into a bundle from so many of its standard errors on, and where it moves some element by so much, or
-# changes the light as much: those of the registration of a shot.
+# A parameter is corrected in a bundle if it exceeds this many of its standard errors and moves some mask element, or
+# changes the light, by at least the amounts below: the same limits as in the registration of a shot.
 _SIGNIFICANT: Final = 5.0
 _LEAST: Final = {"blur_px2": 0.02, "leak": 0.005, "widening_px": 0.02}
 _LEAST_PX: Final = 0.02
-# Shots that differ by more than three of their errors on average, and by more than this, saw different masks.
+# Shots whose estimates differ by more than three of their errors on average, and by more than this, saw other masks.
 _MOST_CHI2: Final = 9.0
 _MOST_APART: Final = {
     "rotation_deg": 0.05,
@@ -63,25 +64,25 @@ _MOST_APART: Final = {
     "leak": 0.02,
 }
 _MOST_APART_PX: Final = 0.1
-# Masks in a shot file went through its storage.
+# Allowed difference between the bundle's masks and those of a shot file, which were rounded when stored.
 _SAME_MASKS: Final = 2e-3
-# After a capture only the middle is looked at.
+# After a capture only the middle of this size is registered.
 _LOOKED_AT_PX: Final = 256
-# Less than this costs a decode a tenth of a decibel or so, whatever a bundle promises.
+# A smaller displacement costs a decode only about a tenth of a decibel, whatever error a bundle states.
 _LEAST_WARNING_PX: Final = 0.05
 
 
 @dataclass(frozen=True)
 class Update:
-    """What coded shots said of a bundle's masks.
+    """The correction of a bundle's masks by coded shots.
 
     Args:
-        parameters: All that was estimated, over all shots, by name (`UNITS`).
-        taken: Names of those that were corrected; none where the bundle was right as far as can be told.
-        largest_px: How far the farthest corner of the masks had moved by what was taken.
-        shots: How many shots told.
-        silent: Files of shots that could not tell.
-        kept: Where the old bundle lies; None where nothing was changed.
+        parameters: All estimated parameters, over all shots, by name (`UNITS`).
+        taken: Names of those that were corrected; none if no error of the bundle is significant.
+        largest_px: Displacement of the masks' farthest corner by the correction.
+        shots: How many shots gave an estimate.
+        silent: Files of shots that gave none.
+        kept: Where the old bundle lies; None if nothing was changed.
     """
 
     parameters: Mapping[str, Estimate]
@@ -93,18 +94,18 @@ class Update:
 
 
 def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
-    """Refine a bundle's masks by what coded shots tell of them; the old bundle is kept beside it.
+    """Correct a bundle's masks by their registration in coded shots; the old bundle is kept beside it.
 
     Args:
         path: The bundle.
         shots: Shots that were taken with it, and the files that they came from.
 
     Returns:
-        What was found, and what of it was taken.
+        The estimates, and which of them were corrected.
 
     Raises:
         CalibrationError: A shot was coded with other masks, no shot shows the masks' pattern, shots contradict each
-            other, or masks are turned, in another order, or softer than they were: measure them anew.
+            other, or masks are turned, in another order, or more blurred than before: calibrate them again.
         StorageError: The bundle cannot be read or written.
     """
     bundle = read_bundle(path)
@@ -143,12 +144,12 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
 
 @dataclass(frozen=True)
 class MasksMoved:
-    """How far the masks of a shot lay from where its bundle has them.
+    """Displacement of a shot's masks from their positions in the bundle.
 
     Args:
-        largest_px: Of the picture's middle and the corners of what was looked at; 0 where nothing speaks against it.
+        largest_px: Largest displacement among the middle and the corners of the registered region; 0 if none was found.
         error_px: Standard error of the shift.
-        allowed_px: What the bundle promises.
+        allowed_px: The limit by the registration error that the bundle states.
     """
 
     largest_px: float
@@ -157,21 +158,21 @@ class MasksMoved:
 
     @property
     def too_far(self) -> bool:
-        """Get whether they have moved by more than the bundle promises."""
+        """Get whether they have moved by more than the bundle's stated error allows."""
         return self.largest_px > self.allowed_px
 
 
 def can_look() -> bool:
-    """Tell whether this computer has what registering a shot takes; a bench's own need not."""
+    """Return whether this computer can register a shot, which needs torch; a bench's computer need not have it."""
     return find_spec("torch") is not None
 
 
 def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
-    """Look in the middle of a shot how far its masks lay off; None where it does not tell.
+    """Estimate from the middle of a shot how far its masks are displaced; None if the shot does not show it.
 
     Args:
-        shot: Taken with the bundle's masks.
-        bundle: It.
+        shot: A shot taken with the bundle's masks.
+        bundle: The bundle.
     """
     part = middle(shot, (min(shot.size[0], _LOOKED_AT_PX), min(shot.size[1], _LOOKED_AT_PX)))
     found = _registered(part)
@@ -184,7 +185,7 @@ def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
 
 
 def values_of(found: "Registered") -> dict[str, tuple[float, float]]:
-    """Return what one shot says of each parameter, and its standard error; nothing where it cannot tell."""
+    """Return one shot's estimate of each parameter with its standard error; parameters without one are left out."""
     from gs2ci.reconstruct.registration.misfit import NAMES  # noqa: PLC0415  a bench's computer need not have torch
 
     taken = dict(zip(NAMES, found.misfit.vector().tolist(), strict=True))
@@ -199,7 +200,7 @@ def _registered(shot: Shot) -> "Registered":
 
 
 def _stated_error_px(bundle: Bundle) -> float:
-    """Return how far masks may lie off by what a bundle says of its own registration."""
+    """Return how far masks may be displaced by the registration error that a bundle states."""
     section = bundle.sections.get("registration")
     if section is None or "sensor_from_modulator" not in section.estimates:
         return _LEAST_WARNING_PX
@@ -240,10 +241,10 @@ def _check_order(file: Path, found: "Registered") -> None:
 
 
 def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | None:
-    """Return the weighted mean of what shots say; its error is that of their scatter where that is larger.
+    """Return the weighted mean of the shots' estimates; its error is that from their scatter if that is larger.
 
     Raises:
-        CalibrationError: They contradict each other.
+        CalibrationError: The estimates contradict each other.
     """
     if not values:
         return None
@@ -279,7 +280,7 @@ _GROUPS: Final = (
 
 
 def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
-    """Return the parameters that are surely there and matter; those of one group come together."""
+    """Return the parameters that are significant and large enough to matter, in whole groups."""
 
     def is_sure(name: str) -> bool:
         value, error = float(known[name]), known[name].error
@@ -301,10 +302,10 @@ def _misfit(values: Mapping[str, float]) -> "Misfit":
 
 
 def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], files: Sequence[Path]) -> Section:
-    """Return the section with its masks where they are; where none is known now they are not valid."""
+    """Return the section with its masks displaced; pixels without a known transmission are marked invalid."""
     before = section.estimates["masks"]
     masks = _transmissions(before.value, misfit)
-    # A mask's error grows by what one standard error of each parameter would make of it.
+    # To a mask's variance is added the change by one standard error of each parameter.
     more = 0.0
     for name, estimate in taken.items():
         off = _misfit({**{one: float(taken[one]) for one in taken}, name: float(estimate) + estimate.error})
@@ -339,7 +340,7 @@ def _valid_moved(section: Section, misfit: "Misfit") -> Bool:
 
 
 def _keep(path: Path) -> Path:
-    """Copy a bundle beside itself, under the time of its end.
+    """Copy a bundle beside itself, with the time of its replacement in the name.
 
     Raises:
         StorageError: It cannot be copied; nothing was changed.

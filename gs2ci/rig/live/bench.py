@@ -1,9 +1,9 @@
 """The bench behind the live page: one thread owns its devices, answers requests, and takes pictures.
 
-A mask is shown by a sequence that ends by itself after `HOLD_S` and is begun again while somebody is there: where the
-whole process is killed, the modulator goes dark all the same.
+A mask is shown by a sequence that ends by itself after `HOLD_S` and is restarted as long as a page is open: even if the
+whole process is killed, the modulator goes dark.
 
-Here: `LiveBench`. Not here: the page and who may press its buttons (`server`), what is told of a picture (`looks`).
+Here: `LiveBench`. Not here: the page and who may press its buttons (`server`), the figures of a picture (`looks`).
 """
 
 import tempfile
@@ -36,10 +36,10 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 
 HOLD_S: Final = 20.0
-"""How long a mask stays on show without being asked for again."""
+"""How long a mask is shown without a new request."""
 RENEWED_S: Final = 15.0
 STEP_S: Final = 0.5
-"""How long each mask of a sequence is shown while one looks."""
+"""How long each mask of a sequence is shown, for a person to see it."""
 READ_S: Final = 1.0
 """How long a picture is waited for beyond its exposure."""
 PICTURES_PER_S: Final = 15.0
@@ -51,12 +51,12 @@ KEPT_NOTES: Final = 8
 
 @dataclass
 class LiveView:
-    """What the page shows; a copy of it is handed out.
+    """The data that the page shows; callers get a copy.
 
     Args:
         picture: The camera's latest picture, PNG.
-        number: Of that picture, rising.
-        size: Its rows and columns before it was made smaller for the page.
+        number: Number of that picture, increasing.
+        size: Its rows and columns before it was reduced for the page.
         views: Decoded views of the latest exposure, PNG.
         state: Everything else, for JSON.
     """
@@ -69,7 +69,7 @@ class LiveView:
 
 
 class LiveBench:
-    """A bench and the thread that alone speaks to its devices.
+    """A bench and its thread, the only one that uses its devices.
 
     Args:
         rig: The rig; its devices are opened by `begin`.
@@ -101,7 +101,7 @@ class LiveBench:
 
     @property
     def armed(self) -> list[str]:
-        """Get what is on: what shows, streams or moves."""
+        """Get which devices are active: showing, streaming or moving."""
         return [
             *([f"the modulator shows {self._shown}"] if self._sequence is not None else []),
             *(["the camera streams"] if self._camera_on else []),
@@ -109,12 +109,12 @@ class LiveBench:
         ]
 
     def view(self) -> LiveView:
-        """Return what there is to see now."""
+        """Return the present data for the page."""
         with self._lock:
             return replace(self._view, state=dict(self._view.state))
 
     def begin(self) -> None:
-        """Open and connect the devices and begin to serve them; nothing is shown, exposed or moved.
+        """Open and connect the devices and start the thread; nothing is shown, exposed or moved.
 
         Raises:
             DriverError: A device does not answer.
@@ -139,21 +139,21 @@ class LiveBench:
         self._thread.start()
 
     def close(self) -> None:
-        """Disarm everything and let go of the devices; may be called twice."""
+        """Disarm everything and release the devices; may be called twice."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
             self._thread = None
 
     def act(self, action: str, **given: Any) -> None:
-        """Do what a button asks for, and wait until it is done.
+        """Carry out a button's action, and wait until it is done.
 
         Args:
             action: "camera", "show", "exposure", "jog", "take" or "disarm".
-            **given: What goes with it; see the methods of those names.
+            **given: Its arguments; see the methods of those names.
 
         Raises:
-            InputError: No such action, or what goes with it cannot be.
+            InputError: No such action, or its arguments are invalid.
             DriverError: A device failed; everything is disarmed.
         """
         known: dict[str, Callable[..., None]] = {
@@ -180,7 +180,7 @@ class LiveBench:
         done.result()
 
     def _serve(self) -> None:
-        """Serve what is asked and take pictures, until the end; then disarm."""
+        """Serve requests and take pictures until `close`; then disarm."""
         try:
             while not self._ended.is_set():
                 began_s = time.monotonic()
@@ -232,11 +232,11 @@ class LiveBench:
             return
         self._devices.sensor.stop()
         self._devices.sensor.configure(replace(self._config, exposure_s=self._exposure_s, trigger=TriggerMode.FREE_RUN))
-        self._camera_on = True  # from here on: half a start needs stopping too
+        self._camera_on = True  # set before the start: a start that fails half-way needs stopping too
         self._devices.sensor.start()
 
     def _exposure(self, *, seconds: float) -> None:
-        """Expose so long from the next picture on."""
+        """Set the exposure time from the next picture on."""
         info = self._devices.sensor.info
         if not info.min_exposure_s <= float(seconds) <= info.max_exposure_s:
             raise InputError(
@@ -285,14 +285,14 @@ class LiveBench:
         self._shown_since_s = self._devices.clock.now_s()
 
     def _renew(self) -> None:
-        """Begin a sequence anew before it ends by itself."""
+        """Restart a sequence before it ends by itself."""
         if self._sequence is None:
             return
         modulator, now_s = self._devices.modulator, self._devices.clock.now_s()
         if not modulator.info.hardware_timed:
             modulator.keep_time(now_s)
         if not self._camera_on and self._rig.bench is not None:
-            self._devices.clock.sleep_s(1 / PICTURES_PER_S)  # nobody else lets simulated time pass
+            self._devices.clock.sleep_s(1 / PICTURES_PER_S)  # simulated time passes only while something waits
         if now_s - self._shown_since_s > RENEWED_S:
             modulator.disarm()
             if modulator.loaded is None:
@@ -300,7 +300,7 @@ class LiveBench:
             self._start()
 
     def _jog(self, *, axis: str, mm: float) -> None:
-        """Move an axis by so much from where it is, within its limits, and wait until it rests."""
+        """Move an axis by a distance, within its limits, and wait until it rests."""
         stage = self._devices.stage
         if stage is None:
             raise InputError("this rig has no stage")
@@ -316,8 +316,8 @@ class LiveBench:
             self._moving = False
 
     def _take(self) -> None:
-        """Take one coded exposure as the rig file says and decode it; what was on before is off then."""
-        try:  # a bench's computer may do without what decodes
+        """Take one coded exposure by the rig file and decode it; afterwards camera and modulator are off."""
+        try:  # a bench's computer may lack the modules that decode
             from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv  # noqa: PLC0415
             from gs2ci.reconstruct.registration.register import register  # noqa: PLC0415
         except ModuleNotFoundError as error:
@@ -353,7 +353,7 @@ class LiveBench:
         }
 
     def _disarm(self) -> None:
-        """Bring everything to rest, whatever the state, past errors."""
+        """Stop all devices in any state, even if one of them raises an error."""
         steps: list[Callable[[], object]] = [self._devices.modulator.disarm, self._devices.sensor.stop]
         if self._devices.stage is not None:
             steps.append(self._devices.stage.stop)
@@ -371,7 +371,7 @@ class LiveBench:
             return
         sensor, black_dn = self._devices.sensor, self._rig.table.sensor.black_level_dn
         pixels = sensor.read(self._exposure_s + sensor.settings.readout_s + READ_S).pixels
-        sensor.discard()  # the next picture is of what is set then
+        sensor.discard()  # so that the next picture is taken with the present settings
         top = sensor.settings.format.top
         saturation_dn = saturation_of(self._rig.table, top)
         self._figures = asdict(figures_of(pixels, top, saturation_dn, black_dn)) | {"top_dn": top}
@@ -392,7 +392,7 @@ class LiveBench:
         self._notes = [*self._notes, text][-KEPT_NOTES:]
 
     def _publish(self) -> None:
-        """Put what there is where other threads read it."""
+        """Publish the present data for the other threads."""
         info = self._devices.sensor.info
         stage = self._devices.stage
         positions: dict[str, Any] = {}

@@ -15,21 +15,21 @@ from gs2ci.reconstruct.registration.coarse import element_px, find_tiles, fine_p
 
 BINS: Final = 64
 SHOWN_PX: Final = 960
-"""Pictures are made smaller for the page, by whole pixels, until neither side is longer."""
+"""Pictures are reduced for the page by a whole factor, until neither side is longer than this."""
 SATURATED_RGB: Final = (255, 40, 40)
 REACH_PX: Final = 12
-"""How far a mask may lie from where it should for its tiles to be found."""
+"""Largest displacement of a mask that can be found."""
 SMOOTHED_PX: Final = 1.0
 """Blur before sharpness is measured, so that it does not rise with noise."""
 
 
 @dataclass(frozen=True)
 class PictureFigures:
-    """What one picture says.
+    """The figures of one picture.
 
     Args:
         histogram: Pixels by reading, `BINS` equal steps from 0 to the top.
-        saturated: Share of pixels from the saturation level on.
+        saturated: Share of pixels at or above the saturation level.
         mean_dn: Mean reading.
         peak_dn: Largest reading.
         sharpness: See `sharpness_of`.
@@ -44,15 +44,15 @@ class PictureFigures:
 
 @dataclass(frozen=True)
 class MaskResidual:
-    """Where a mask lies against where it should.
+    """Displacement of a mask from its nominal position.
 
     Args:
-        arrows: Row and column of a tile's middle, and by how much the mask lies further down and right there, px.
-        down_px: The same for the whole picture.
-        right_px: The same to the right.
-        rotation_deg: Turn, clockwise.
-        scale: Enlargement less 1.
-        found: Whether the tiles agree on a place; else the four figures before say nothing.
+        arrows: Row and column of a tile's middle, and the mask's displacement down and right there, px.
+        down_px: Displacement down for the whole picture.
+        right_px: Displacement to the right.
+        rotation_deg: Rotation, clockwise.
+        scale: Magnification minus 1.
+        found: Whether the tiles agree; otherwise the four figures above are meaningless.
     """
 
     arrows: tuple[tuple[float, float, float, float], ...]
@@ -64,7 +64,7 @@ class MaskResidual:
 
 
 def figures_of(pixels: U16, top: int, saturation_dn: float, black_dn: float) -> PictureFigures:
-    """Tell what a picture, [H, W], says; `top` is the largest reading there can be."""
+    """Return the figures of a picture, [H, W]; `top` is the largest possible reading."""
     counts, _ = np.histogram(pixels, bins=BINS, range=(0, top + 1))
     return PictureFigures(
         histogram=tuple(int(count) for count in counts),
@@ -78,7 +78,7 @@ def figures_of(pixels: U16, top: int, saturation_dn: float, black_dn: float) -> 
 def sharpness_of(pixels: U16, black_dn: float) -> float:
     """Return how sharp a picture is: mean squared gradient over the squared mean, after a slight blur (Tenengrad).
 
-    It is largest in focus. Its value depends on what is looked at, so only one scene's values can be compared.
+    It is largest in focus. Its value depends on the scene, so only values of the same scene can be compared.
     """
     light = cv2.GaussianBlur(np.maximum(pixels.astype(np.float64) - black_dn, 0.0), (0, 0), SMOOTHED_PX)
     mean = float(light.mean())
@@ -89,10 +89,10 @@ def sharpness_of(pixels: U16, black_dn: float) -> float:
 
 
 def residual_of(pixels: U16, mask: F64, black_dn: float) -> MaskResidual:
-    """Find where a mask, [H, W], lies in a picture that was taken through it alone.
+    """Find the displacement of a mask, [H, W], in a picture that was taken through that mask only.
 
-    Shifts beyond `REACH_PX` are not found. There are arrows where at least five tiles agree on a place; a tile in which
-    the pattern does not surely show has none.
+    Shifts beyond `REACH_PX` are not found. Arrows are returned if at least five tiles agree; a tile in which the
+    pattern cannot be found with certainty has none.
     """
     seen = np.maximum(pixels.astype(np.float64) - black_dn, 0.0)
     width = element_px(mask)
@@ -107,7 +107,7 @@ def residual_of(pixels: U16, mask: F64, black_dn: float) -> MaskResidual:
 
 
 def picture_png(pixels: U16, top: int, saturation_dn: float, black_dn: float) -> tuple[bytes, tuple[int, int]]:
-    """Draw a picture from black to the top, saturated pixels red; return it as PNG, and its size before shrinking."""
+    """Draw a picture from black to the top, saturated pixels red; return it as PNG, and its size before reduction."""
     height, width = pixels.shape
     shares = np.clip((pixels.astype(np.float64) - black_dn) / max(top - black_dn, 1.0), 0.0, 1.0)
     grey: U8 = np.rint(255 * shares**0.5).astype(np.uint8)  # half-tones as a screen shows them
@@ -117,7 +117,7 @@ def picture_png(pixels: U16, top: int, saturation_dn: float, black_dn: float) ->
 
 
 def encode_png(picture: Any) -> bytes:
-    """Return an RGB or grey picture as PNG, made smaller where it is larger than the page shows."""
+    """Return an RGB or grey picture as PNG, reduced if it is larger than the page shows."""
     step = -(-max(picture.shape[:2]) // SHOWN_PX)
     shown = np.ascontiguousarray(picture[::step, ::step])
     if shown.ndim == 3:

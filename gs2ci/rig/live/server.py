@@ -1,9 +1,9 @@
-"""The page of a live bench, served on this machine: who may look, who may press, and what happens on leaving.
+"""The page of a live bench, served on this machine: who may view it, who may control it, what happens at the end.
 
-The first page that asks holds the bench: it alone may press buttons, by a secret that it sends with each request.
-Others see the same and press nothing. A holder that is silent for `LAPSE_S`, or says that it leaves, is forgotten, and
-everything is disarmed. Requests for another host's name are refused, so that a page of somebody else's in the same
-browser cannot speak to the bench.
+The first page that connects controls the bench: only it may press buttons, by a secret that it sends with each request.
+Other pages see the same but have no buttons. If the controlling page sends nothing for `LAPSE_S`, or reports that it
+closes, it loses control, and everything is disarmed. Requests for another host name are refused, so that a foreign web
+page in the same browser cannot control the bench.
 
 Here: `LiveServer`. Not here: what the buttons do (`bench`).
 """
@@ -21,7 +21,7 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.rig.live.bench import LiveBench
 
 LAPSE_S: Final = 4.0
-"""A holder whose page has not called for so long is gone."""
+"""After this time without a request the controlling page counts as gone."""
 WATCH_S: Final = 0.25
 LARGEST_REQUEST: Final = 4096
 PORTS_TRIED: Final = 20
@@ -42,10 +42,10 @@ class LiveServer:
     Args:
         bench: The bench, begun.
         host: Address to listen on.
-        port: Port, or the first of the next ones that is free; 0 takes any.
+        port: Port; if it is in use, the next free one; 0 takes any.
 
     Raises:
-        InputError: Nothing can be served there.
+        InputError: The server cannot listen there.
     """
 
     def __init__(self, bench: LiveBench, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -65,11 +65,11 @@ class LiveServer:
 
     @property
     def port(self) -> int:
-        """Get the port that is listened on."""
+        """Get the port on which the server listens."""
         return int(self._server.server_address[1])
 
     def stop(self) -> None:
-        """End serving; the bench is left to whoever opened it."""
+        """Stop the server; its caller closes the bench."""
         self._ended.set()
         self._server.shutdown()
         self._server.server_close()
@@ -77,11 +77,11 @@ class LiveServer:
             thread.join()
 
     def allows(self, name: str) -> bool:
-        """Return whether a request that calls this machine by `name` may be answered."""
+        """Return whether a request with this host name may be answered."""
         return not self._local or name.rsplit(":", 1)[0] in LOCAL
 
     def hold(self, token: str) -> bool:
-        """Note that a page is there; return whether it holds the bench, which it does if nobody else does."""
+        """Note that a page is connected; return whether it controls the bench, which it does if no other page does."""
         with self._lock:
             if not self._holder and token:
                 self._holder = token
@@ -91,7 +91,7 @@ class LiveServer:
             return True
 
     def leave(self, token: str) -> None:
-        """Forget a holder and disarm everything; anybody else's leaving changes nothing."""
+        """End a page's control and disarm everything; if a page without control closes, nothing changes."""
         with self._lock:
             if not token or token != self._holder:
                 return
@@ -99,7 +99,7 @@ class LiveServer:
         self._disarm()
 
     def act(self, token: str, request: dict[str, Any]) -> tuple[HTTPStatus, dict[str, Any]]:
-        """Do what the holder asks for; refuse everybody else."""
+        """Carry out an action of the controlling page; refuse those of other pages."""
         if not token or not self.hold(token):
             return HTTPStatus.FORBIDDEN, {"error": "another page holds this bench: you may look, and press nothing"}
         given = {key: value for key, value in request.items() if key != "action"}
@@ -110,13 +110,13 @@ class LiveServer:
         return HTTPStatus.OK, {}
 
     def state(self, token: str) -> dict[str, Any]:
-        """Return what a page shows, and whether it may press buttons."""
+        """Return the data that a page shows, and whether it may press buttons."""
         holds = self.hold(token)
         view = self._bench.view()
         return view.state | {"holds": holds, "picture": view.number, "size": view.size}
 
     def picture(self, path: str) -> bytes | None:
-        """Return a picture by its path, without what follows a question mark."""
+        """Return a picture by its path; a query string is ignored."""
         view = self._bench.view()
         if path == "/picture.png":
             return view.picture or None
@@ -132,10 +132,10 @@ class LiveServer:
             return
 
     def _watch(self) -> None:
-        """Disarm everything when the holder has gone without a word."""
+        """Disarm everything if the controlling page disappears without a message."""
         while not self._ended.wait(WATCH_S):
             with self._lock:
-                # What it asked for last may take longer than a page may be silent: it is asked no further then.
+                # The page's last action may still be running: the disarming below then waits for its end.
                 gone = self._holder and time.monotonic() - self._last_call_s > LAPSE_S
                 if gone:
                     self._holder = ""
@@ -144,7 +144,7 @@ class LiveServer:
 
 
 class _Listener(ThreadingHTTPServer):
-    """A server that says nothing when a browser hangs up in the middle of a sentence."""
+    """A server that prints nothing when a browser closes a connection early."""
 
     daemon_threads = True
 
@@ -211,7 +211,7 @@ def _handler(live: LiveServer) -> type[BaseHTTPRequestHandler]:
             self._tell(*live.act(self.headers.get(TOKEN, ""), request))
 
         def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
-            """Say nothing on the terminal."""
+            """Print nothing on the terminal."""
 
         def _allowed(self) -> bool:
             if live.allows(self.headers.get("Host", "")):
