@@ -1,1 +1,1 @@
-"""Calibration of a bench: from parts to numbers that the solver can trust. `procedures` lists the steps."""
+"""Calibration of a bench: measuring the properties that the solver needs. `procedures` lists the steps."""

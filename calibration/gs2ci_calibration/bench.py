@@ -1,8 +1,8 @@
-"""The bench as calibration procedures use it: devices through their drivers, and an operator for work by hand.
+"""The bench as calibration procedures use it: devices through their drivers, and an operator for manual steps.
 
-A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it asks for an arrangement
-(`bench.please(Arrangement.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to
-pure estimators, and returns what it found or raises `CalibrationError`. It never writes files and never sees the world
+A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it requests an arrangement
+(`bench.please(Arrangement.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), passes arrays to
+pure estimators, and returns its estimates or raises `CalibrationError`. It never writes files and never sees the world
 of a simulated bench. `known` holds the sections measured before (`known.need("dark-flat", step)`).
 
     bench.size, bench.modulator_size, bench.top_dn         sensor [H, W], modulator [Hm, Wm], largest reading
@@ -12,7 +12,7 @@ of a simulated bench. `known` holds the sections measured before (`known.need("d
     bench.grab(patterns [N, Hm, Wm], frames=k, exposure_s) -> Stack: DN [N, k, H, W], pattern by pattern within a pass
     bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
     bench.move({"x": mm})                                  move the stage and wait; returns positions in mm
-    bench.codes, bench.capture                             what `gs2ci capture` will show, and how
+    bench.codes, bench.capture                             the codes and the settings of `gs2ci capture`
     bench.options, bench.progress                          settings of the procedures; receives their progress
 
 Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`).
@@ -38,14 +38,14 @@ from gs2ci_drivers.stage import Stage
 Patterns = U8 | U16
 
 GUARD_S: Final = 1e-3
-"""A pattern is on show this much longer than the sensor exposes: latency and jitter then cost no light."""
+"""A pattern is shown this much longer than the sensor exposes, so that latency and jitter lose no light."""
 RETRIES: Final = 2
-"""How often a pass is taken again after a lost or corrupt frame."""
+"""How often a pass is repeated after a lost or corrupt frame."""
 
 
 @unique
 class Arrangement(Enum):
-    """A physical arrangement that a procedure asks for."""
+    """A physical arrangement that a procedure requests."""
 
     DARK = "dark"
     """The lens cap is on: no light reaches the sensor, whatever the modulator shows."""
@@ -54,33 +54,34 @@ class Arrangement(Enum):
     BOARD = "board"
     """The ChArUco board of `CalibrationOptions.board`, in a new pose for each index, as large as fits."""
     FIXED_BOARD = "fixed-board"
-    """The same board at rest on a stand, square to the camera and filling half of the view, the stage in mid-travel."""
+    """The same board at rest on a stand, facing the camera squarely and filling half of the view, the stage in
+    mid-travel."""
     SCENE = "scene"
     """A textured scene at rest."""
 
 
 class Operator(Protocol):
-    """Who sets things up: a person at the terminal, or the simulated one."""
+    """The operator who sets up arrangements: a person at the terminal, or the simulated one."""
 
     def please(self, setup: Arrangement, index: int) -> None:
-        """Return when the arrangement is there.
+        """Request an arrangement; return when it is set up.
 
         Args:
-            setup: Which.
+            setup: The arrangement.
             index: Which of several of its kind: the board's pose.
         """
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Frames as taken.
+    """Raw frames.
 
     Args:
         readings: [N, K, H, W] float32 DN, raw: pattern n in pass k.
         time_s: When each exposure began, by the sensor's stamps, [N, K] seconds.
-        exposure_s: How long the sensor says that it exposed.
-        plan: What the devices were told.
-        stage_mm: Where the stage counts the swept axis in the middle of each exposure, [N, K]; None at rest.
+        exposure_s: The exposure time that the sensor reports.
+        plan: The plan that was carried out.
+        stage_mm: Counted position of the swept axis in the middle of each exposure, [N, K]; None at rest.
     """
 
     readings: F32
@@ -96,15 +97,15 @@ class Bench:
 
     Args:
         devices: Open devices of the rig.
-        operator: Who sets things up.
+        operator: Sets up the arrangements.
         config: The sensor's set-up; exposure and trigger are filled in for each stack.
-        capture: What `gs2ci capture` will do with this rig, its patterns [N, Hm, Wm] included.
+        capture: The settings of `gs2ci capture` on this rig, its patterns [N, Hm, Wm] included.
         codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
         lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
-        options: What the rig file says in [calibration].
-        superpixel: Modulator pixels per side of one mask element, nominally.
-        directions: How the rig file says that each axis of the stage moves the camera, in its own frame, per mm; an
-            axis not named may go anywhere.
+        options: The rig file's [calibration].
+        superpixel: Modulator pixels per side of one mask element, by design.
+        directions: By the rig file, the motion of the camera per mm of each axis of the stage, in its own frame; an
+            axis that is not named may have any direction.
         fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
         progress: Receives the stages and findings of the procedures; taking frames reports nothing.
     """
@@ -146,7 +147,7 @@ class Bench:
 
     @property
     def gated(self) -> bool:
-        """Get whether the sensor exposes while its line is held: it can do no other, or is wired so for the capture."""
+        """Get whether the sensor exposes while its line is held: its only mode, or the one wired for the capture."""
         return self.devices.sensor.connect().only_gated or self.capture.mode is Mode.GATE
 
     @property
@@ -161,7 +162,7 @@ class Bench:
     @property
     def capacity(self) -> int:
         """Get how many patterns of the capture's depth one `grab` can show."""
-        # A depth that the modulator lacks is refused by the plan, with all that it has.
+        # A depth that the modulator lacks is refused by the plan, which lists the available ones.
         return self.devices.modulator.connect().capacity.get(self.capture.bit_depth, 1)
 
     def flat_pattern(self, *, is_open: bool) -> U8:
@@ -169,16 +170,16 @@ class Bench:
         return np.full(self.modulator_size, np.uint8(is_open))
 
     def deep(self, patterns: U8) -> Patterns:
-        """Return patterns of 0 and 1, [N, Hm, Wm], with the levels of the capture's depth: shut, and fully open."""
+        """Return patterns of 0 and 1, [N, Hm, Wm], with the levels of the capture's depth: closed, and fully open."""
         top = 2**self.capture.bit_depth - 1
         return patterns * (np.uint8(top) if top < 256 else np.uint16(top))
 
     def please(self, setup: Arrangement, index: int = 0) -> None:
-        """Ask for an arrangement and wait until it is there."""
+        """Request an arrangement and wait until it is set up."""
         self.operator.please(setup, index)
 
     def planned(self) -> CapturePlan:
-        """Lay out what `gs2ci capture` will do; nothing moves and nothing is uploaded.
+        """Lay out the capture of `gs2ci capture`; nothing moves and nothing is uploaded.
 
         Raises:
             DriverError: A device does not answer.
@@ -200,17 +201,18 @@ class Bench:
         Args:
             patterns: [N, Hm, Wm], levels 0 to 2**bit_depth − 1; repeat references among them to interleave them.
             frames: Passes, K.
-            exposure_s: Of each frame; every pattern is on show a little longer.
-            bit_depth: Of the patterns.
-            shown_s: How long each pattern is on show, at least.
-            travel: The stage's motion during a pass, evenly from the first pattern to the last; None rests.
+            exposure_s: Exposure of each frame; every pattern is shown a little longer.
+            bit_depth: Bits of the patterns.
+            shown_s: How long each pattern is shown, at least.
+            travel: The stage's uniform motion during a pass, from the first pattern to the last; None for a stage at
+                rest.
 
         Raises:
             PlanRefusedError: Patterns, exposure or travel are beyond the devices.
             DriverError: A device failed; all are at rest.
         """
-        shortest_s = self.devices.modulator.connect().min_exposure_s.get(bit_depth, 0.0)  # else the plan refuses it
-        if self.gated:  # it exposes while a pattern is on show; a slower pass is dark in between
+        shortest_s = self.devices.modulator.connect().min_exposure_s.get(bit_depth, 0.0)  # 0: refused by the plan
+        if self.gated:  # it exposes while a pattern is shown; a slower pass has dark time in between
             mask_s = max(exposure_s, shortest_s)
             dark_s, margin_s = max(shown_s - mask_s, 0.0), 0.0
         else:
@@ -235,11 +237,11 @@ class Bench:
 
         Args:
             patterns: [N, Hm, Wm].
-            mask_s: How long each is on show.
-            exposure_s: Of the sensor, from its trigger at the first pattern; at most N `mask_s`. A gated sensor exposes
-                all patterns.
+            mask_s: How long each is shown.
+            exposure_s: Exposure of the sensor, from its trigger at the first pattern; at most N `mask_s`. A gated
+                sensor exposes during all patterns.
             frames: How many exposures, K.
-            bit_depth: Of the patterns.
+            bit_depth: Bits of the patterns.
 
         Raises:
             PlanRefusedError: Patterns or exposure are beyond the devices.
@@ -304,11 +306,11 @@ class Bench:
         return Stack(readings, time_s, plan.exposure_s, plan, stage_mm if swept else None)
 
     def _in_the_middle_mm(self, plan: CapturePlan, at_masks_mm: F64, began_s: F64) -> F64:
-        """Return where the swept axis is counted in the middle of each frame's exposure, [N].
+        """Return the counted position of the swept axis in the middle of each frame's exposure, [N].
 
         Args:
-            plan: One frame per mask.
-            at_masks_mm: Where the axes are counted in the middle of each mask, [N, K].
+            plan: A plan with one frame per mask.
+            at_masks_mm: Counted positions of the axes in the middle of each mask, [N, K].
             began_s: When exposures began, [N].
         """
         stage, sweep = self.devices.stage, plan.sweep

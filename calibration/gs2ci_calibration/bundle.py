@@ -1,4 +1,4 @@
-"""The calibration bundle `bench.cal.h5`, schema gs2ci.calibration/1: what was measured of a bench, by sections.
+"""The calibration bundle `bench.cal.h5`, schema gs2ci.calibration/1: the measured properties of a bench, by sections.
 
     /                            attrs: schema, created_utc, software
     /complete                    u1 scalar, 1
@@ -7,11 +7,11 @@
     /sections/NAME/estimates/KEY/value, standard_error     f8 or f4, any shape
     /sections/NAME/arrays/KEY    numbers of any kind
 
-A section replaces an older one of its name; the others stay. Every write makes a whole new file beside the old one
-and renames it (`gs2ci.core.storage.sealing`): a crash leaves the old bundle or the new one. No NaN is ever written,
-and a file that holds one is refused.
+A section replaces an older one of its name; the others stay. Every write makes a complete new file beside the old one
+and renames it (`gs2ci.core.storage.sealing`): a crash leaves either the old bundle or the new one. No NaN is ever
+written, and a file that contains one is refused.
 
-The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm modulator; N masks):
+The sections, and the values that other modules read from them (shapes: H, W sensor; Hm, Wm modulator; N masks):
 
     dark-flat     offset_dn [H, W], dark_current_dn_per_s [H, W], dark_noise_dn [H, W], response [H, W] (mean 1: PRNU
                   and fall-off together), dark_noise_rms_dn, dsnu_dn, prnu, flat_dn_per_s; arrays hot, dead [H, W] u1;
@@ -29,7 +29,7 @@ The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm m
     stage         for each axis A: direction_A [3] in the camera frame, scale_A, backlash_mm_A, repeatability_mm_A,
                   velocity_error_A, sweep_lag_s_A
 
-Here: the file. Not here: what goes into a section (the procedures), whether a bundle still fits a bench (`fitting`).
+Here: the file. Not here: the contents of a section (the procedures), whether a bundle still fits a bench (`fitting`).
 """
 
 import hashlib
@@ -67,7 +67,7 @@ class Provenance:
         rig: Text of the rig file.
         devices: For each device its model, serial number and firmware or driver.
         simulated: Whether the bench was simulated.
-        temperature_c: Of the sensor, or None where it is not known.
+        temperature_c: Temperature of the sensor, or None if unknown.
     """
 
     rig: str = ""
@@ -83,13 +83,13 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Bundle:
-    """What is known of a bench.
+    """The measured properties of a bench.
 
     Args:
         provenance: Which bench.
-        sections: By name.
-        created_utc: When the bundle was begun, ISO 8601.
-        path: The file it came from, for messages; None where there is none.
+        sections: Its sections by name.
+        created_utc: When the bundle was created, ISO 8601.
+        path: The file it was read from, for messages; None if it was not read from one.
     """
 
     provenance: Provenance = field(default_factory=Provenance)
@@ -102,7 +102,7 @@ class Bundle:
         return name in self.sections
 
     def _repr_png_(self) -> bytes | None:
-        """Show the first and the last mask as measured, and the sensor's response, as far as they are known."""
+        """Show the first and the last mask as measured, and the sensor's response, if they are known."""
         from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
         shown: list[NDArray[Any]] = []
@@ -129,10 +129,10 @@ class Bundle:
         return sheet(title, ("section", "found", "value ± standard error", "measured"), rows, self._repr_png_())
 
     def need(self, name: str, step: str) -> Section:
-        """Return a section that a step builds on.
+        """Return a section that a step requires.
 
         Raises:
-            CalibrationError: It is not there (`Reason.NEEDS`).
+            CalibrationError: It is missing (`Reason.NEEDS`).
         """
         if name not in self.sections:
             raise CalibrationError(
@@ -150,10 +150,10 @@ class Bundle:
 
 
 def check_bundle_place(path: Path) -> None:
-    """Return if a bundle can be written there; to be asked before anything is measured.
+    """Check that a bundle can be written there; to be called before anything is measured.
 
     Raises:
-        StorageError: No name or place for a bundle, or somebody else's file where its manifest belongs.
+        StorageError: The name or folder cannot be used, or another program's file has the name of its manifest.
     """
     if path.suffix != ".h5" or not path.parent.is_dir():
         raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
@@ -162,7 +162,7 @@ def check_bundle_place(path: Path) -> None:
 
 
 def write_bundle(path: Path, bundle: Bundle) -> Path:
-    """Write a bundle, whole or not at all; an older one of that name is replaced.
+    """Write a bundle, completely or not at all; an older one of that name is replaced.
 
     Raises:
         NumericsError: A number is not finite.
@@ -178,7 +178,7 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
             _write(file, bundle)
     except BaseException as error:
         partial.unlink(missing_ok=True)
-        if isinstance(error, OSError | RuntimeError):  # HDF5 tells a full disk as either
+        if isinstance(error, OSError | RuntimeError):  # HDF5 reports a full disk as either
             raise StorageError(
                 f"{path}: cannot be written: {error}", remedy="free the disk, check the folder"
             ) from error
@@ -188,16 +188,16 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
 
 
 def check_target(path: Path, provenance: Provenance, step: str) -> None:
-    """Accept a bundle that a section can be added to, before any frame is taken for it.
+    """Check that a section can be added to a bundle, before any frame is taken for it.
 
     Args:
-        path: Of the bundle, which may be there or not.
-        provenance: Of the bench.
-        step: That will be measured, for messages.
+        path: File of the bundle, which may exist or not.
+        provenance: Provenance of the bench.
+        step: The step that will be measured, for messages.
 
     Raises:
         CalibrationError: The bundle belongs to other devices (`Reason.DOES_NOT_FIT`).
-        StorageError: No bundle can be written there, or what lies there is none.
+        StorageError: No bundle can be written there, or the file there is no bundle.
     """
     check_bundle_place(path)
     if path.exists():
@@ -205,7 +205,7 @@ def check_target(path: Path, provenance: Provenance, step: str) -> None:
 
 
 def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
-    """Add a section to the bundle at `path`, which is begun if it is not there; return the whole.
+    """Add a section to the bundle at `path`, which is created if missing; return the bundle.
 
     Raises:
         CalibrationError: The bundle belongs to other devices (`Reason.DOES_NOT_FIT`).
@@ -222,7 +222,7 @@ def read_bundle(path: Path) -> Bundle:
     """Read a bundle.
 
     Raises:
-        StorageError: Missing, cut short, damaged, of another schema, or with a number that is not finite.
+        StorageError: Missing, truncated, damaged, of another schema, or with a number that is not finite.
     """
     with _opened(path) as reader:
         provenance = _provenance(_json(reader, "provenance"))
@@ -253,7 +253,7 @@ def _check_section(section: Section) -> None:
 
 
 def _bytes_of(bundle: Bundle) -> int:
-    """Return how much the numbers of a bundle take at most; packing makes it less."""
+    """Return how many bytes the numbers of a bundle take at most; compression makes it less."""
     sections = bundle.sections.values()
     estimates = [estimate for section in sections for estimate in section.estimates.values()]
     arrays = [array for section in sections for array in section.arrays.values()]
@@ -306,7 +306,7 @@ def _numbers(group: h5py.Group, key: str, array: NDArray[Any]) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[SuspectFile]:
-    """Open a bundle; turn whatever goes wrong inside into a StorageError."""
+    """Open a bundle; turn any error inside the block into a StorageError."""
     if not path.is_file():
         raise StorageError(f"{path}: no such bundle", remedy="make one with `gs2ci calibrate all`")
     try:

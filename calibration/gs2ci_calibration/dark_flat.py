@@ -31,34 +31,35 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 STEP: Final = "dark-flat"
 FLAT_SHARE: Final = 0.5
-"""Of the range that the flat field fills: EMVA 1288 takes the response there."""
+"""Share of the range that the flat field fills: EMVA 1288 measures the response there."""
 LEAST_LONG_S: Final = 1.0
-"""The long dark exposure is at least so long, where the devices can: dark current is small."""
+"""The long dark exposure is at least this long, if the devices can: dark current is small."""
 MIDDLE_SHARE: Final = 0.125
-"""The middle dark exposure over the long one: a pixel that overflows in the long one is read there."""
+"""The middle dark exposure over the long one: for pixels that overflow in the long one, the middle one is used."""
 STRAY_SHARE: Final = 0.25
-"""Most light in the dark frames, in standard deviations of a pixel's noise."""
+"""Largest light in the dark frames, in standard deviations of a pixel's noise."""
 DARK_FILL: Final = 0.5
-"""Most of the range that dark frames may fill."""
+"""Largest share of the range that dark frames may fill."""
 BLACK_SHARE: Final = 0.01
-"""Most dark readings that may be 0: more, and noise is cut off."""
+"""Largest share of dark readings that may be 0: with more of them, the noise is clipped."""
 HOT_SIGMAS: Final = 6.0
-"""A pixel is hot when its dark current is above the others' by this many of their standard deviations."""
+"""A pixel is hot if its dark current exceeds the others' by this many of their standard deviations."""
 HOT_SHARE: Final = 0.05
 LOW_RESPONSE: Final = 0.1
 """A pixel below this share of the median response is dead."""
 UNEVEN_LIMIT: Final = 0.3
-"""Least response of the dimmer pixels over the median."""
+"""Smallest response of the dimmer pixels over the median."""
 SMOOTH_DEGREE: Final = 4
-"""Degree of the polynomial in row and column that is taken off a map before its spread is: the light's fall-off is no
-PRNU (EMVA 1288 takes such off by a high-pass; at the rim of a small field a polynomial does it better)."""
+"""Degree of the polynomial in row and column that is subtracted from a map before its spread is computed: the light's
+fall-off is no PRNU (EMVA 1288 removes it by a high-pass filter; near the border of a small field a polynomial is
+better)."""
 
 
 def measure(bench: Bench, known: Bundle) -> Section:
-    """Take dark and flat frames and return the section `dark-flat`; `known` is not needed.
+    """Take dark and flat frames and return the section `dark-flat`; `known` is not used.
 
     Raises:
-        CalibrationError: Stray light, a sensor that is not alive, light that is uneven, unsteady, too strong or too
+        CalibrationError: Stray light, frames without variation, light that is uneven, unsteady, too strong or too
             weak, too many bad pixels.
         DriverError: A device failed.
     """
@@ -76,14 +77,14 @@ def measure(bench: Bench, known: Bundle) -> Section:
 
 @dataclass(frozen=True)
 class Darks:
-    """Dark frames: at a short, a middle and a long exposure, and long ones behind an open modulator.
+    """Dark frames: at a short, a middle and a long exposure, and long ones with an open modulator.
 
     Args:
         short: [K, H, W] DN.
         middle: [K, H, W].
         long: [K, H, W].
         unshut: [K, H, W], as `long`, with all mirrors on.
-        exposures_s: Of the first three.
+        exposures_s: Exposures of the first three.
     """
 
     short: F32
@@ -95,15 +96,15 @@ class Darks:
 
 @dataclass(frozen=True)
 class DarkEstimate:
-    """What dark frames tell.
+    """The estimates from dark frames.
 
     Args:
         dark: Offset, current and hot pixels; no pixel counts as dead yet.
         offset_error_dn: Standard errors of the offset, [H, W].
-        current_error_dn_per_s: Of the current, [H, W].
+        current_error_dn_per_s: Standard errors of the current, [H, W].
         noise_dn: Temporal noise at the short exposure, [H, W].
         noise_error_dn: Its standard errors, [H, W].
-        noise_rms_dn: Over all pixels that are not hot, with its standard error.
+        noise_rms_dn: Its rms over all pixels that are not hot, with its standard error.
         dsnu_dn: Spread of the offsets, with its standard error.
     """
 
@@ -118,15 +119,15 @@ class DarkEstimate:
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """What flat frames tell.
+    """The estimates from flat frames.
 
     Args:
         response: Sensitivity over the mean one, fall-off of the light included, [H, W]; 1 at dead pixels.
         error: Its standard errors, [H, W]; 1 at dead pixels.
-        dead: Pixels that do not answer to light, [H, W].
+        dead: Pixels that do not respond to light, [H, W].
         rate_dn_per_s: How fast the mean pixel fills, with its standard error.
         prnu: Spread of the response between neighbours, with its standard error.
-        flicker: Of the lamp, relative.
+        flicker: Relative flicker of the lamp.
     """
 
     response: F64
@@ -145,7 +146,7 @@ def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
         top_dn: Largest reading.
 
     Raises:
-        CalibrationError: Too few frames, frames all the same, readings cut off at black, stray light, or too many hot
+        CalibrationError: Too few frames, frames all the same, readings clipped at black, stray light, or too many hot
             pixels.
     """
     for frames in (darks.short, darks.middle, darks.long, darks.unshut):
@@ -171,12 +172,12 @@ def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
 
 
 def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> ResponseEstimate:
-    """Estimate each pixel's response to an even light.
+    """Estimate each pixel's response to even light.
 
     Args:
-        flat: Frames before it, [K, H, W] DN.
-        exposure_s: Of each.
-        found: From the dark frames.
+        flat: Frames of the flat field, [K, H, W] DN.
+        exposure_s: Exposure of each frame.
+        found: The estimates from the dark frames.
 
     Raises:
         CalibrationError: Too few frames, or all the same; the lamp is off, unsteady or uneven; too many dead pixels.
@@ -185,7 +186,7 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
     level_dark = found.dark.at(exposure_s)
     lamp = judge_lamp(STEP, flat, level_dark)
     signal = flat.astype(np.float64) - level_dark
-    # The lamp's own changes are common to all pixels and no noise of theirs.
+    # Changes of the lamp are common to all pixels and do not count as their noise.
     levels = np.median(signal, axis=(1, 2))
     steadied = (signal * (levels.mean() / levels)[:, None, None]).astype(np.float32)
     mean, variance = mean_and_variance(steadied)
@@ -218,7 +219,7 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
 
 
 def _take_darks(bench: Bench) -> Darks:
-    """Take all dark frames; the capture's own exposure is among what they span, where the devices can."""
+    """Take all dark frames; if the devices can, their exposures span the capture's exposure."""
     bench.please(Arrangement.DARK)
     frames = bench.options.frames
     few = max(frames // 4, 2)
@@ -272,7 +273,7 @@ def _check_black(darks: Darks, top_dn: int) -> None:
 
 
 def _check_shut(darks: Darks) -> None:
-    """Accept dark frames that do not change when the modulator opens."""
+    """Check that dark frames do not change when the modulator opens."""
     change = float(np.median(darks.unshut.mean(axis=0, dtype=np.float64) - darks.long.mean(axis=0, dtype=np.float64)))
     noise = float(np.sqrt(trimmed_mean(darks.long.astype(np.float64).var(axis=0, ddof=1))))
     # The median of many pixels' means: its error is 1.25 of the mean's.
@@ -293,7 +294,7 @@ def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Bool]:
     stacks = (darks.short, darks.middle, darks.long)
     short, middle, long = (mean_and_variance(frames)[0] for frames in stacks)
     short_error, middle_error, long_error = (_error(frames) for frames in stacks)
-    # What the middle exposure foretells of the long one is not reached by a pixel that has overflowed.
+    # A pixel that overflows in the long exposure does not reach the reading predicted from the middle one.
     foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
     doubt = np.hypot(np.hypot(middle_error, short_error) * (long_s / middle_s), long_error)
     full: Bool = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
@@ -303,14 +304,14 @@ def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Bool]:
 
 
 def _error(frames: F32) -> F64:
-    """Return the standard error of each pixel's mean; of unsteady readings, what rounding adds is small."""
+    """Return the standard error of each pixel's mean; in noisy readings the part from rounding is small."""
     _, variance = mean_and_variance(frames)
     return np.hypot(mean_error(variance, len(frames)), rounding_bias_dn(float(np.sqrt(trimmed_mean(variance)))))
 
 
 def _hot(current: F64, error: F64) -> Bool:
     typical = float(np.median(current))
-    spread = 1.4826 * float(np.median(np.abs(current - typical)))  # of a normal law, from its median deviation
+    spread = 1.4826 * float(np.median(np.abs(current - typical)))  # standard deviation of a normal law, by its MAD
     hot: Bool = current - typical > np.maximum(HOT_SIGMAS * spread, SIGNIFICANT * error)
     share = float(hot.mean())
     if share > HOT_SHARE:
@@ -325,7 +326,7 @@ def _hot(current: F64, error: F64) -> Bool:
 
 
 def _noise_error(noise: F64, freedom: int) -> F64:
-    """Return the standard error of each pixel's noise; one that is low by chance does not make it more certain."""
+    """Return the standard error of each pixel's noise; noise that is low by chance is not taken as more precise."""
     steadied = np.sqrt(0.5 * (np.square(noise) + trimmed_mean(np.square(noise))))
     return np.asarray(steadied * np.sqrt(freedom / 2) / (freedom + PRIOR_FREEDOM))
 
@@ -339,7 +340,7 @@ def _spread(values: F64, errors: F64, good: Bool) -> tuple[float, float]:
     """Return the standard deviation of a map between neighbours, less its noise, with its standard error."""
     rows, columns = (np.linspace(-1, 1, side) for side in values.shape)
     terms = np.polynomial.legendre.legvander2d(*np.meshgrid(rows, columns, indexing="ij"), [SMOOTH_DEGREE] * 2)[good]
-    # Normal equations: Legendre's polynomials are all but orthogonal over a field, so nothing is lost by squaring.
+    # Normal equations: Legendre's polynomials are nearly orthogonal over a field, so squaring loses no precision.
     smooth = np.linalg.solve(terms.T @ terms, terms.T @ values[good])
     freedom = max(len(terms) - terms.shape[1], 1)
     total = float(np.square(values[good] - terms @ smooth).sum()) / freedom

@@ -1,7 +1,7 @@
-"""How far a bench has drifted since it was calibrated: a few frames against the bundle.
+"""How far a bench has drifted since it was calibrated: a few frames compared with the bundle.
 
-Here: `changes_since`, behind `gs2ci calibrate check`. Not here: what needs no frame (`fitting`), the one mask (`probe`,
-which is used).
+Here: `changes_since`, behind `gs2ci calibrate check`. Not here: checks that need no frame (`fitting`), the check of one
+mask (`probe`, which is used).
 """
 
 from dataclasses import asdict, dataclass
@@ -19,7 +19,7 @@ from gs2ci_calibration.probe import DIFFERENCE_LIMIT, SHIFT_LIMIT_PX, probe_mask
 STEP: Final = "check"
 FRAMES: Final = 8
 OFFSET_LIMIT: Final = 0.25
-"""Of the black level, in standard deviations of a pixel's dark noise."""
+"""Allowed change of the black level, in standard deviations of a pixel's dark noise."""
 NOISE_LIMIT: Final = 0.1
 RESPONSE_LIMIT: Final = 0.01
 GAIN_LIMIT: Final = 0.05
@@ -27,15 +27,15 @@ GAIN_LIMIT: Final = 0.05
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that may have changed.
+    """A property that may have changed.
 
     Args:
-        what: It.
-        value: By how much it changed.
-        error: Standard error of that.
-        limit: By how much it may; None where any change is harmless.
-        unit: Of all three.
-        step: The step of `gs2ci calibrate` that measures it anew.
+        what: The property.
+        value: Its change.
+        error: Standard error of the change.
+        limit: Largest allowed change; None if any change is harmless.
+        unit: Unit of all three.
+        step: The step of `gs2ci calibrate` that measures it again.
     """
 
     what: str
@@ -47,7 +47,7 @@ class Change:
 
     @property
     def too_far(self) -> bool:
-        """Get whether it has surely changed by more than it may."""
+        """Get whether it has changed significantly by more than the limit."""
         return self.limit is not None and abs(self.value) - 2 * self.error > self.limit
 
     def record(self) -> dict[str, Any]:
@@ -56,14 +56,14 @@ class Change:
 
 
 def changes_since(bench: Bench, bundle: Bundle) -> list[Change]:
-    """Take a few dark and flat frames and one mask, and hold them against a bundle.
+    """Take a few dark and flat frames and one mask, and compare them with a bundle.
 
     Args:
-        bench: The bench; its operator is asked for dark and for even light.
-        bundle: With any of the sections dark-flat, sensor, masks.
+        bench: The bench; its operator sets up dark and even light.
+        bundle: A bundle with any of the sections dark-flat, sensor, masks.
 
     Raises:
-        CalibrationError: Nothing to compare with, no live frames, no light.
+        CalibrationError: Nothing to compare with, frames all the same, no light.
         DriverError: A device failed.
     """
     section = bundle.need("dark-flat", STEP)
@@ -159,7 +159,7 @@ def _gain_change(flat: Stack, sensor: Section, section: Section, dark: Dark) -> 
     charge = float((pixels - dark.offset_dn[dark.good]).mean())
     shot = variance - section.number("dark_noise_rms_dn") ** 2
     gain = sensor.estimates["gain_e_per_dn"]
-    # The photon transfer curve there and then; the bend of the response changes its slope (`photon_transfer`).
+    # The present slope of the photon transfer curve; a non-linear response changes it (`transfer_curve`).
     bend, full = sensor.number("linearity_error"), sensor.number("saturation_dn") - float(dark.offset_dn.mean())
     foretold = charge / float(gain) * (1 + 4 * bend * (1 - 3 * charge / full))
     doubt = float(np.hypot(gain.error / float(gain), np.sqrt(2 / freedom) * variance / shot))

@@ -1,4 +1,4 @@
-"""A number with its standard error and unit, and the section of a bundle that a procedure hands over.
+"""A number with its standard error and unit, and the section of a bundle that a procedure returns.
 
 Here: `Estimate`, `Section`. Not here: files (`bundle`), how anything is estimated (the procedures).
 """
@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from gs2ci.core.arrays import Bool
 from gs2ci.core.errors import NumericsError
 
-# Of an array, so many numbers are shown; of more, their median.
+# Arrays of up to this many numbers are shown in full; of larger ones, the median.
 MOST_SHOWN: Final = 6
-# So many are answered to a program.
+# The same limit for output to programs.
 MOST_RECORDED: Final = 64
-# Powers of ten between which numbers are written out.
+# Powers of ten between which numbers are written without an exponent.
 LEAST_POWER: Final = -4
 MOST_POWER: Final = 6
 
@@ -30,8 +30,8 @@ class Estimate:
 
     Args:
         value: The estimate: a number or an array of any shape; float32 arrays stay float32.
-        standard_error: One standard deviation of its error: a number that holds for all, or an array of the value's
-            shape. 0 only for what is exact by definition.
+        standard_error: One standard deviation of its error: a number for all of them, or an array of the value's
+            shape. 0 only for values that are exact by definition.
         unit: "e/DN", "px", "s", "1" for a pure number.
 
     Raises:
@@ -69,7 +69,7 @@ class Estimate:
         return float(np.sqrt(np.mean(np.square(self.standard_error, dtype=np.float64))))
 
     def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> Bool:
-        """Return whether a truth lies within so many standard errors of the value, elementwise."""
+        """Return whether a true value lies within `sigmas` standard errors of the estimate, elementwise."""
         return np.asarray(np.abs(self.value - np.asarray(truth)) <= sigmas * self.standard_error)
 
     def record(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class Estimate:
             return f"{with_error(float(self.value), float(self.standard_error))}{unit}"
         shape = " × ".join(str(side) for side in self.value.shape)
         errors = np.broadcast_to(self.standard_error, self.value.shape)
-        # What is exact by definition, as a camera matrix's zeros and its one, was not found.
+        # Values that are exact by definition, as a camera matrix's zeros and its one, were not estimated.
         found = list(zip(self.value[errors > 0].tolist(), errors[errors > 0].tolist(), strict=True))
         if 0 < len(found) <= MOST_SHOWN:
             return f"{', '.join(with_error(*one) for one in found)}{unit} [{shape}]"
@@ -94,11 +94,11 @@ class Estimate:
 
 
 def with_error(value: float, error: float) -> str:
-    """Write a number as far as its standard error lets it be known: both to the error's second digit.
+    """Write a number with the digits that its standard error justifies: both to the error's second digit.
 
     Args:
         value: Finite.
-        error: Its standard error, 0 or more; 0 for what is exact.
+        error: Its standard error, 0 or more; 0 for an exact number.
     """
     if error == 0:
         return f"{value:.6g} ± 0"
@@ -111,7 +111,7 @@ def with_error(value: float, error: float) -> str:
 
 
 def _rounded(value: float, decimals: int) -> str:
-    """Write a number to so many decimals, without the sign of a zero; below 0, tens and hundreds are rounded."""
+    """Write a number to `decimals` decimals, without the sign of a zero; below 0, tens and hundreds are rounded."""
     return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
@@ -124,15 +124,15 @@ def _floats(values: ArrayLike) -> NDArray[np.floating]:
 
 @dataclass(frozen=True)
 class Section:
-    """What one procedure found: one section of a bundle.
+    """The results of one procedure: one section of a bundle.
 
     Args:
-        name: The procedure's, as on the command line: "dark-flat".
-        estimates: By name, with units; names are the field's terms.
+        name: The procedure's name, as on the command line: "dark-flat".
+        estimates: Estimates by name, with units; names are the field's terms.
         arrays: Numbers that are no estimates: patterns, flags (u1), indices. Finite.
-        facts: What it was done with, as plain values: exposure_s, frames, mode, what was refused to be guessed.
+        facts: Settings of the measurement as plain values: exposure_s, frames, mode, ...
         notes: Sentences that a user should read.
-        measured_utc: When, ISO 8601.
+        measured_utc: Time of the measurement, ISO 8601.
     """
 
     name: str

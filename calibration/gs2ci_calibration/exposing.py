@@ -1,6 +1,6 @@
-"""Finding an exposure at which the even light fills a share of the sensor's range.
+"""Finding an exposure at which the flat field fills a share of the sensor's range.
 
-Here: the search. Not here: what is measured then.
+Here: the search. Not here: the measurements at that exposure.
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,28 @@ from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 SHORTEST_S: Final = 0.5e-3
-"""Below this the jitter of a trigger, some microseconds, would change the light by more than flicker may."""
+"""Below this the jitter of a trigger, some microseconds, would change the light by more than the limit for flicker."""
 LONGEST_S: Final = 2.0
 BRIGHT_QUANTILE: Final = 0.99
 SMOOTH_PX: Final = 5
-"""Side of the square over which a frame is averaged before its brightest part is looked for: noise is not bright."""
+"""Side of the square over which a frame is averaged before its brightest part is searched for, against noise."""
 NO_LIGHT_DN: Final = 3.0
-"""A flat field that is brighter than the dark by less than this, at the longest exposure, is none."""
+"""If the flat field is brighter than the dark by less than this at the longest exposure, there is no light."""
 LONGER: Final = 1.5
 HEADROOM: Final = 1.42
-"""An exposure longer by the one has to give a signal larger by the other: else readings do not follow the light."""
+"""An exposure longer by the first factor must raise the signal by the second one, or readings are clipped."""
 CLIP_SHARE: Final = 0.05
-"""Readings below this share of the converter's range are not taken for clipped: there noise is no small part."""
+"""Readings below this share of the converter's range do not count as clipped: noise is too large a part of them."""
 ROUNDS: Final = 12
 
 
 @dataclass(frozen=True)
 class Level:
-    """An exposure that was found.
+    """The result of the search.
 
     Args:
-        exposure_s: It.
-        rate_dn_per_s: How fast the brighter pixels fill there.
+        exposure_s: The exposure.
+        rate_dn_per_s: How fast the brighter pixels fill.
     """
 
     exposure_s: float
@@ -49,16 +49,16 @@ def limits_s(bench: Bench) -> tuple[float, float]:
 
 
 def find_exposure(bench: Bench, step: str, dark: Dark, share: float) -> Level:
-    """Find the exposure at which the bright pixels of the open field reach a share of what they can hold.
+    """Find the exposure at which the bright pixels of the open field reach a share of their range.
 
-    The operator has set up the flat field. Clipping is found by a longer exposure, which has to give more signal,
-    so that a full well below the converter's top is found too; the share is then one of that.
+    The operator has set up the flat field. Clipping is detected by a longer exposure, which must give more signal; so
+    a full well below the converter's top is detected, too, and the share then refers to the well.
 
     Args:
         bench: The bench.
         step: For messages.
-        dark: What the sensor reads without light.
-        share: Of the range from black to the converter's top, or to where the well is full.
+        dark: The sensor's readings without light.
+        share: Share of the range from black to the converter's top, or to the full well.
 
     Raises:
         CalibrationError: The field is dark, or clipped at the shortest exposure.

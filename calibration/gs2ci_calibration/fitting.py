@@ -1,6 +1,6 @@
 """Whether a bundle still fits a bench: same devices, same masks, same set-up, not too old.
 
-Here: what can be told without taking a frame. Not here: looking (`probe`, `drift`), files (`bundle`).
+Here: checks that need no frame. Not here: checks by frames (`probe`, `drift`), files (`bundle`).
 """
 
 import hashlib
@@ -20,24 +20,24 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 STEP: Final = "check"
 TIME_TOLERANCE: Final = 1e-3
-"""By how much the time of a mask may differ from that at calibration, relative: what devices round."""
+"""Relative difference allowed between the time of a mask now and at calibration, for the devices' rounding."""
 REMEDY: Final = "run `gs2ci calibrate all` again, or name the bundle of this bench"
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What was found.
+    """The result of the check.
 
     Args:
         misfits: Sentences, each a reason not to use the bundle.
-        notes: Sentences that are worth knowing and no such reason.
+        notes: Further remarks, which are no such reason.
     """
 
     misfits: tuple[str, ...]
     notes: tuple[str, ...]
 
     def require(self, bundle: Bundle) -> None:
-        """Accept a bundle that fits.
+        """Raise an error unless the bundle fits.
 
         Raises:
             CalibrationError: It does not; every reason is named.
@@ -49,20 +49,20 @@ class Fit:
 
 
 def codes_sha256(codes: U16) -> U8:
-    """Return the hash by which a bundle knows the codes [N, h, w] that its masks belong to, [32] uint8."""
+    """Return the hash that identifies the codes [N, h, w] of a bundle's masks, [32] uint8."""
     digest = hashlib.sha256(str(codes.shape).encode() + np.ascontiguousarray(codes, dtype="<u2").tobytes()).digest()
     return np.frombuffer(digest, np.uint8)
 
 
 def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: float, now: datetime | None = None) -> Fit:
-    """Compare a bundle with the bench as it is connected and with what it is going to capture; nothing moves.
+    """Compare a bundle with the connected bench and with the capture that is planned on it; nothing moves.
 
     Args:
-        bundle: With masks, or without: then only the rest is compared.
-        bench: Connected.
-        provenance: Its devices as they say that they are.
-        max_age_days: From which age on a section is too old.
-        now: The time; the clock's if not given.
+        bundle: The bundle; without masks only the rest is compared.
+        bench: The bench, connected.
+        provenance: Its devices' identities.
+        max_age_days: Age from which on a section is too old.
+        now: The time; None takes the clock's.
 
     Raises:
         DriverError: A device does not answer.
@@ -81,10 +81,10 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
 
 
 def _said_of_the_bench(rig: str) -> Any:
-    """Return what a rig file's text says, without comments and the bundle's own name, which is entered afterwards."""
+    """Return the tables of a rig file's text, without the bundle's own name, which is entered after calibration."""
     try:
         tables = tomllib.loads(rig)
-    except (tomllib.TOMLDecodeError, RecursionError):  # of another time
+    except (tomllib.TOMLDecodeError, RecursionError):  # a damaged or foreign text is compared as it is
         return rig
     about = tables.get("calibration", {})
     rest = {key: value for key, value in about.items() if key != "bundle"} if isinstance(about, dict) else about
@@ -96,7 +96,7 @@ def _devices(then: Provenance, now: Provenance) -> Sequence[str]:
     for name, (model, serial, _) in then.devices.items():
         there = now.devices.get(name)
         if there is None:
-            # Masks and sensor are what they are without the stage that was there.
+            # Masks and sensor do not depend on a stage that is missing now.
             continue
         if there[:2] != (model, serial):
             found.append(f"its {name} is {f'{model} {serial}'.strip()}, this one is {f'{there[0]} {there[1]}'.strip()}")
@@ -106,7 +106,7 @@ def _devices(then: Provenance, now: Provenance) -> Sequence[str]:
 def _age(section: Section, max_age_days: float, now: datetime) -> str:
     try:
         age = now - datetime.fromisoformat(section.measured_utc)
-    except (ValueError, TypeError):  # not a date, or one without its zone
+    except (ValueError, TypeError):  # not a date, or one without a time zone
         return f"{section.name} has no date"
     if age > timedelta(days=max_age_days):
         return f"{section.name} is {age.days} days old, allowed are {max_age_days:g}"

@@ -1,6 +1,6 @@
 """Checks that every stack of frames must pass before it is used, and means over its pixels and frames.
 
-Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
+Pure: arrays in, numbers out, `CalibrationError` if the frames cannot be used. Not here: taking frames (`bench`), the
 procedures.
 """
 
@@ -18,23 +18,23 @@ FLICKER_LIMIT: Final = 0.005
 DRIFT_LIMIT: Final = 0.03
 """Largest steady change of the light over one stack, relative."""
 SIGNIFICANT: Final = 5.0
-"""Standard errors from which on something is there: once in two million by chance."""
+"""Number of standard errors from which on an effect counts as real: exceeded by chance once in two million."""
 DEAD_SHARE: Final = 0.01
-"""Most pixels that may be dead."""
+"""Largest share of dead pixels."""
 PRIOR_FREEDOM: Final = 4.0
-"""Freedom of the prior that steadies a pixel's variance by all pixels': it matters with few frames, not with many."""
+"""Degrees of freedom of the prior that pulls a pixel's variance towards the mean: it matters only with few frames."""
 QUANTISATION_VARIANCE: Final = 1.0 / 12.0
-"""Of rounding to whole DN (EMVA 1288, Release 3.1, section 2.2)."""
+"""Variance of rounding to whole DN (EMVA 1288, Release 3.1, section 2.2)."""
 
 
 @dataclass(frozen=True)
 class Dark:
-    """What the sensor reads without light.
+    """The sensor's readings without light.
 
     Args:
-        offset_dn: At no exposure, [H, W].
-        current_dn_per_s: And per second, [H, W].
-        dead: Pixels that do not answer to light, [H, W].
+        offset_dn: Reading at zero exposure, [H, W].
+        current_dn_per_s: Its increase per second, [H, W].
+        dead: Pixels that do not respond to light, [H, W].
         hot: Pixels with far more dark current than the others, [H, W].
     """
 
@@ -45,7 +45,7 @@ class Dark:
 
     @classmethod
     def of(cls, section: Section) -> Self:
-        """Return what the section `dark-flat` says."""
+        """Return the values of the section `dark-flat`."""
         return cls(
             section.array("offset_dn").astype(np.float64),
             section.array("dark_current_dn_per_s").astype(np.float64),
@@ -64,7 +64,7 @@ class Dark:
 
 
 def check_stack(step: str, frames: F32) -> None:
-    """Accept frames [K, H, W] that are live readings of a sensor.
+    """Check that frames [K, H, W] are live readings of a sensor.
 
     Raises:
         CalibrationError: Too few, not finite, or all the same.
@@ -93,8 +93,8 @@ def check_stack(step: str, frames: F32) -> None:
 def mean_and_variance(frames: F32) -> tuple[F64, F64]:
     """Return each pixel's mean and the variance of one reading, [H, W] each.
 
-    A pixel's own sample variance is steadied by the mean of all pixels', as by a conjugate prior of
-    `PRIOR_FREEDOM`: a few frames then give no zero by chance.
+    A pixel's own sample variance is combined with the mean of all pixels', as by a conjugate prior with
+    `PRIOR_FREEDOM` degrees of freedom, so that few frames do not give a variance of zero by chance.
     """
     stack = frames.astype(np.float64)
     freedom = len(stack) - 1
@@ -104,44 +104,45 @@ def mean_and_variance(frames: F32) -> tuple[F64, F64]:
 
 
 def mean_error(variance: F64, frames: int) -> F64:
-    """Return the standard error of means over so many frames, from variances of `mean_and_variance`.
+    """Return the standard error of means over `frames` frames, from variances of `mean_and_variance`.
 
-    A variance that was itself estimated with f degrees of freedom gives a Student's law, of variance f / (f − 2).
+    If the variance was itself estimated with f degrees of freedom, the mean follows Student's law, whose variance is
+    larger by f / (f − 2).
     """
     freedom = frames - 1 + PRIOR_FREEDOM
     return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
 
 
 def trimmed_mean(values: F64) -> float:
-    """Return the mean without the highest hundredth of the values: hot pixels do not count."""
+    """Return the mean without the highest percent of the values, which excludes hot pixels."""
     flat = np.sort(values, axis=None)
     return float(flat[: max(int(np.ceil(flat.size * 0.99)), 1)].mean())
 
 
 def rounding_bias_dn(noise_dn: float) -> float:
-    """Return by how much rounding biases the mean of readings with this noise, rms over all phases, DN.
+    """Return the bias that rounding causes in the mean of readings with this noise, rms over all phases, DN.
 
-    The characteristic function of the noise at one cycle per DN, over pi: large only when noise is far below a DN
-    (Widrow and Kollar, Quantization Noise, 2008, section 4).
+    It is the characteristic function of the noise at one cycle per DN, over pi: large only if the noise is far below a
+    DN (Widrow and Kollar, Quantization Noise, 2008, section 4).
     """
     return float(np.exp(-2 * np.square(np.pi * noise_dn)) / (np.pi * np.sqrt(2)))
 
 
 def rounding_variance_bias(noise_dn: float, levels_dn: F64) -> float:
-    """Return how far the variance of rounded readings may be from that of the noise plus 1/12 DN², at most.
+    """Return the largest possible difference between the variance of rounded readings and the noise's plus 1/12 DN².
 
-    One pixel's is off by (4 σ² + 1/π²) exp(−2 π² σ²) cos(2 π level); levels that differ from pixel to pixel let the
-    mean over pixels lose most of it (Widrow and Kollar, as above).
+    For one pixel it is (4 σ² + 1/π²) exp(−2 π² σ²) cos(2 π level); if levels differ from pixel to pixel, most of it
+    cancels in the mean over pixels (Widrow and Kollar, as above).
     """
     largest = (4 * noise_dn**2 + 1 / np.pi**2) * float(np.exp(-2 * np.square(np.pi * noise_dn)))
     return largest * float(np.abs(np.exp(2j * np.pi * levels_dn).mean()))
 
 
 def root(variance: float, error: float) -> tuple[float, float]:
-    """Return a standard deviation and its standard error from a variance, which by chance may be below 0.
+    """Return a standard deviation and its standard error from an estimated variance, which may be below 0 by chance.
 
-    Near 0 the error of the root is that of the variance's own scale: σ² = 0 ± e says σ < √e. A variance that may be 0,
-    by two of its errors, gives a deviation that may be 0, by two of its own.
+    Near 0 the error of the root follows from the error of the variance: σ² = 0 ± e means σ < √e. If the variance is
+    within two of its errors of 0, the deviation is within two of its own errors of 0.
     """
     if variance <= 0:
         return 0.0, float(np.sqrt(error))
@@ -152,7 +153,7 @@ def root(variance: float, error: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Lamp:
-    """How steady the light was over a stack, beyond the noise of the readings.
+    """Unsteadiness of the light over a stack, beyond the noise of the readings.
 
     Args:
         flicker: Rms change from frame to frame, relative.
@@ -164,7 +165,7 @@ class Lamp:
 
 
 def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
-    """Return how steady the light was over frames [K, H, W], K of 3 or more, with the given dark level [H, W].
+    """Return the unsteadiness of the light over frames [K, H, W], K of 3 or more, with the given dark level [H, W].
 
     Raises:
         CalibrationError: No light, or it flickers or drifts by more than the limits.
@@ -202,10 +203,10 @@ def refuse_dark(step: str, signal_dn: float) -> None:
 
 
 def check_flicker(step: str, flicker: float, error: float) -> None:
-    """Accept a relative rms change of the light from frame to frame, given with its standard error.
+    """Check a relative rms change of the light from frame to frame, given with its standard error.
 
     Raises:
-        CalibrationError: It is surely above the limit.
+        CalibrationError: It is significantly above the limit.
     """
     if flicker - 2 * error > FLICKER_LIMIT:
         raise CalibrationError(
@@ -218,7 +219,7 @@ def check_flicker(step: str, flicker: float, error: float) -> None:
 
 
 def check_drift(step: str, drift: float, frames: int) -> None:
-    """Accept a relative steady change of the light over some frames.
+    """Check a relative steady change of the light over some frames.
 
     Raises:
         CalibrationError: It is above the limit.
@@ -234,7 +235,7 @@ def check_drift(step: str, drift: float, frames: int) -> None:
 
 
 def check_dead(step: str, dead: Bool) -> None:
-    """Accept a map of dead pixels [H, W].
+    """Check a map of dead pixels [H, W].
 
     Raises:
         CalibrationError: A whole row or column is dead, or too many pixels are.

@@ -1,6 +1,6 @@
 """The options of calibration: the table [calibration] of a rig file, and the procedures' options.
 
-Here: `CalibrationOptions`, `BoardSpec`. Not here: what else a procedure sees of a bench (`bench`).
+Here: `CalibrationOptions`, `BoardSpec`. Not here: the rest of a bench that a procedure uses (`bench`).
 """
 
 from typing import Annotated, Literal
@@ -36,10 +36,10 @@ class BoardSpec(ConfigTable):
 
 
 class CalibrationOptions(ConfigTable):
-    """[calibration]: what `gs2ci calibrate` does, and which bundle `gs2ci capture` takes."""
+    """[calibration]: options of `gs2ci calibrate`, and the bundle that `gs2ci capture` uses."""
 
     bundle: str = ""
-    """A calibration bundle beside the rig file that `gs2ci capture` uses; "" takes nominal masks."""
+    """A calibration bundle beside the rig file, used by `gs2ci capture`; "" takes the masks as drawn."""
     max_age_days: Positive = 30.0
     """A bundle older than this is refused."""
     frames: Annotated[int, Field(ge=2)] = 32
@@ -47,11 +47,11 @@ class CalibrationOptions(ConfigTable):
     mask_frames: Annotated[int, Field(ge=2)] = 8
     """Frames of each mask, at least."""
     mask_accuracy: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
-    """Wanted standard error of masks, rms over the pixels; more frames are taken if it needs them."""
+    """Required standard error of masks, rms over the pixels; more frames are taken if necessary."""
     orientation: Orientation = "upright"
-    """How the modulator's image lies on the sensor; "any" takes it as it is found, anything else is refused."""
+    """Orientation of the modulator's image on the sensor; another one is refused, unless this is "any"."""
     board: BoardSpec = BoardSpec()
     board_views: Annotated[int, Field(ge=3)] = 12
     """Pictures of the board, each in another pose."""
     temperature_c: float | None = None
-    """Of the sensor, where it is known, for the bundle."""
+    """Temperature of the sensor, if known, for the bundle."""

@@ -1,7 +1,7 @@
-"""The step `sensor`: an exposure sweep before an even light, for the photon transfer curve.
+"""The step `sensor`: an exposure sweep of the flat field, for the photon transfer curve.
 
-Here: taking it and the section. Not here: what follows from it (`transfer_curve`), single pixels (`dark_flat`, on which
-this builds).
+Here: taking it and the section. Not here: its evaluation (`transfer_curve`), single pixels (`dark_flat`, whose section
+this step needs).
 """
 
 from typing import Final
@@ -21,20 +21,20 @@ from gs2ci_calibration.transfer_curve import LEVELS, STEP, ExposureSweep, Full, 
 START_SHARE: Final = 0.5
 LOWEST_SHARE: Final = 0.04
 HIGHEST_SHARE: Final = 1.04
-"""Exposures of the sweep over the one that fills the pixels: from nearly none to just beyond."""
+"""Exposures of the sweep, relative to the one that fills the pixels: from nearly zero to just beyond it."""
 OVERFULL: Final = (1.6, 2.0)
-"""Exposures at which all pixels are full, over the one that fills them."""
+"""Exposures at which all pixels are full, relative to the one that fills them."""
 FULL_TOLERANCE: Final = 0.005
-"""By how much the reading of full pixels may still grow between these two."""
+"""Largest relative increase of full pixels' readings between these two."""
 DIM_QUANTILE: Final = 0.02
 
 
 def measure(bench: Bench, known: Bundle) -> Section:
-    """Sweep the exposure before an even light and return the section `sensor`.
+    """Sweep the exposure of the flat field and return the section `sensor`.
 
     Raises:
         CalibrationError: `dark-flat` is missing; light too strong, too weak or unsteady; readings that do not follow
-            it, or without noise.
+            the light, or without noise.
         DriverError: A device failed.
     """
     section = known.need("dark-flat", STEP)
@@ -49,12 +49,12 @@ def measure(bench: Bench, known: Bundle) -> Section:
 
 
 def _take_full(bench: Bench, dark: Dark, start: Level) -> Full:
-    """Fill the pixels and see that more light changes nothing."""
+    """Fill the pixels and check that more light does not change their readings."""
     _, longest_s = limits_s(bench)
     pattern = bench.flat_pattern(is_open=True)[None]
     good, offset_dn = dark.good, float(np.median(dark.offset_dn))
     signal = _mean(bench.grab(pattern, frames=2, exposure_s=start.exposure_s)) - dark.at(start.exposure_s)
-    # The start was found by the brighter pixels; the dimmer ones have to fill too.
+    # The first exposure was found by the brighter pixels; the dimmer ones must be full, too.
     dim = max(float(np.quantile(signal[good], DIM_QUANTILE)) / (start.rate_dn_per_s * start.exposure_s), UNEVEN_LIMIT)
     base_s = (bench.top_dn - offset_dn) / (start.rate_dn_per_s * dim)
     if OVERFULL[-1] * base_s > longest_s:
@@ -80,7 +80,7 @@ def _take_full(bench: Bench, dark: Dark, start: Level) -> Full:
 
 
 def _take_sweep(bench: Bench, dark: Dark, full: Full) -> ExposureSweep:
-    """Take all levels upwards and then downwards: a lamp that drifts steadily then changes no level against another."""
+    """Take all levels upwards and then downwards, so that a steady drift of the lamp affects all levels equally."""
     shortest_s, _ = limits_s(bench)
     lowest = max(LOWEST_SHARE, shortest_s / full.fill_s)
     shares = np.linspace(lowest, HIGHEST_SHARE, LEVELS)

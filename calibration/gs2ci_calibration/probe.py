@@ -1,10 +1,9 @@
-"""A quick check of one mask before any scene: is it where, and what, the bundle says?
+"""A quick check of one mask in front of any scene: is it the mask, and in the place, that the bundle states?
 
-Here: taking it and judging it. Not here: measuring masks (their own step).
+Here: taking the frames and judging them. Not here: measuring masks (their own step).
 
-With the mask, all on and all off, (mask − off)/(on − off) is the mask itself, whatever scene is at rest before the
-camera, as long as it is lit. What the bundle foretells follows from its masks M, which include the leakage c:
-(M − c)/(1 − c).
+With the mask, all on and all off, (mask − off)/(on − off) is the mask itself, for any lit scene at rest before the
+camera. The bundle's masks M include the leakage c and predict (M − c)/(1 − c).
 """
 
 from dataclasses import dataclass
@@ -24,29 +23,29 @@ FRAMES: Final = 4
 ROOM: Final = 0.9
 """Share of the range that the brightest pixels may fill."""
 CLEAR: Final = 8.0
-"""A pixel counts where on is above off by this many standard deviations of their difference."""
+"""A pixel is used if on exceeds off by this many standard deviations of their difference."""
 LEAST_PIXELS: Final = 200
 DIFFERENCE_LIMIT: Final = 0.05
-"""Largest rms difference from what the bundle foretells, beyond noise: a tenth of a pixel moves a random mask so."""
+"""Largest rms difference from the bundle's prediction, beyond noise: that of a random mask displaced by 0.1 px."""
 SHIFT_LIMIT_PX: Final = 0.1
 ALIKE: Final = 0.5
-"""Correlation from which on another mask is recognised, or an inverted one."""
+"""Correlation from which on a mask of the bundle, or an inverted one, is recognised."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """What one mask looked like against the bundle.
+    """The comparison of one mask with the bundle.
 
     Args:
-        mask: Which of the masks.
-        difference: Rms difference from what was foretold, noise taken off.
-        correlation: With what was foretold.
-        shift_px: How far the picture of the modulator has moved since, right and down.
-        shift_error_px: Standard error of that, of each.
-        pixels: How many were lit well enough to be compared.
-        most_alike: Which mask of the bundle it resembles most.
-        off_dn: Mean reading with all mirrors off, where compared.
-        on_dn: And on.
+        mask: Index of the mask.
+        difference: Rms difference from the prediction, noise subtracted.
+        correlation: Correlation with the prediction.
+        shift_px: Displacement of the modulator's image since calibration, right and down.
+        shift_error_px: Standard error of each.
+        pixels: How many pixels were lit well enough to be compared.
+        most_alike: The mask of the bundle that it resembles most.
+        off_dn: Mean reading of these pixels with all mirrors off.
+        on_dn: And with all mirrors on.
     """
 
     mask: int
@@ -60,10 +59,10 @@ class Probe:
     on_dn: float
 
     def require(self) -> "Probe":
-        """Accept a probe that is as foretold.
+        """Return self if the mask agrees with the prediction.
 
         Raises:
-            CalibrationError: Another mask is on show, an inverted one, or the picture has moved.
+            CalibrationError: Another mask is shown, it is inverted, or the modulator's image is displaced.
         """
         remedy = "run `gs2ci calibrate registration` and `masks` again"
         if self.correlation < -ALIKE:
@@ -94,7 +93,7 @@ class Probe:
 
     @property
     def moved(self) -> bool:
-        """Get whether the picture has surely moved by more than the limit."""
+        """Get whether the image is significantly displaced by more than the limit."""
         pairs = zip(self.shift_px, self.shift_error_px, strict=True)
         return any(abs(shift) - 2 * error > SHIFT_LIMIT_PX for shift, error in pairs)
 
@@ -103,11 +102,11 @@ def probe_mask(bench: Bench, masks: Section) -> Probe:
     """Show the first mask between all off and all on, and compare it with the bundle.
 
     Args:
-        bench: Before a scene at rest.
+        bench: The bench, before a scene at rest.
         masks: The section `masks`.
 
     Raises:
-        CalibrationError: Too little light to tell.
+        CalibrationError: Too little light to decide.
         DriverError: A device failed.
     """
     stack = _take(bench, 0)
@@ -120,17 +119,17 @@ def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Pr
 
     Args:
         stack: Frames with all mirrors off, the mask, and all on, [3, K, H, W] with K of 2 or more.
-        masks: Of the bundle, leakage included, [N, H, W].
+        masks: The bundle's masks, leakage included, [N, H, W].
         leakage: Off over on, [H, W].
-        valid: Where the masks are known, [H, W].
+        valid: Pixels where the masks are known, [H, W].
         index: Which mask was shown.
 
     Raises:
-        CalibrationError: Too little light to tell.
+        CalibrationError: Too little light to decide.
     """
     readings = stack.readings.astype(np.float64)
     off, shown, on = readings.mean(axis=1)
-    # Of a mean of frames; pooled over neighbours it would be no steadier, for every pixel has light of its own.
+    # Variance of a mean of frames. It is not pooled over neighbours, because the light differs from pixel to pixel.
     noises: F64 = readings.var(axis=1, ddof=1) / readings.shape[1]
     noise_off, noise_shown, noise_on = noises
     span = on - off
@@ -144,7 +143,7 @@ def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Pr
             allowed=f"{LEAST_PIXELS} or more",
             remedy="light the scene, or leave the probe out with --no-probe",
         )
-    foretold = (masks - leakage) / np.maximum(1 - leakage, 0.1)  # 0.1: a pixel that leaks more than 90 % tells nothing
+    foretold = (masks - leakage) / np.maximum(1 - leakage, 0.1)  # 0.1: a pixel that leaks more than 90 % is useless
     seen = (shown - off)[lit] / span[lit]
     rest = seen - foretold[index][lit]
     share = foretold[index][lit]
@@ -165,7 +164,7 @@ def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Pr
 
 
 def _take(bench: Bench, index: int) -> Stack:
-    """Take the frames, at an exposure at which nothing is clipped."""
+    """Take the frames, at an exposure at which no pixel is clipped."""
     shut, unshut = (bench.flat_pattern(is_open=is_open) for is_open in (False, True))
     patterns = np.stack([bench.deep(shut), bench.capture.masks[index], bench.deep(unshut)])
     shortest_s = max(SHORTEST_S, bench.exposure_limits_s[0])
@@ -179,12 +178,12 @@ def _take(bench: Bench, index: int) -> Stack:
 
 
 def _shift(foretold: F64, lit: Bool, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return how far the mask has moved, right and down, by least squares on its slopes; errors from what is left."""
-    # Slopes of a cubic spline: differences of neighbours alone are half too flat for a mask random at each pixel.
+    """Return the mask's displacement, right and down, by least squares on its slopes; errors from the residuals."""
+    # Slopes of a cubic spline: differences of neighbours would be too small by half for a mask random at each pixel.
     down, right = (np.gradient(spline_filter1d(foretold, axis=axis), axis=axis) for axis in (0, 1))
     slopes = np.stack([-right[lit], -down[lit]], axis=1)
     normal = slopes.T @ slopes
-    if np.linalg.det(normal) <= 1e-6 * np.trace(normal) ** 2:  # 1e-6: a mask without structure shows no motion
+    if np.linalg.det(normal) <= 1e-6 * np.trace(normal) ** 2:  # 1e-6: in a mask without structure no shift is visible
         return (0.0, 0.0), (float(np.inf), float(np.inf))
     moved = np.linalg.solve(normal, slopes.T @ rest)
     left = float(np.square(rest - slopes @ moved).mean()) + float(noise.mean())

@@ -1,4 +1,4 @@
-"""Which calibration steps there are, in the order in which `all` runs them: one line each.
+"""The calibration steps, in the order in which `all` runs them: one line each.
 
 Not here: the steps.
 """
@@ -18,7 +18,7 @@ from gs2ci_calibration.masks.registration_step import measure_registration
 Procedure = Callable[[Bench, Bundle], Section]
 
 PROCEDURES: Final[dict[str, Procedure]] = {
-    # In this order: a step may build on the sections of those before it.
+    # In this order, because a step may need the sections of earlier ones.
     "dark-flat": dark_flat.measure,
     "sensor": photon_transfer.measure,
     "registration": measure_registration,

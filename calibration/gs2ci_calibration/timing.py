@@ -3,16 +3,16 @@
 Here: the procedure `measure` and its pure estimators. Not here: how masks are weighted in a capture
 (`gs2ci_drivers.planning.overlap_weights`, which is used).
 
-Method. Four patterns of τ each follow each other while the sensor exposes once for E = 2 τ + h from its trigger at the
-first one's appearance, that is from L to L + E + o. What light gets through tells the times, whatever its brightness r:
+Method. Four patterns of duration τ each follow one another while the sensor exposes once, for E = 2 τ + h from its
+trigger at the first pattern's appearance, that is from L to L + E + o. The signals, at brightness r, give the times:
 
-    edge       open shut shut shut      r (τ − L)         begins within the open pattern
-    inside     shut open shut shut      r τ               the reference: all of it is exposed
-    length     open shut open shut      r (τ + h + o)     begins in one and ends in the other open pattern
+    edge       open shut shut shut      r (τ − L)         exposure begins within the open pattern
+    inside     shut open shut shut      r τ               the reference: the open pattern is exposed completely
+    length     open shut open shut      r (τ + h + o)     exposure begins in one open pattern and ends in the other
     closed     shut shut shut shut      0
 
-Each is compared with `inside`, so that the light, and a response that bends, drop out; they are interleaved, so that a
-lamp that drifts does too. τ is swept: a latency that depended on it would be none.
+Each is divided by `inside`, so that brightness and a non-linear response cancel; they are interleaved, so that a drift
+of the lamp cancels as well. τ is swept: a true latency must not depend on it.
 """
 
 from dataclasses import dataclass
@@ -39,34 +39,34 @@ OPEN: Final = {
     "closed": (False, False, False, False),
 }
 ORDER: Final = ("closed", "inside", "edge", "length", "length", "edge", "inside", "closed")
-"""Symmetric in time: what drifts steadily shifts no kind against another."""
+"""Symmetric in time, so that a steady drift affects all kinds equally."""
 COARSE_S: Final = (4e-3, 40e-3)
-"""Times per pattern of the first look; the longer one is for devices that are slow to answer."""
+"""Times per pattern of the coarse measurement; the longer one is for devices with a long latency."""
 COARSE_SPARE: Final = 0.25
-"""h over τ of the first look."""
+"""h over τ of the coarse measurement."""
 FINE_S: Final = 0.5e-3
 SWEEP: Final = (1.0, 1.5, 2.0)
-"""Times per pattern of the sweep, over the shortest of them."""
+"""Times per pattern of the sweep, relative to the shortest of them."""
 SPARE_S: Final = 50e-6
 STEP_S: Final = 10e-6
-"""Times are multiples of this: microseconds that any modulator keeps, and a line of most sensors."""
+"""Times are multiples of this, which any modulator can keep and which is about a line of most sensors."""
 FULLY: Final = 0.93
-"""Of the coarse pattern that latency or excess length may take."""
+"""Largest share of the coarse pattern that latency or excess length may take."""
 ERROR_LIMIT_S: Final = 1e-6
 """Largest standard error of the latency: the truth is then within 2 µs."""
 WANTED_ERROR_S: Final = 0.7e-6
 MOST_ROUNDS: Final = 7
-"""The sweep is repeated until the latency is known so well, but no more often."""
+"""Largest number of repetitions of the sweep, which is repeated until the latency is known to `ERROR_LIMIT_S`."""
 CONSISTENT: Final = 25.0
 """Largest χ² per degree of freedom over the sweep."""
 
 
 def measure(bench: Bench, known: Bundle) -> Section:
-    """Sweep the delay between trigger and light before an even field and return the section `timing`.
+    """Sweep the delay between trigger and light on the flat field and return the section `timing`.
 
     Raises:
-        CalibrationError: `dark-flat` is missing; no edge is found; light too weak or unsteady; the sweep contradicts
-            itself.
+        CalibrationError: `dark-flat` is missing; no edge is found; light too weak or unsteady; results of the sweep
+            contradict each other.
         DriverError: A device failed.
     """
     if not bench.devices.modulator.connect().hardware_timed:
@@ -99,13 +99,13 @@ def measure(bench: Bench, known: Bundle) -> Section:
 
 @dataclass(frozen=True)
 class Look:
-    """Light through the four kinds of patterns, at one time per pattern.
+    """Signals of the four kinds of patterns, at one time per pattern.
 
     Args:
         pattern_s: τ.
-        exposure_s: E, as the sensor was set.
+        exposure_s: E, as set on the sensor.
         levels_dn: For each kind the mean signal of each frame, [K] DN.
-        noise_dn2: Variance that the pixels' own noise gives these means.
+        noise_dn2: Variance of these means by the pixels' noise.
     """
 
     pattern_s: float
@@ -114,7 +114,7 @@ class Look:
     noise_dn2: dict[str, float]
 
     def ratio(self, kind: str) -> tuple[float, float]:
-        """Return the light of a kind over that of `inside`, and its standard error."""
+        """Return the signal of a kind over that of `inside`, and its standard error."""
         shut, inside, other = (self.levels_dn[name] for name in ("closed", "inside", kind))
         below, above = float(inside.mean() - shut.mean()), float(other.mean() - shut.mean())
         if below <= 0:
@@ -130,7 +130,7 @@ class Coarse:
 
     Args:
         latency_s: From the first pattern's appearance to the start of exposure.
-        offset_s: By how much longer than set the exposure is.
+        offset_s: Excess of the exposure over the configured one.
     """
 
     latency_s: float
@@ -139,13 +139,13 @@ class Coarse:
 
 @dataclass(frozen=True)
 class TimingEstimate:
-    """What the sweep tells; pairs are a value and its standard error.
+    """The estimates from the sweep; pairs are a value and its standard error.
 
     Args:
         latency_s: From the trigger's edge to the start of exposure.
-        jitter_s: Standard deviation of that.
-        exposure_offset_s: By how much longer than set an exposure is.
-        flicker: Of the light from frame to frame, relative.
+        jitter_s: Standard deviation of the latency.
+        exposure_offset_s: Excess of an exposure over the configured one.
+        flicker: Relative flicker of the light from frame to frame.
     """
 
     latency_s: tuple[float, float]
@@ -158,8 +158,8 @@ def estimate(looks: list[Look], trigger_delay_s: float) -> TimingEstimate:
     """Estimate the times from a sweep.
 
     Args:
-        looks: At each time per pattern.
-        trigger_delay_s: From a pattern's appearance to the trigger's edge, as the modulator was told.
+        looks: The signals at each time per pattern.
+        trigger_delay_s: From a pattern's appearance to the trigger's edge, as set on the modulator.
 
     Raises:
         CalibrationError: No light, light that flickers, times that change with τ, or that are too uncertain.
@@ -181,7 +181,7 @@ def estimate(looks: list[Look], trigger_delay_s: float) -> TimingEstimate:
 
 
 def overlap(capture: CaptureSettings, latency_s: float, offset_s: float, trigger_delay_s: float) -> F64:
-    """Return the share of each mask's time on show that a capture exposes, [N], with these times."""
+    """Return the share of each mask's time that a capture with these times exposes, [N]."""
     sequence = PatternSequence(capture.masks, capture.bit_depth, capture.mask_s, capture.dark_s)
     begin_s = trigger_delay_s + latency_s
     return overlap_weights(sequence.windows_s(), begin_s, begin_s + sensor_exposure_s(capture) + offset_s)
@@ -196,7 +196,7 @@ def _shortest_s(bench: Bench) -> float:
 
 
 def _rounded(time_s: float) -> float:
-    return ceil(time_s / STEP_S - 1e-6) * STEP_S  # 1e-6 steps: division's rounding
+    return ceil(time_s / STEP_S - 1e-6) * STEP_S  # 1e-6 steps: rounding error of the division
 
 
 def _sweep(bench: Bench, dark: Dark, times_s: list[float], spare_s: float, rounds: int) -> list[Look]:
@@ -210,7 +210,7 @@ def _sweep(bench: Bench, dark: Dark, times_s: list[float], spare_s: float, round
 
 
 def _rounds_missing(looks: list[Look]) -> int:
-    """Return how many sweeps more the wanted error of the latency takes, at most `MOST_ROUNDS`."""
+    """Return how many more sweeps are needed for the required error of the latency, at most `MOST_ROUNDS`."""
     _, error = _combined(np.array([_begin(look) for look in looks]), "latency")
     return min(ceil((error / WANTED_ERROR_S) ** 2) - 1, MOST_ROUNDS)
 
@@ -232,7 +232,7 @@ def _first_look(bench: Bench, dark: Dark) -> Coarse:
 
 
 def _look(bench: Bench, dark: Dark, pattern_s: float, spare_s: float, frames: int) -> Look:
-    """Take all kinds of patterns; half of the frames at a time, jitter wants more of those that begin at an edge."""
+    """Take all kinds of patterns, each in two halves; `edge` gets twice the frames of the others, for the jitter."""
     good, levels, noises = dark.good, {kind: list[F64]() for kind in OPEN}, {kind: list[float]() for kind in OPEN}
     exposure_s = 2 * pattern_s + spare_s
     for kind in ORDER:
@@ -291,9 +291,9 @@ def _check_lamp(looks: list[Look]) -> float:
 
 
 def _jitter(looks: list[Look]) -> tuple[float, float]:
-    """Return the scatter of the latency: that of `edge` beyond its pixels' noise and the lamp's, which the others show.
+    """Return the scatter of the latency: that of `edge` beyond the pixels' noise and the lamp's, known from the others.
 
-    In `length` a later begin is a later end: its light does not change.
+    In `length` a later start is also a later end, so its signal does not change.
     """
     with_jitter, error = _excess_variance(looks, ("edge",), relative=False)
     by_lamp, lamp_error = _excess_variance(looks, ("inside", "length"), relative=False)
@@ -304,9 +304,9 @@ def _excess_variance(looks: list[Look], kinds: tuple[str, ...], *, relative: boo
     """Return by how much frames of some kinds vary beyond their pixels' own noise, with its standard error.
 
     Args:
-        looks: At each time per pattern.
-        kinds: Of patterns.
-        relative: Whether to the signal; else in seconds of light, squared.
+        looks: The signals at each time per pattern.
+        kinds: The kinds of patterns.
+        relative: Whether relative to the signal; otherwise in seconds of light, squared.
 
     Raises:
         CalibrationError: There is no light.
@@ -323,7 +323,7 @@ def _excess_variance(looks: list[Look], kinds: tuple[str, ...], *, relative: boo
             scale = 1 / signal**2 if relative else (look.pattern_s / inside) ** 2
             rows.append((scale * levels.var(ddof=1), scale * look.noise_dn2[kind], len(levels) - 1))
     variance, noise, freedom = np.array(rows).T
-    # Weights by what is foretold, not by what came out: a sample that varies little by chance is no better for it.
+    # Weights by the expected variance, not the sample's: a sample that varies little by chance is not more precise.
     weights = freedom / np.square(noise)
     weights /= weights.sum()
     excess = float(weights @ (variance - noise))

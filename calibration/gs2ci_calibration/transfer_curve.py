@@ -1,10 +1,10 @@
-"""The photon transfer curve: electrons per DN, read noise, full well, and up to where readings follow the light.
+"""The photon transfer curve: electrons per DN, read noise, full well, and the range in which readings follow the light.
 
 Pure: frames in, figures out. Not here: taking them (`photon_transfer`), single pixels (`dark_flat`).
 
-Method: EMVA Standard 1288, Release 3.1, sections 2 and 6, with one change. A response that bends, s = u (1 + 4 d (1 −
-u / S)), also bends the photon transfer curve: its slope is (ds/du)² / G. The bend d is fitted to the signal against the
-exposure first, and the curve is straightened by it.
+Method: EMVA Standard 1288, Release 3.1, sections 2 and 6, with one change. A non-linear response, s = u (1 + 4 d (1 −
+u / S)), also bends the photon transfer curve: its slope is (ds/du)² / G. So the non-linearity d is first fitted to the
+signal as a function of the exposure, and the curve is corrected by it.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 STEP: Final = "sensor"
 LEVELS: Final = 12
 CLEAR_SIGMAS: Final = 6.0
-"""A level is below saturation when its brightest pixels are, by this many standard deviations of a reading."""
+"""A level is below saturation if its brightest pixels are, by this many standard deviations of a reading."""
 LEAST_LEVELS: Final = 5
 RANGE_LIMIT: Final = 0.01
 """Readings count as linear while they follow the fitted curve within this, relative."""
@@ -40,10 +40,10 @@ BRIGHT_QUANTILE: Final = 0.999
 
 @dataclass(frozen=True)
 class Full:
-    """What pixels read that are full.
+    """Readings of full pixels.
 
     Args:
-        reading_dn: Each one's mean, [H, W].
+        reading_dn: Mean of each pixel, [H, W].
         fill_s: Exposure at which the brighter ones are just full.
     """
 
@@ -68,21 +68,21 @@ class ExposureSweep:
 
 @dataclass(frozen=True)
 class SensorEstimate:
-    """What the sweep tells; pairs are a value and its standard error.
+    """The estimates from the sweep; pairs are a value and its standard error.
 
     Args:
-        gain_e_per_dn: Electrons of one DN.
-        read_noise_e: Temporal dark noise, quantisation taken off.
-        full_well_e: Electrons at which readings end.
-        saturation_dn: The reading there.
+        gain_e_per_dn: Electrons per DN.
+        read_noise_e: Temporal dark noise, quantisation noise subtracted.
+        full_well_e: Electrons at the highest reading.
+        saturation_dn: That reading.
         linearity_error: Largest departure from the straight line between black and saturation, as a share of it,
-            positive where readings lie above.
+            positive if readings lie above it.
         linear_to_dn: Reading up to which they follow the fitted curve.
-        limited_by: "well", or "converter" where that ends first: the well is then larger.
+        limited_by: "well", or "converter" if that saturates first: the well is then larger.
         flicker: Rms change of the lamp from frame to frame, relative.
         signal_dn: Mean signal of each level, for the curve.
         variance_dn2: Temporal variance of each level.
-        exposures_s: Of each level.
+        exposures_s: Exposure of each level.
     """
 
     gain_e_per_dn: tuple[float, float]
@@ -130,7 +130,7 @@ class _Bend:
 
     def straight(self, signal: F64, departure: float) -> F64:
         """Return u for a signal."""
-        if abs(departure) < 1e-9:  # 1e-9: far below what any sweep resolves; the root's difference would lose digits
+        if abs(departure) < 1e-9:  # far below the resolution of any sweep; the difference below would lose digits
             return signal
         b, a = 1 + 4 * departure, 4 * departure / self.full_dn
         return np.asarray(2 * signal / (b + np.sqrt(np.maximum(b * b - 4 * a * signal, 0.0))))
@@ -148,7 +148,7 @@ def estimate(
     Args:
         sweep: Flat frames over the exposures.
         full: Readings of full pixels.
-        dark: What the sensor reads without light.
+        dark: The sensor's readings without light.
         noise_dn: Temporal dark noise with its standard error.
         top_dn: Largest reading.
 
@@ -191,7 +191,7 @@ def _points(sweep: ExposureSweep, dark: Dark, full: Full) -> _Points:
         _check_live(frames, full)
         pixels = frames[:, good].astype(np.float64)
         mean, levels = pixels.mean(axis=0), pixels.mean(axis=1)
-        # The lamp's changes from frame to frame are common to all pixels: they are no noise of theirs.
+        # The lamp's changes from frame to frame are common to all pixels and do not count as their noise.
         rest = pixels - mean - (levels - levels.mean())[:, None]
         freedom = (len(frames) - 1) * (mean.size - 1)
         variance = float(np.square(rest).sum()) / freedom
@@ -218,7 +218,7 @@ def _points(sweep: ExposureSweep, dark: Dark, full: Full) -> _Points:
 
 
 def _check_live(frames: F32, full: Full) -> None:
-    """Accept live frames, or frames that are all the same because every pixel is at the converter's top."""
+    """Check that frames are live, or all the same because every pixel is at the converter's top."""
     if len(frames) < 2 or float(np.median(frames)) < 0.98 * float(np.median(full.reading_dn)):
         check_stack(STEP, frames)
 
@@ -289,7 +289,7 @@ def _bend(points: _Points, full_dn: float) -> _Bend:
 def _level_errors(points: _Points) -> F64:
     """Return the standard error of each level: the pixels' noise, the lamp's flicker, the jitter of the exposure.
 
-    How far the frames of a level lie apart tells the last two: beyond noise, their variance is a² s² + b².
+    The scatter of a level's frames gives the last two: beyond noise, their variance is a² s² + b².
     """
     pixels = points.freedom / np.maximum(points.frames - 1, 1) + 1
     noise = points.variance / pixels
@@ -298,14 +298,14 @@ def _level_errors(points: _Points) -> F64:
     weight = 1 / np.square(np.median(points.fluctuation[use]) + noise)[use]
     columns = np.stack([square, np.ones_like(square)], axis=1)
     shares, _ = nnls(columns[use] * weight[:, None], np.maximum(points.fluctuation - noise, 0.0)[use] * weight)
-    # No lamp and no clock is better than one part in 100 000.
+    # No lamp and no clock is steadier than one part in 100 000.
     return np.asarray(np.sqrt((noise + columns @ shares + 1e-10 * square) / points.frames))
 
 
 def _departure(slope: float, square: float, full_dn: float) -> float:
     """Return d from signal = slope E + square E²: slope = c (1 + 4 d), square = −4 d c² / S."""
     departure = 0.0
-    for _ in range(8):  # contracts by 8 d at each turn, which is below a half
+    for _ in range(8):  # each iteration reduces the error by the factor 8 d, which is below a half
         departure = -square * full_dn / (4 * slope**2) * (1 + 4 * departure) ** 2
     return float(np.clip(departure, -0.2, 0.2))
 
@@ -327,7 +327,7 @@ def _gain(points: _Points, bend: _Bend, noise_dn: tuple[float, float]) -> tuple[
         inverse = total = 1.0
         expected = np.ones_like(charge)
         for _ in range(3):
-            # Weights by the curve, not by the samples: one that varies little by chance would count too much.
+            # Weights by the curve, not by the samples: a sample that varies little by chance would weigh too much.
             weight = straight / np.square(expected / bent * np.sqrt(2 / freedom))
             total = float(weight @ straight)
             inverse = float(weight @ y) / total
@@ -349,10 +349,10 @@ def _gain(points: _Points, bend: _Bend, noise_dn: tuple[float, float]) -> tuple[
 
 
 def _read_noise(gain: float, gain_error: float, noise_dn: tuple[float, float], offsets_dn: F64) -> tuple[float, float]:
-    """Return the dark noise in electrons, rounding taken off.
+    """Return the dark noise in electrons, rounding noise subtracted.
 
     Raises:
-        CalibrationError: There is no more noise than rounding alone makes.
+        CalibrationError: The noise is no larger than that of rounding alone.
     """
     variance = noise_dn[0] ** 2 - QUANTISATION_VARIANCE
     error = 2 * noise_dn[0] * noise_dn[1]

@@ -24,7 +24,8 @@ from gs2ci_drivers.steps import Steps
 
 MASKS: Final = 4
 PASSES: Final = 3
-"""With 4 masks in 3 passes each interpretation of a DLPC900's settings gives another number: 1, 2, 3, 9, 12, 36 pulses."""
+"""With 4 masks in 3 passes each interpretation of a DLPC900's settings gives its own number of pulses: 1, 2, 3, 9, 12
+or 36."""
 MASK_S: Final = 0.05
 PAUSE_S: Final = 0.1
 """Shortest pause between passes for a gated sensor, so that exposures during the pauses are noticed."""

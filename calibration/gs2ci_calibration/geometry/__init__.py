@@ -1,1 +1,1 @@
-"""The camera and the stage that carries it, from pictures of a ChArUco board: the steps `camera` and `stage`."""
+"""The camera and the stage that moves it, from pictures of a ChArUco board: the steps `camera` and `stage`."""

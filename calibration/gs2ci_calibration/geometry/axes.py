@@ -1,9 +1,9 @@
-"""The stage in the camera's frame: where each axis takes the camera, how far, and how faithfully.
+"""The stage in the camera's frame: direction, scale and precision of the camera's motion by each axis.
 
-A board at rest is seen from many positions of the stage. A stage that only shifts the camera shows it in one
+A board at rest is seen from many positions of the stage. If the stage only shifts the camera, the board keeps its
 orientation, so that all pictures share one rotation and each gives the camera's place. Here: the fit of the axes. Not
-here: the pictures (`stage`), the camera's own figures, which come in with their covariance (`intrinsics`), what an axis
-is refused for (`axis_checks`).
+here: the pictures (`stage`), the camera's own parameters, which are used with their covariance (`intrinsics`), the
+reasons for refusing an axis (`axis_checks`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,15 +21,15 @@ from gs2ci_calibration.geometry.places import Places, find_places
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 TARGETS_MIN: Final = 4
-"""A line has two unknowns in each direction; two further targets leave a scatter to judge it by."""
+"""A line has two unknowns in each direction; two further targets give the scatter around it."""
 SWEEP_MIN: Final = 4
-"""Pictures during a sweep: the same, of a line in time."""
+"""Fewest pictures during a sweep, likewise for a line in time."""
 COVERAGE: Final = 0.95
 COMMON_PX: Final = 0.005
-"""By how much the board's place in a picture may be off in ways that no scatter shows: where edges fall between pixels,
-what the lens's model leaves. Corners of rendered boards are good to 0.004 to 0.007 px rms."""
+"""Error of the board's place in a picture that does not appear in the scatter: by edges' positions between the pixels,
+errors of the lens model. Corners of rendered boards have errors of 0.004 to 0.007 px rms."""
 DECIMALS: Final = 6
-"""Targets that agree to a nanometre are one."""
+"""Targets that agree to a nanometre count as the same."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class StagePicture:
 
     Args:
         axis: The axis that was moved.
-        position_mm: Where the stage says it is along that axis.
-        upwards: Whether it came there from smaller positions.
-        sighting: What the picture shows of the board, None where it was not found.
+        position_mm: Position along that axis that the stage reports.
+        upwards: Whether it was approached from smaller positions.
+        sighting: The board in the picture, None if it was not found.
     """
 
     axis: str
@@ -55,9 +55,9 @@ class SweepPicture:
 
     Args:
         axis: The axis that moved.
-        time_s: Middle of the exposure, from any beginning.
-        position_mm: Where the stage ought to be then.
-        sighting: What the picture shows of the board, None where it was not found.
+        time_s: Middle of the exposure, from an arbitrary origin.
+        position_mm: Position where the stage should be then.
+        sighting: The board in the picture, None if it was not found.
     """
 
     axis: str
@@ -68,19 +68,19 @@ class SweepPicture:
 
 @dataclass(frozen=True)
 class AxisEstimate:
-    """An axis, as measured.
+    """The measured properties of an axis.
 
     Args:
-        name: Of the axis.
+        name: Name of the axis.
         per_mm: The camera's motion per mm of the axis, in its own frame (x right, y down, z ahead), mm, [3].
-        covariance: Of `per_mm`, [3, 3].
+        covariance: Covariance of `per_mm`, [3, 3].
         backlash_mm: Lost motion at a reversal, in mm of the axis.
-        repeatability_mm: Standard deviation of coming back to one target from one side.
-        linearity_mm: Root mean square of what is left over a straight line, in mm of the axis.
-        speed_error: Relative error of the speed during a sweep; None where none was made.
-        speed_ripple_mm: Root mean square of what is left over an even motion, in mm of the axis; 0 without a sweep.
-        sweep_lag_s: By how much later than the camera's places say the stage counts its position during a sweep: it was
-            asked over a line that takes its time. At the middle of play that is taken up, as at rest.
+        repeatability_mm: Standard deviation of returns to one target from one side.
+        linearity_mm: Rms residual of a straight line, in mm of the axis.
+        speed_error: Relative error of the speed during a sweep; None without a sweep.
+        speed_ripple_mm: Rms residual of a uniform motion, in mm of the axis; 0 without a sweep.
+        sweep_lag_s: Delay of the stage's counted position during a sweep relative to the camera's places, because the
+            query over its line takes time. It refers to the middle of the backlash, as at rest.
     """
 
     name: str
@@ -107,20 +107,20 @@ class AxisEstimate:
 
     @property
     def direction_error_deg(self) -> float:
-        """Get the standard error of the direction, as an angle: both components across in quadrature."""
+        """Get the standard error of the direction, as an angle: both perpendicular components in quadrature."""
         return float(np.degrees(np.sqrt(np.trace(self._across))))
 
     @property
     def direction_errors(self) -> F64:
         """Get the standard errors of `direction`, [3].
 
-        Along itself a unit vector errs in second order only, by half the square of its angle.
+        Along its own direction the error of a unit vector is of second order only, half the square of the angle.
         """
         return np.asarray(np.sqrt(np.diag(self._across)) + 0.5 * np.trace(self._across))
 
     @property
     def _across(self) -> F64:
-        """Get the covariance of the direction, which has none along itself, [3, 3]."""
+        """Get the covariance of the direction, [3, 3]; it has no component along the direction itself."""
         across = np.eye(3) - np.outer(self.direction, self.direction)
         return np.asarray(across @ self.covariance @ across / self.scale.value**2)
 
@@ -134,14 +134,15 @@ def estimate_stage(
     """Estimate all axes that were moved.
 
     Args:
-        pictures: At rest; each axis visits each of its targets from both sides, all equally often.
-        sweeps: In motion; may be empty.
+        pictures: Pictures at rest; each axis visits each of its targets from both sides, all equally often.
+        sweeps: Pictures in motion; may be empty.
         camera: The camera, from `estimate_camera`.
-        expected: How the rig file says that the axes move the camera, per mm; an axis not named may go anywhere.
+        expected: The camera's motion per mm of each axis by the rig file; an axis that is not named may have any
+            direction.
 
     Raises:
         CalibrationError: The board is not in every picture, there are too few targets, or an axis does not move,
-            slips, goes the wrong way or by a wrong distance.
+            slips, or moves in a wrong direction or by a wrong distance.
     """
     sightings = _all_seen([*pictures, *sweeps])
     places = find_places(sightings, camera.values)
@@ -195,8 +196,8 @@ def _all_seen(shots: Sequence[StagePicture | SweepPicture]) -> list[Sighting]:
 def _measure(name: str, pictures: Sequence[StagePicture], sweeps: Sequence[SweepPicture], places: Places) -> FittedAxis:
     """Fit one axis.
 
-    The mean of both sides at each target makes the line, their difference the backlash: a periodic error of the
-    screw is the same at each return to a target, so that targets, not pictures, count as independent.
+    The means of both sides at each target give the line, their differences the backlash. A periodic error of the screw
+    is the same at each return to a target, so that targets, not pictures, count as independent.
 
     Raises:
         CalibrationError: Fewer targets than a line needs, or the axis stands still.
@@ -260,7 +261,7 @@ def _visits(
 
 
 def _line(x: F64, y: F64) -> tuple[F64, F64, F64]:
-    """Fit y [n, 3] = a + b x; return b [3], its covariance [3, 3] from the scatter, and what is left [n, 3]."""
+    """Fit y [n, 3] = a + b x; return b [3], its covariance [3, 3] from the scatter, and the residuals [n, 3]."""
     centred = x - x.mean()
     slope = centred @ y / float(centred @ centred)
     left = y - y.mean(axis=0) - np.outer(centred, slope)
@@ -269,7 +270,7 @@ def _line(x: F64, y: F64) -> tuple[F64, F64, F64]:
 
 
 def _by_returns(targets: list[float], visits: dict[tuple[float, bool], F64]) -> F64:
-    """Return the covariance of a line's slope that the scatter of returns alone gives, [3, 3]."""
+    """Return the covariance of a line's slope by the scatter of returns alone, [3, 3]."""
     every = list(visits.values())
     freedom = sum(len(visit) - 1 for visit in every)
     scatter = (
@@ -281,21 +282,21 @@ def _by_returns(targets: list[float], visits: dict[tuple[float, bool], F64]) -> 
 
 
 def _wider(first: F64, second: F64) -> F64:
-    """Stretch a covariance until no variance is below that of another; few targets may lie on a line by chance."""
+    """Enlarge a covariance until no variance is below that of another: few targets may lie on a line by chance."""
     stretch = np.sqrt(np.maximum(np.diag(second) / np.maximum(np.diag(first), np.finfo(np.float64).tiny), 1.0))
     return np.asarray(first * np.outer(stretch, stretch))
 
 
 def _widened(standard_error: float, freedom: int) -> float:
-    """Scale a standard error from few degrees of freedom so that two of them hold what two hold of a Gaussian."""
+    """Enlarge a standard error from few degrees of freedom so that twice its value covers 95 %, as for a Gaussian."""
     return standard_error * float(student.ppf(0.5 + 0.5 * COVERAGE, freedom)) / 1.96
 
 
 def _repeatability(visits: Sequence[F64], noise_mm: float) -> Measured:
-    """Return the scatter of returns to one target from one side, without what the pictures' noise adds.
+    """Return the scatter of returns to one target from one side, the pictures' noise subtracted.
 
-    The standard error is that of a variance from n degrees of freedom, sqrt(2 / n) of it, on the root's scale; near
-    0, where a root has no slope, it is the root of the variance's.
+    The standard error is that of a variance from n degrees of freedom, sqrt(2 / n) of it, converted to the root; near
+    0, where that conversion is singular, it is the root of the variance's error.
     """
     freedom = sum(len(visit) - 1 for visit in visits)
     variance = sum(float(np.square(visit - visit.mean()).sum()) for visit in visits) / freedom
@@ -306,15 +307,15 @@ def _repeatability(visits: Sequence[F64], noise_mm: float) -> Measured:
 
 
 def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Measured | None, float]:
-    """Fit an even motion to the pictures of a sweep.
+    """Fit a uniform motion to the pictures of a sweep.
 
     Args:
-        name: Of the axis.
+        name: Name of the axis.
         sweeps: Pictures of all axes' sweeps.
-        along_mm: Where the camera was in each, along the axis, in mm of it.
+        along_mm: Position of the camera in each, along the axis, in mm of it.
 
     Returns:
-        The speed's relative error, None without a sweep, and what is left, in mm.
+        The speed's relative error, None without a sweep, and the residual, in mm.
     """
     mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
     if len(mine) < SWEEP_MIN or len({position for _, position, _ in mine}) < 2:
@@ -329,13 +330,13 @@ def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Me
 def _lag(
     name: str, sweeps: Sequence[SweepPicture], along_mm: F64, rest: Measured, backlash: Measured
 ) -> Measured | None:
-    """Return how much later than seen a position is counted during a sweep, s; None without one.
+    """Return the delay of counted positions during a sweep relative to the pictures, s; None without a sweep.
 
     Args:
         name: Of the axis.
         sweeps: Pictures of all axes' sweeps.
         along_mm: Where the camera was in each, along the axis, in mm of it.
-        rest: Seen less counted at rest, the mean of both sides, mm, and how well a sweep comes back to that.
+        rest: Seen minus counted position at rest, the mean of both sides, mm, and its repeatability in a sweep.
         backlash: In mm of the axis: half of it lies behind the mean of both sides.
     """
     mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
@@ -345,8 +346,7 @@ def _lag(
     way_mm_s = float(np.polyfit(time_s, counted_mm, 1)[0])
     ahead_mm = seen_mm - counted_mm
     speed_mm_s, sign = abs(way_mm_s), np.sign(way_mm_s)
-    # The stage is asked once, as the sweep reaches its first picture; from there a speed that is not as counted leads
-    # away.
+    # The position is read once, when the sweep reaches its first picture; from there on an error of the speed adds up.
     (_, first_mm), covariance = np.polyfit(time_s - time_s.min(), ahead_mm, 1, cov=True)
     lag_s = (sign * (float(first_mm) - rest.value) + backlash.value / 2) / speed_mm_s
     errors_mm = (float(np.sqrt(covariance[1, 1])), rest.standard_error, backlash.standard_error / 2)
@@ -356,10 +356,10 @@ def _lag(
 def _through_camera(
     measure: Callable[[Places], list[FittedAxis]], sightings: Sequence[Sighting], camera: CameraEstimate, places: Places
 ) -> list[F64]:
-    """Return how the figures of each axis change with the camera's, [6, 8] each, by central differences.
+    """Return the derivatives of each axis's figures by the camera's parameters, [6, 8] each, by central differences.
 
-    The camera is not fitted again to these pictures: their corners' errors repeat from picture to picture, and the
-    camera would seem better known than it is. Its errors are carried through instead.
+    The camera is not fitted again to these pictures: the corners' errors repeat from picture to picture, so the
+    camera's standard errors would be too small. Its errors are propagated instead.
     """
     columns = []
     for index, step in enumerate(camera.standard_errors):
@@ -378,7 +378,7 @@ def _estimate(axis: FittedAxis, by_camera: F64, camera: CameraEstimate, mm_per_p
     covariance = axis.covariance + np.square(unseen) * np.eye(3)
     speed = axis.speed
     if speed is not None:
-        # The speed is compared with the scale at rest: its error comes in, in part with the same cause.
+        # The speed is compared with the scale at rest, whose error enters, partly correlated.
         along = float(axis.per_mm @ covariance @ axis.per_mm) / float(axis.per_mm @ axis.per_mm) ** 2
         total = np.sqrt(speed.standard_error**2 + along + carried[4, 4])
         speed = replace(speed, standard_error=float(total))

@@ -1,6 +1,6 @@
-"""An axis of the stage as fitted to pictures, and what it is refused for: standing still, slipping, going elsewhere.
+"""An axis of the stage as fitted to pictures, and the reasons to refuse it: no motion, slip, a wrong direction.
 
-Here: the record and the tests of goodness. Not here: the fit (`axes`).
+Here: the record and the tests of quality. Not here: the fit (`axes`).
 """
 
 from dataclasses import dataclass
@@ -14,23 +14,23 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 STEP: Final = "stage"
 
 MOVED_MIN: Final = 0.02
-"""Share of the commanded distance below which a stage does not move: a wrong lead screw or microstep setting makes a
-factor of two to sixteen."""
+"""Share of the commanded distance below which a stage counts as not moving: a wrong lead screw or microstep setting
+changes the distance by a factor of two to sixteen only."""
 SCALE_RANGE: Final = (0.5, 2.0)
-"""Of the measured to the commanded distance: outside, a setting is wrong by a factor, not a little."""
+"""Allowed ratio of the measured to the commanded distance: outside it, a setting is wrong by a factor."""
 ANGLE_MAX_DEG: Final = 30.0
-"""Between the measured direction and the one in the rig file: more is another axis or another mounting."""
+"""Largest angle between the measured direction and the rig file's: beyond it, axis or mounting are different ones."""
 OPPOSITE_DEG: Final = 150.0
 SLIP_SHARE: Final = 0.002
-"""Of the travel: an axis that comes back to a target by this much elsewhere has slipped. Stages repeat to some
+"""Share of the travel: if returns to a target differ by more than this, the axis has slipped. Stages repeat to some
 micrometres, 1e-4 of the travel."""
 NOISE_FACTOR: Final = 5.0
-"""What is seen to slip or not to move must exceed the pictures' own noise this many times."""
+"""A slip or a motion counts only if it exceeds the pictures' own noise this many times."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A number with its standard error, scaled for few degrees of freedom so that two of them hold 95 %."""
+    """A number with its standard error, enlarged for few degrees of freedom so that twice its value covers 95 %."""
 
     value: float
     standard_error: float
@@ -41,18 +41,18 @@ class FittedAxis:
     """An axis before the camera's own uncertainty is added.
 
     Args:
-        name: Of the axis.
-        per_mm: [3].
-        covariance: From scatter alone, [3, 3].
-        backlash: Along the axis, in mm of it.
-        repeatability: The same.
-        worst_return_mm: Farthest apart that two returns to one target from one side ended.
-        linearity_mm: Root mean square of what is left over a straight line.
-        travel_mm: Between the outermost targets.
-        noise_mm: What the pictures' noise makes of one place.
-        speed: Relative error, or None.
-        speed_ripple_mm: In mm of the axis.
-        lag: As in `AxisEstimate.sweep_lag_s`.
+        name: Name of the axis.
+        per_mm: The camera's motion per mm of the axis, [3].
+        covariance: Its covariance from scatter alone, [3, 3].
+        backlash: Backlash along the axis, in mm of it.
+        repeatability: Repeatability, likewise.
+        worst_return_mm: Largest distance between two returns to one target from one side.
+        linearity_mm: Rms residual of a straight line.
+        travel_mm: Distance between the outermost targets.
+        noise_mm: Error of one place by the pictures' noise.
+        speed: Relative error of the speed, or None.
+        speed_ripple_mm: Rms residual of a uniform motion, in mm of the axis.
+        lag: As `AxisEstimate.sweep_lag_s`.
     """
 
     name: str
@@ -70,19 +70,19 @@ class FittedAxis:
 
     @property
     def figures(self) -> F64:
-        """Get what depends on the camera's figures: motion per mm, backlash, speed error, lag of a sweep, [6]."""
+        """Get the figures that depend on the camera's: motion per mm, backlash, speed error, lag of a sweep, [6]."""
         swept = [0.0 if one is None else one.value for one in (self.speed, self.lag)]
         return np.array([*self.per_mm, self.backlash.value, *swept])
 
 
 def require_moving(name: str, per_mm: F64, travel_mm: float, noise_mm: float) -> None:
-    """Let an axis pass that moves the camera by more than noise.
+    """Check that an axis moves the camera by more than noise.
 
     Args:
-        name: Of the axis.
+        name: Name of the axis.
         per_mm: The camera's motion per mm of the axis, mm, [3].
-        travel_mm: What was commanded.
-        noise_mm: Of one place of the camera.
+        travel_mm: The commanded travel.
+        noise_mm: Noise of one place of the camera.
 
     Raises:
         CalibrationError: It does not.
@@ -98,10 +98,10 @@ def require_moving(name: str, per_mm: F64, travel_mm: float, noise_mm: float) ->
 
 
 def require_faithful(axis: FittedAxis, expected: tuple[float, float, float] | None) -> None:
-    """Let an axis pass that goes where it should and comes back.
+    """Check that an axis moves as the rig file says and returns to its targets.
 
     Raises:
-        CalibrationError: It slips, or goes elsewhere than the rig file says.
+        CalibrationError: It slips, or moves differently than the rig file says.
     """
     allowed_mm = max(SLIP_SHARE * axis.travel_mm, NOISE_FACTOR * axis.noise_mm)
     if max(axis.worst_return_mm, axis.linearity_mm) > allowed_mm:

@@ -1,7 +1,7 @@
-"""The ChArUco board: a chessboard with markers, and where its corners lie in an image.
+"""The ChArUco board: a chessboard with markers, and the positions of its corners in an image.
 
-Here: a board and its sighting in one image. The detection is OpenCV's, the corners' last hundredths of a pixel are
-ours (`corners`). Not here: cameras and stages (`intrinsics`, `axes`), taking pictures (`pictures`).
+Here: a board and its corners in one image. The detection is OpenCV's, the refinement to hundredths of a pixel is ours
+(`corners`). Not here: cameras and stages (`intrinsics`, `axes`), taking pictures (`pictures`).
 """
 
 from dataclasses import dataclass, field
@@ -19,16 +19,16 @@ from gs2ci_calibration.options import BoardSpec
 
 DICTIONARIES: Final = tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and "X" in name))
 CORNERS_MIN: Final = 6
-"""A pose has 6 unknowns, a corner gives 2 numbers; below this many the pose hangs on single corners."""
+"""A pose has 6 unknowns, a corner gives 2 numbers; with fewer corners a pose depends on single ones."""
 DETECTION_PX: Final = 480
-"""Images with a shorter side are enlarged for detection: OpenCV's search for markers wants some pixels per bit."""
+"""Images with a shorter side are enlarged for detection: OpenCV's search for markers needs some pixels per bit."""
 FEW_SHARE: Final = 0.6
-"""Of all corners: with fewer, another enlargement is tried as well."""
+"""Share of all corners: with fewer, another enlargement is tried as well."""
 FLATNESS_MIN: Final = 0.05
-"""Corners whose second principal extent on the board is below this share of the first lie on a line: the board's turn
-about that line is then free."""
+"""Corners whose second principal extent on the board is below this share of the first lie on a line: the board's
+rotation about that line is then undetermined."""
 PIXEL_CENTRE: Final = 0.5
-"""OpenCV puts pixel centres at whole numbers, gs2ci at +0.5."""
+"""OpenCV has pixel centres at integers, gs2ci at +0.5."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Board:
     """A ChArUco board that can be found in images.
 
     Args:
-        spec: What it is.
+        spec: Its description.
 
     Raises:
         InputError: There is no such board.
@@ -77,10 +77,10 @@ class Board:
         """Find the board's corners in an image.
 
         Args:
-            image: [H, W], any type of number; it is stretched to 8 bits for finding and kept for refining.
+            image: [H, W], any type of number; it is stretched to 8 bits for the search and used as it is for refining.
 
         Returns:
-            What was found; None where fewer corners show than make a pose.
+            The corners found; None if there are too few for a pose.
         """
         grey = _stretched(image)
         found, rough_px = self._detected(grey)
@@ -89,7 +89,7 @@ class Board:
         on_board = self.corners_mm[found]
         rough = Sighting(found, rough_px, on_board)
         if rough.collinear:
-            return rough  # nothing to fit it by: who asked refuses it, or takes another picture
+            return rough  # too few pixels to refine it: the caller refuses it, or takes another picture
         corners_px, blur_px = refine_corners(grey, rough_px, on_board[:, :2] / self.spec.square_mm, self.gap)
         good = np.isfinite(blur_px)
         if good.sum() < CORNERS_MIN:
@@ -97,10 +97,10 @@ class Board:
         return Sighting(found[good], corners_px[good], on_board[good], float(np.median(blur_px[good])))
 
     def _detected(self, grey: F32) -> tuple[NDArray[np.int_], F64]:
-        """Return the corners' numbers [K] and rough places [K, 2], at the enlargement that shows most of them."""
+        """Return the corners' numbers [K] and rough places [K, 2], at the enlargement that finds most of them."""
         smallest = max(1, int(np.ceil(DETECTION_PX / min(grey.shape))))
         best: tuple[NDArray[np.int_], F64] = (np.zeros(0, int), np.zeros((0, 2)))
-        # Small markers are lost at one enlargement and found at the next.
+        # Small markers may be missed at one enlargement and found at the next.
         for factor in (smallest, smallest + 1, smallest + 2):
             large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else grey
             corners, ids, _, _ = self._detector.detectBoard(np.clip(np.rint(large), 0, 255).astype(np.uint8))
@@ -113,12 +113,12 @@ class Board:
 
     @cached_property
     def corners_mm(self) -> F64:
-        """Get where the inner corners lie on the board, [K, 3], z = 0."""
+        """Get the positions of the inner corners on the board, [K, 3], z = 0."""
         return np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64).reshape(-1, 3)
 
     @property
     def gap(self) -> float:
-        """Get how far the squares' edges are clear of markers on either side, as a share of a square."""
+        """Get the distance between the squares' edges and the markers, as a share of a square."""
         return 0.5 * (1 - self.spec.marker_mm / self.spec.square_mm)
 
 
@@ -128,9 +128,9 @@ class Sighting:
 
     Args:
         ids: Numbers of the corners, [K].
-        corners_px: Where they were found, [K, 2] x and y, pixel centres at +0.5.
-        corners_mm: Where they lie on the board, [K, 3], z = 0.
-        blur_px: Standard deviation of the blur of their edges before the pixels, half of them have less.
+        corners_px: Their positions in the image, [K, 2] x and y, pixel centres at +0.5.
+        corners_mm: Their positions on the board, [K, 3], z = 0.
+        blur_px: Median standard deviation of the blur of their edges, without the pixels' own.
     """
 
     ids: NDArray[np.int_]
@@ -147,7 +147,7 @@ class Sighting:
 
 
 def _stretched(image: NDArray[Any]) -> F32:
-    """Stretch the image's range to 0 to 255, as float32; an even image becomes 0."""
+    """Stretch the image's range to 0 to 255, as float32; a constant image becomes 0."""
     low, high = np.percentile(image, (0.5, 99.5))
     scale = 255.0 / (high - low) if high > low else 0.0
     return np.asarray(np.clip((image.astype(np.float64) - low) * scale, 0, 255), dtype=np.float32)

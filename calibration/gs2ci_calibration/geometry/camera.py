@@ -1,4 +1,4 @@
-"""The step `camera`: pictures of a ChArUco board in several poses, and what they say of the camera.
+"""The step `camera`: pictures of a ChArUco board in several poses, and the camera estimated from them.
 
 Here: the pictures and the bundle's section, both ways. Not here: the estimate (`intrinsics`), corners (`board`).
 """
@@ -15,20 +15,20 @@ from gs2ci_calibration.geometry.intrinsics import PARAMETERS, STEP, CameraEstima
 from gs2ci_calibration.geometry.pictures import Pictures, require_any, require_sharp
 
 FRAMES: Final = 2
-"""Frames of a picture: beyond, the corners' error is no longer that of noise."""
+"""Frames averaged for a picture: with more, noise is no longer the main error of the corners."""
 
 
 def measure_camera(bench: Bench, known: Bundle) -> Section:
     """Measure the intrinsics and the distortion.
 
-    Asks for the board `board_views` times, each time in another pose. Builds on no other section.
+    Requests the board `board_views` times, each time in another pose. Needs no other section.
 
     Args:
         bench: The bench.
         known: Not used.
 
     Raises:
-        CalibrationError: No light, saturated, blurred, the board not seen, too few or degenerate views, or a bad fit.
+        CalibrationError: No light, saturated, blurred, board not found, too few or degenerate views, or a bad fit.
         DriverError: A device failed.
     """
     del known
@@ -46,13 +46,13 @@ def measure_camera(bench: Bench, known: Bundle) -> Section:
 
 
 def section_of(camera: CameraEstimate, **facts: float) -> Section:
-    """Return the bundle's section of a camera; `facts` says what it was measured with."""
+    """Return the bundle's section of a camera; `facts` holds the settings of the measurement."""
     fx, fy, cx, cy, *_ = camera.standard_errors
     return Section(
         name=STEP,
         estimates={
             "intrinsics": Estimate(camera.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 0]], "px"),
-            # OpenCV's order has a fifth coefficient, k3, which no picture of a flat board tells from k1 and k2.
+            # OpenCV's order has a fifth coefficient, k3, which pictures of a flat board cannot separate from k1 and k2.
             "distortion": Estimate([*camera.distortion, 0.0], [*camera.standard_errors[4:], 0.0], "1"),
         },
         arrays={"covariance": camera.covariance},

@@ -1,9 +1,9 @@
-"""Chessboard corners to a hundredth of a pixel: the brightness round each corner fitted by two blurred edges.
+"""Chessboard corners to a hundredth of a pixel: two blurred edges are fitted to the brightness around each corner.
 
-OpenCV's `cornerSubPix` uses the gradients of a square window, which holds either few pixels or a marker; here the
-fit follows the edges for nearly half a square to all four sides and stays between the markers. How the
-two compare: `python -m tests.benchmarks calibration_geometry`. Not here: finding the corners (`board`, the only user
-beside tests).
+OpenCV's `cornerSubPix` uses the gradients of a square window, which contains either few pixels or a marker; the fit
+here follows the edges for nearly half a square to all four sides and stays between the markers.
+`python -m tests.benchmarks calibration_geometry` compares the two. Not here: finding the corners (`board`, the only
+user beside tests).
 """
 
 from typing import Any, Final
@@ -18,39 +18,39 @@ from gs2ci.core.arrays import F64
 ARM: Final = 0.42
 """How far along the edges pixels are used, in squares: short of the next corner and its blur."""
 CLEAR_PX: Final = 1.0
-"""Pixels nearer than this to a marker are not used: half a pixel's size and some blur reach over."""
+"""Pixels nearer than this to a marker are not used: it affects them through the pixel's size and the blur."""
 PIXELS_MIN: Final = 30
-"""Three for each of the ten unknowns."""
+"""Fewest pixels of a fit: three for each of the ten unknowns."""
 PASSES: Final = 12
 STEP_MAX: Final = 0.1
-"""Longest step of a pass, in squares: the start is good to a pixel."""
+"""Longest step of an iteration, in squares: the start is within a pixel."""
 ROUGH: Final = 1e-2
-"""Step in squares after which the first fit ends: some tenths of a pixel; steps shrink quadratically."""
+"""Step in squares at which the first fit ends: some tenths of a pixel; convergence is quadratic."""
 FINE: Final = 1e-4
 MOVED_MAX_PX: Final = 2.5
-"""A corner that moves further than this from where it was found is another edge."""
+"""If the fit moves a corner further than this, it has found another edge."""
 CONTRAST_MIN: Final = 10.0
-"""Least half difference of black and white, of 255 over the whole image."""
+"""Smallest half difference between black and white, if the whole image has the range 255."""
 START_BLUR_PX: Final = 0.7
 BLUR_RANGE_PX: Final = (0.1, 8.0)
-"""Of p, before the pixel's own width; 0 would leave the derivatives no width."""
+"""Range of p, without the pixel's own width; at 0 the derivatives would vanish almost everywhere."""
 
 
 def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, gap: float) -> tuple[F64, F64]:
     """Fit the corners of a chessboard.
 
-    Round a corner the brightness is m + a E(u, p) E(v, q), with u and v the distances from two edges that cross there
+    Around a corner the brightness is m + a E(u, p) E(v, q), with u and v the distances from two edges that cross there
     and E(u, p) the mean of erf(u / p) over a pixel: without that mean a sharp edge along the rows is up to 0.07 px
-    off, depending on where it falls between the pixels. The unknowns are the crossing, the edges' turns and bends (a
-    lens of -0.1 r^2 bends them by some hundredths of a pixel, which would move the crossing), their blurs p and q, m
-    and a; Gauss and Newton. Blurs wider than the gap to the markers come out too narrow; the crossing, by its
-    symmetry, does not move.
+    off, depending on its position relative to the pixels. The unknowns are the crossing, the edges' directions and
+    curvatures (a lens of -0.1 r^2 bends them by some hundredths of a pixel, which would move the crossing), their blurs
+    p and q, m and a; solved by Gauss-Newton. Blurs wider than the gap to the markers are underestimated; the crossing,
+    by symmetry, is not affected.
 
     Args:
         image: [H, W], black to white 0 to 255.
-        rough_px: Where the corners were found, [K, 2] x and y, pixel centres at +0.5; K >= 4.
-        on_board: Where they lie on the board, [K, 2], in squares.
-        gap: How far edges are clear of markers, in squares.
+        rough_px: Rough positions of the corners, [K, 2] x and y, pixel centres at +0.5; K >= 4.
+        on_board: Their positions on the board, [K, 2], in squares.
+        gap: Distance between edges and markers, in squares.
 
     Returns:
         The corners, [K, 2] pixels, and the standard deviation of the blur of their edges, [K] pixels; NaN marks a
@@ -61,10 +61,10 @@ def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, ga
     if board_from_px is None:
         return refined, blur_px
     for k, start_px in enumerate(rough_px):
-        # The homography of the whole board may be off by the lens's distortion; near the corner only its slope counts.
+        # The whole board's homography is inaccurate because of the lens's distortion; only its local slope is used.
         slope = _slope(board_from_px, start_px)
         found = _fit_one(image, start_px, slope, gap, ROUGH)
-        # Which pixels are clear of markers is known once the corner is: choose them again.
+        # The refined corner shows which pixels are clear of markers: choose them again.
         found = _fit_one(image, found[0], slope, gap, FINE) if found is not None else None
         if found is not None:
             refined[k], blur_px[k] = found
@@ -80,7 +80,7 @@ def _slope(homography: F64, point: F64) -> F64:
 def _fit_one(
     image: NDArray[np.floating], start_px: F64, slope: F64, gap: float, last_step: float
 ) -> tuple[F64, float] | None:
-    """Fit one corner and its blur; None where too few pixels are clear, or the fit runs away."""
+    """Fit one corner and its blur; None if too few pixels are clear, or the fit diverges."""
     across, values, squares_per_px = _clear_pixels(image, start_px, slope, gap)
     if len(values) < PIXELS_MIN:
         return None
@@ -108,7 +108,7 @@ def _clear_pixels(image: NDArray[np.floating], start_px: F64, slope: F64, gap: f
     px_per_square = np.linalg.inv(slope)
     reach = np.ceil(ARM * np.abs(px_per_square).sum(axis=1)).astype(int) + 1
     middle = np.floor(start_px).astype(int)
-    # Both ends are clipped to the image: a corner found outside of it has no pixels.
+    # Both ends are clipped to the image: a corner outside of it has no pixels.
     (top, left), (bottom, right) = (
         np.clip(middle[::-1] + way * reach[::-1] + (way + 1) // 2, 0, image.shape) for way in (-1, 1)
     )
@@ -155,7 +155,7 @@ def _edge(u: F64, p: float, h: float) -> tuple[F64, F64, F64]:
 
 
 def _crossing(unknowns: F64) -> F64:
-    """Return where the two edges meet, relative to the start, in squares, [2]; so near by, bends do not count."""
+    """Return where the two edges cross, relative to the start, in squares, [2]; curvature is negligible so near."""
     u0, v0, turn_u, turn_v = unknowns[:4]
     edges: Any = np.array([[1.0, turn_u], [turn_v, 1.0]])
     return np.asarray(np.linalg.solve(edges, np.array([u0, v0])))

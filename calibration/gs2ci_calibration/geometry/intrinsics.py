@@ -1,8 +1,8 @@
 """The camera's intrinsics and distortion from pictures of a ChArUco board in several poses, with standard errors.
 
-Here: the estimate and what it refuses. The minimisation is OpenCV's; the standard errors are ours, from the
-residuals' Jacobian at its end. Not here: finding corners (`board`), taking the pictures (`procedures`), the bundle.
-`stage` takes its estimate as prior knowledge.
+Here: the estimate and its refusals. The minimisation is OpenCV's; the standard errors are ours, from the residuals'
+Jacobian at the minimum. Not here: finding corners (`board`), taking the pictures (`pictures`), the bundle. The step
+`stage` uses this estimate.
 """
 
 from collections.abc import Sequence
@@ -21,30 +21,30 @@ STEP: Final = "camera"
 
 PARAMETERS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 POSES_MIN: Final = 6
-"""Each picture gives at most two constraints on four intrinsics (Zhang 2000, section 2.3) besides distortion; twice
-as many and some let one bad picture show."""
+"""Each picture gives at most two constraints on four intrinsics (Zhang 2000, section 2.3) besides distortion; with
+more than twice as many as needed, one bad picture can be recognised."""
 TILT_SPREAD_MIN_DEG: Final = 15.0
-"""Largest angle between two of the board's normals: parallel planes leave the focal length free (Zhang 2000,
-section 4)."""
+"""Smallest allowed value of the largest angle between two of the board's normals: parallel planes leave the focal
+length undetermined (Zhang 2000, section 4)."""
 RESIDUAL_MAX_PX: Final = 0.5
-"""Good pictures leave some hundredths of a pixel; half a pixel is a bent board, motion, or a wrong board."""
+"""Good pictures have residuals of some hundredths of a pixel; half a pixel means a bent or wrong board, or motion."""
 PICTURE_RESIDUAL_FACTOR: Final = 5.0
-"""A picture whose residual is so many times the median's is not of a flat board at rest."""
+"""A picture whose residual exceeds the median by this factor does not show a flat board at rest."""
 FOCAL_ERROR_MAX: Final = 0.002
-"""Largest relative standard error of the focal length that is let pass: what the scale of the stage needs."""
+"""Largest accepted relative standard error of the focal length: the scale of the stage needs this accuracy."""
 COVERAGE_MIN: Final = 0.3
-"""Least share of the frame's width and of its height that the corners of all pictures together span."""
+"""Smallest share of the frame's width and of its height that the corners of all pictures together must span."""
 
 
 @dataclass(frozen=True)
 class CameraEstimate:
-    """A camera, as measured.
+    """The estimate of a camera.
 
     Args:
         size: Height and width of its image.
-        values: fx, fy, cx, cy in pixels (pixel centres at +0.5), k1, k2, p1, p2 of Brown's model as OpenCV has it, [8].
-        covariance: Of `values`, [8, 8].
-        residual_px: Root mean square of what is left between corners and model, along one axis.
+        values: fx, fy, cx, cy in pixels (pixel centres at +0.5), k1, k2, p1, p2 of Brown's model as in OpenCV, [8].
+        covariance: Covariance of `values`, [8, 8].
+        residual_px: Rms distance between corners and model, along one axis.
         residuals_px: The same for each picture, [V].
         corners: How many corners were used.
         tilt_spread_deg: Largest angle between two of the board's normals.
@@ -79,12 +79,12 @@ def estimate_camera(sightings: Sequence[Sighting | None], size: tuple[int, int])
     """Estimate intrinsics and distortion.
 
     Args:
-        sightings: What each picture shows of the board; None where it was not found.
+        sightings: The board in each picture; None if it was not found.
         size: Height and width of the pictures.
 
     Raises:
         CalibrationError: Too few pictures show the board, its corners lie on a line, all poses are parallel, the
-            frame is hardly covered, residuals are large, or the focal length stays uncertain.
+            frame is covered too little, residuals are large, or the focal length is too uncertain.
     """
     seen = _usable(sightings, size)
     values, rotations, translations = _minimise(seen, size)
@@ -113,7 +113,7 @@ def estimate_camera(sightings: Sequence[Sighting | None], size: tuple[int, int])
 
 
 def _usable(sightings: Sequence[Sighting | None], size: tuple[int, int]) -> list[Sighting]:
-    """Return the sightings that make a pose.
+    """Return the sightings that determine a pose.
 
     Raises:
         CalibrationError: There are too few, or they cover too little.
@@ -187,7 +187,7 @@ def project(values: F64, points: F64, rotation: F64, translation: F64) -> tuple[
     """Project points through a camera, with derivatives.
 
     Args:
-        values: As of `CameraEstimate`, [8].
+        values: As `CameraEstimate.values`, [8].
         points: [K, 3], mm.
         rotation: Rotation vector, [3].
         translation: [3], mm.
@@ -204,10 +204,10 @@ def project(values: F64, points: F64, rotation: F64, translation: F64) -> tuple[
 
 @dataclass(frozen=True)
 class _Picture:
-    """What one picture says of the camera, its own pose eliminated (Schur's complement).
+    """One picture's information about the camera, with its own pose eliminated (Schur complement).
 
     Args:
-        normal: Of the 8 parameters, [8, 8].
+        normal: Normal matrix of the 8 parameters, [8, 8].
         pull: Its gradient at the minimum, [8]; those of all pictures sum to zero.
         residual: x and y of each corner in turn, [2 K].
     """
@@ -228,10 +228,10 @@ def _picture(sighting: Sighting, values: F64, rotation: F64, translation: F64) -
 def _judge(pictures: Sequence[_Picture], size: tuple[int, int], values: F64, tilts: float) -> CameraEstimate:
     """Turn the minimum into an estimate with its covariance.
 
-    Errors of the corners of one picture have something in common (how the edges fall onto the pixels, a board not
-    quite flat), so that they tell less than as many independent ones. Figure by figure the variance is the larger
-    one of what independent corners would give and of the jackknife over pictures (Efron and Stein, Annals of
-    Statistics 9 (1981) 586), widened for its few degrees of freedom.
+    Errors of the corners of one picture are correlated (by the position of edges relative to pixels, by a board that is
+    not quite flat), so they contain less information than independent ones. For each parameter the variance is the
+    larger of two: that of independent corners, and that of the jackknife over pictures (Efron and Stein, Annals of
+    Statistics 9 (1981) 586), enlarged for its few degrees of freedom.
     """
     count = len(pictures)
     every = np.concatenate([picture.residual for picture in pictures])
@@ -254,7 +254,7 @@ def _judge(pictures: Sequence[_Picture], size: tuple[int, int], values: F64, til
 
 
 def _require_small_residuals(estimate: CameraEstimate) -> None:
-    """Let an estimate pass that explains its pictures.
+    """Check that the residuals of an estimate are small.
 
     Raises:
         CalibrationError: The residual is large, of all pictures or of one.
@@ -268,7 +268,7 @@ def _require_small_residuals(estimate: CameraEstimate) -> None:
             remedy="use a flat board at rest, in focus, and check [calibration.board] against its print",
         )
     worst = int(np.argmax(estimate.residuals_px))
-    typical = max(float(np.median(estimate.residuals_px)), 0.02)  # hundredths of a pixel are no reason to doubt
+    typical = max(float(np.median(estimate.residuals_px)), 0.02)  # residuals of hundredths of a pixel are normal
     if estimate.residuals_px[worst] > PICTURE_RESIDUAL_FACTOR * typical:
         raise CalibrationError(
             STEP,

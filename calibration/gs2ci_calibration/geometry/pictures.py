@@ -1,7 +1,7 @@
-"""Taking pictures of the board: an exposure that suits it, all mirrors open, and refusals of what shows none.
+"""Taking pictures of the board: a suitable exposure, all mirrors open, and refusals of pictures without a board.
 
-Here: `Pictures`, a bench with a board before it. Not here: finding corners (`board`), what is made of them
-(`camera`, `stage`, the only users beside tests).
+Here: `Pictures`, a bench with a board before it. Not here: finding corners (`board`), their evaluation (`camera`,
+`stage`, the only users beside tests).
 """
 
 from collections.abc import Sequence
@@ -17,23 +17,24 @@ from gs2ci_calibration.geometry.board import Board, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 BRIGHT_SHARE: Final = (0.3, 0.6)
-"""Where the board's white should lie, of the range from black to the converter's top."""
+"""Range for the board's white, as a share of the range from black to the converter's top."""
 BRIGHT_QUANTILE: Final = 0.97
-"""White squares and margins fill a fifth of a view and more; a few specks of light are not the board."""
+"""Quantile of the readings that is taken for white: white squares and margins fill at least a fifth of a view, and some
+bright spots must not count."""
 SMOOTH_PX: Final = 3
 NO_LIGHT_DN: Final = 4.0
-"""White that is brighter than a closed modulator by less than this, at the longest exposure, is none."""
+"""If white exceeds the reading of a closed modulator by less than this at the longest exposure, there is no light."""
 HALF_LIMIT: Final = 0.56
-"""Signal at half the exposure over that at the whole: above, the well or the converter is full."""
+"""Signal at half the exposure over that at the full one: above this limit, the well or the converter is full."""
 FULL_SHARE: Final = 0.8
-"""Of the converter's range; pixels that read more with the modulator closed leave no room for the board's white."""
+"""Share of the converter's range; pixels that read more with a closed modulator leave no room for the board's white."""
 LIMITS_S: Final = (0.2e-3, 1.0)
 START_S: Final = 10e-3
 ROUNDS: Final = 14
 MISSED_MAX: Final = 3
-"""So many pictures without a board at the beginning, and it is not there, or is another one."""
+"""After this many pictures without a board at the start, the board counts as missing, or as another one."""
 BLUR_MAX_PX: Final = 1.5
-"""Standard deviation of the blur of edges before the pixels; a lens focused elsewhere has another focal length."""
+"""Largest standard deviation of the blur of edges, without the pixels' own: refocusing changes the focal length."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Pictures:
     """A bench that takes pictures of a board.
 
     Args:
-        bench: It.
+        bench: The bench.
         step: Name of the step, for messages.
         board: The board before it.
     """
@@ -53,12 +54,12 @@ class Pictures:
     def suit_exposure(self) -> float:
         """Return an exposure in seconds at which the board's white is well exposed.
 
-        Clipping is found by halving the exposure, which has to halve the signal, so that a full well below the
-        converter's top is found too.
+        Clipping is detected by halving the exposure, which must halve the signal; so a full well below the converter's
+        top is detected, too.
 
         Raises:
-            CalibrationError: No light comes in, the modulator is inverted, or white is clipped at any exposure, by
-                its own light or by what reaches the sensor past the modulator.
+            CalibrationError: There is no light, the modulator is inverted, or white is clipped at any exposure, by
+                its own light or by light that reaches the sensor past the modulator.
         """
         shortest_s, longest_s = self._limits_s()
         exposure_s = float(np.clip(START_S, shortest_s, longest_s))
@@ -102,7 +103,7 @@ class Pictures:
     def _signal_dn(self, exposure_s: float) -> tuple[float, float]:
         """Return by how much the modulator brightens the brighter pixels, and the range from closed to top, in DN.
 
-        Negative where closing it brightens them.
+        Negative if closing it brightens them.
         """
         patterns = np.stack([self.bench.flat_pattern(is_open=True), self.bench.flat_pattern(is_open=False)])
         opened, closed = self.bench.grab(patterns, frames=1, exposure_s=exposure_s).readings[:, 0]
@@ -148,17 +149,17 @@ class Pictures:
 
 
 def _factor(share: float, filled: float) -> float:
-    """Return how much longer to expose for white in the middle of `BRIGHT_SHARE`; stray light grows along with it."""
+    """Return the factor for the exposure that puts white in the middle of `BRIGHT_SHARE`; stray light scales, too."""
     wanted = float(np.mean(BRIGHT_SHARE))
     signal = max(share, 1e-3) * (1 - filled)
     return min(wanted / (signal + wanted * filled), FULL_SHARE / max(filled, 0.01), 16.0)
 
 
 def require_any(step: str, sightings: Sequence[Sighting | None]) -> None:
-    """Let a series of pictures go on unless its first ones all miss the board.
+    """Check that not all of the first pictures of a series miss the board.
 
     Raises:
-        CalibrationError: They do.
+        CalibrationError: They all miss it.
     """
     if len(sightings) >= MISSED_MAX and not any(sightings):
         raise CalibrationError(
@@ -173,7 +174,7 @@ def require_sharp(step: str, sightings: Sequence[Sighting | None]) -> float:
     """Return the typical blur of the board's edges, in pixels.
 
     Raises:
-        CalibrationError: It is wide: the camera is out of focus, or the board moved.
+        CalibrationError: It is too large: the camera is out of focus, or the board moved.
     """
     blurs = [sighting.blur_px for sighting in sightings if sighting is not None and not sighting.collinear]
     blur_px = float(np.median(blurs)) if blurs else 0.0

@@ -1,7 +1,7 @@
-"""Where a camera that is shifted and never turned stood, from its pictures of one board at rest.
+"""Positions of a camera that is shifted and not rotated, from its pictures of one board at rest.
 
-Here: the adjustment of one rotation and a place per picture, the camera's figures given. Not here: stages (`stage`,
-the only user beside tests), the camera's own estimate (`intrinsics`).
+Here: the adjustment of one rotation and one position per picture, for a known camera. Not here: stages (`stage`,
+`axes`), the camera's own estimate (`intrinsics`).
 """
 
 from collections.abc import Sequence
@@ -20,20 +20,20 @@ STEP: Final = "stage"
 
 PASSES: Final = 20
 CONVERGED_MM: Final = 1e-9
-"""A step that moves nothing by more ends the iteration: far below what any picture shows."""
+"""The iteration ends at a step below this, far below the accuracy of any picture."""
 RESIDUAL_MAX_PX: Final = 0.5
-"""A stage that only shifts the camera leaves hundredths of a pixel; more is a stage that turns it, or motion."""
+"""If a stage only shifts the camera, residuals are hundredths of a pixel; larger ones mean rotation, or motion."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where the camera stood.
+    """The positions of the camera.
 
     Args:
         rotation: Rotation vector of the board in the camera's frame, the same in all pictures, [3].
         board_mm: The board's origin in the camera's frame, [K, 3].
-        residual_px: Root mean square of what is left at the corners, along one axis.
-        covariance_mm2: What that makes of one place, as the mean over all pictures, [3, 3].
+        residual_px: Rms residual at the corners, along one axis.
+        covariance_mm2: Covariance of one position by that residual, as the mean over all pictures, [3, 3].
     """
 
     rotation: F64
@@ -43,17 +43,17 @@ class Places:
 
     @property
     def camera_mm(self) -> F64:
-        """Get the camera's places in its own frame, from any beginning, [K, 3]: the board moves the other way."""
+        """Get the camera's positions in its own frame, [K, 3], from an arbitrary origin: negated board positions."""
         return -self.board_mm
 
 
 def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None = None) -> Places:
-    """Adjust one rotation and one place per picture to the corners, by Gauss and Newton.
+    """Adjust one rotation and one position per picture to the corners, by Gauss-Newton.
 
     Args:
-        sightings: What each picture shows of the board; none on a line.
-        values: The camera, as of `CameraEstimate.values`.
-        start: Where to begin; None begins with each picture's own pose.
+        sightings: The board in each picture, no corners on one line.
+        values: The camera, as `CameraEstimate.values`.
+        start: The start of the iteration; None begins with each picture's own pose.
 
     Raises:
         CalibrationError: One orientation of the board does not explain all pictures.
@@ -61,7 +61,7 @@ def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None
     rotation, shifts = (start.rotation, start.board_mm) if start is not None else _first(sightings, values)
     for _ in range(PASSES):
         turn, steps, residual, covariance_mm2 = _step(sightings, values, rotation, shifts)
-        # A rotation vector's own increments: the derivatives are by its components.
+        # Increments of the rotation vector are added, because the derivatives are by its components.
         rotation, shifts = rotation + turn, shifts + steps
         if max(np.abs(steps).max(), np.abs(turn).max() * np.abs(shifts).max()) < CONVERGED_MM:
             break
@@ -77,7 +77,7 @@ def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None
 
 
 def _first(sightings: Sequence[Sighting], values: F64) -> tuple[F64, F64]:
-    """Return the first picture's orientation, and each picture's place under its own."""
+    """Return the first picture's orientation, and each picture's position by its own orientation."""
     matrix = np.array([[values[0], 0, values[2] - PIXEL_CENTRE], [0, values[1], values[3] - PIXEL_CENTRE], [0, 0, 1.0]])
     poses = []
     for sighting in sightings:
@@ -96,9 +96,9 @@ def _first(sightings: Sequence[Sighting], values: F64) -> tuple[F64, F64]:
 
 
 def _step(sightings: Sequence[Sighting], values: F64, rotation: F64, shifts: F64) -> tuple[F64, F64, float, F64]:
-    """Return the steps of rotation [3] and places [K, 3], the residual before them, and the covariance of a place.
+    """Return the steps of rotation [3] and positions [K, 3], the residual before them, and a position's covariance.
 
-    The places are eliminated picture by picture (Schur's complement), which leaves three equations.
+    The positions are eliminated picture by picture (Schur complement), which leaves three equations.
     """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     kept = []

@@ -1,6 +1,6 @@
-"""The step `stage`: pictures of a board at rest from along each axis, from both sides and on the move.
+"""The step `stage`: pictures of a board at rest, taken along each axis, approached from both sides, and in motion.
 
-Here: where to go, the pictures, the bundle's section. Not here: the fit (`axes`), the camera (step `camera`, whose
+Here: the targets, the pictures, the bundle's section. Not here: the fit (`axes`), the camera (step `camera`, whose
 section this one needs).
 """
 
@@ -27,30 +27,30 @@ TARGETS: Final = 7
 VISITS: Final = 2
 """How often each target is visited from each side."""
 UNEVEN: Final = 0.3
-"""Of the step between targets: by how much they are moved out of even steps."""
+"""Displacement of targets from equal spacing, as a share of the spacing."""
 GOLDEN: Final = 0.618034
 RUN_UP_SHARE: Final = 0.08
-"""Of the travel: how far outside a side is approached from; must exceed the backlash."""
+"""Distance from which a target is approached, as a share of the travel; it must exceed the backlash."""
 SPAN_SHARE: Final = 0.9
-"""Of the room that the board has in the frame: how much of it the camera's motion may use."""
+"""Share of the board's room in the frame that the camera's motion may use."""
 SPAN_MIN_SHARE: Final = 0.1
-"""Of the frame's width at the board: less travel tells little."""
+"""Smallest travel, as a share of the frame's width at the board: less gives too little accuracy."""
 EDGE_SHARE: Final = 0.05
-"""Of an axis's length: kept clear at its ends, for a sweep's ramps."""
+"""Share of an axis's length kept clear at its ends, for a sweep's ramps."""
 SWEEP_PICTURES: Final = 12
 SWEEP_SPEED_SHARE: Final = 0.25
-"""Of the axis's highest speed, unless the capture has its own."""
+"""Speed of the sweep as a share of the axis's highest, unless the capture has its own."""
 SWEEP_BLUR_PX: Final = 1.0
-"""Most motion during one exposure: even motion blurs evenly and moves no corner."""
+"""Largest motion during one exposure: uniform motion blurs symmetrically and displaces no corner."""
 FRAMES: Final = 1
 
 
 @dataclass(frozen=True)
 class _Room:
-    """What the board leaves to the stage.
+    """The room for motion while the board stays in the frame.
 
     Args:
-        span_mm: How far to each side the camera may go.
+        span_mm: How far the camera may move to each side.
         mm_per_px: Size of a pixel at the board.
     """
 
@@ -59,18 +59,18 @@ class _Room:
 
 
 def measure_stage(bench: Bench, known: Bundle) -> Section:
-    """Measure where each axis takes the camera, and how faithfully.
+    """Measure direction, scale and precision of the camera's motion by each axis.
 
-    Asks for the board on a stand; moves all axes, one after the other, as far as the board stays in view, and brings
-    each back to where it was.
+    Requests the board on a stand; moves all axes, one after another, as far as the board stays in view, and returns
+    each to its former position.
 
     Args:
         bench: The bench.
-        known: Its `camera`.
+        known: The bundle with its section `camera`.
 
     Raises:
         CalibrationError: No stage, no camera in the bundle, no light, the board not in every picture, an axis has no
-            room, or it does not move, slips or goes elsewhere than the rig file says.
+            room, or it does not move, slips or moves differently than the rig file says.
         DriverError: A device failed.
     """
     stage = bench.stage(STEP)
@@ -127,7 +127,7 @@ def _room_to_move(sighting: Sighting | None, camera: CameraEstimate) -> _Room:
 
 
 def _ends(axis: AxisInfo, begin_mm: float, room: _Room) -> tuple[float, float]:
-    """Return the lowest and the highest position to take pictures at.
+    """Return the lowest and the highest position for pictures.
 
     Raises:
         CalibrationError: The axis has no room.
@@ -149,10 +149,10 @@ def _ends(axis: AxisInfo, begin_mm: float, room: _Room) -> tuple[float, float]:
 def _at_rest(
     pictures: Pictures, stage: Stage, axis: AxisInfo, ends_mm: tuple[float, float], exposure_s: float, *, done: int
 ) -> list[StagePicture]:
-    """Visit all targets upwards and downwards, some times over, and take a picture at each."""
+    """Visit all targets upwards and downwards, `VISITS` times, and take a picture at each."""
     run_up_mm = RUN_UP_SHARE * (ends_mm[1] - ends_mm[0])
     targets = np.linspace(ends_mm[0] + run_up_mm, ends_mm[1] - run_up_mm, TARGETS)
-    # Even steps could fall in with the pitch of the screw, whose periodic error would then pass for a slope.
+    # Equal spacing could be a multiple of the screw's pitch, whose periodic error would then appear as a slope.
     targets += UNEVEN * (targets[1] - targets[0]) * (np.arange(TARGETS) * GOLDEN % 1 - 0.5)
     taken = []
     for visit in range(2 * VISITS):
@@ -170,7 +170,7 @@ def _at_rest(
 def _sweep(
     pictures: Pictures, axis: AxisInfo, ends_mm: tuple[float, float], exposure_s: float, room: _Room
 ) -> list[SweepPicture]:
-    """Take pictures while the axis crosses its range evenly."""
+    """Take pictures while the axis crosses its range at constant speed."""
     bench = pictures.bench
     wanted = bench.capture.travel
     capture_mm_s = (
@@ -201,7 +201,7 @@ def _sweep(
 
 
 def _section(found: dict[str, AxisEstimate], exposure_s: float, pictures: int) -> Section:
-    """Return the bundle's section; NaN-free, as `Estimate` checks."""
+    """Return the bundle's section; `Estimate` checks that it contains no NaN."""
     estimates: dict[str, Estimate] = {}
     facts: dict[str, Any] = {"exposure_s": exposure_s, "pictures": pictures, "axes": list(found)}
     notes = []

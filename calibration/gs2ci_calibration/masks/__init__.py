@@ -1,1 +1,1 @@
-"""How the modulator is seen by the sensor: where it falls (`registration_step`) and what passes it (`masks_step`)."""
+"""The modulator as the sensor sees it: its position (`registration_step`) and its transmission (`masks_step`)."""

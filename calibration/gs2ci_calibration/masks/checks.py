@@ -1,7 +1,7 @@
-"""Which mask is on show, told by its image: a residual cannot detect masks in a wrong order.
+"""Recognising masks by their images: a residual cannot detect masks in a wrong order.
 
-Every mask measured is compared with all masks as they are predicted. Here: that comparison, and what a mismatch says
-of the bench (order, polarity, orientation, a bench that has moved). Not here: predictions (`predicted`).
+Every measured mask is compared with the predictions of all masks. Here: that comparison, and the cause of a mismatch
+(order, polarity, orientation, a shift of the bench). Not here: predictions (`predicted`).
 """
 
 from typing import Any, Final
@@ -17,17 +17,17 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 LIKE: Final = 0.5
 """Correlation from which on a measured mask is taken for a predicted one; unlike random masks stay below 0.2."""
 BETTER: Final = 0.05
-"""By so much another mask must be more alike before it is the one: two masks may be the same."""
+"""Another mask is preferred only if its correlation is higher by this: two masks may be the same."""
 TEXTURE_MIN: Final = 1e-3
 """Standard deviation of a prediction below which there is nothing to correlate with."""
 PIXELS_MIN: Final = 200
-"""Fewer pixels than this tell masks apart by chance."""
+"""With fewer pixels than this, masks cannot be distinguished reliably."""
 TRIED: Final = 4
-"""Masks that are tried other ways round."""
+"""Number of masks that are compared in other orientations."""
 
 
 def correlations(seen: NDArray[np.floating], expected: NDArray[np.floating]) -> F64:
-    """Return how alike images are, [N, M] in [-1, 1], of images [N, P] and [M, P]; 0 where one has no texture."""
+    """Return the correlations, [N, M] in [-1, 1], of images [N, P] with images [M, P]; 0 if one has no texture."""
     rows, columns = (_normalised(images) for images in (seen, expected))
     return np.asarray(np.clip(rows @ columns.T, -1.0, 1.0))
 
@@ -35,22 +35,22 @@ def correlations(seen: NDArray[np.floating], expected: NDArray[np.floating]) -> 
 def require_order(
     seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bool, step: str
 ) -> F64:
-    """Tell by their images that masks are the patterns that were sent, in order, upright and not inverted.
+    """Check by their images that the masks are the patterns that were sent, in order, upright and not inverted.
 
     Args:
-        seen: What was seen of each mask between off (0) and on (1), [N, H, W].
-        relay: What predicts them.
-        patterns: What was sent, [N, Hm, Wm].
+        seen: Measured image of each mask between off (0) and on (1), [N, H, W].
+        relay: The relay, which predicts them.
+        patterns: The patterns that were sent, [N, Hm, Wm].
         top: Level of a fully open pixel.
         valid: Pixels that can be trusted, [H, W].
         step: For messages.
 
     Returns:
-        How alike each mask is to its prediction, [N].
+        Correlation of each mask with its prediction, [N].
 
     Raises:
-        CalibrationError: Too few pixels; another order; inverted; mirrored or turned; shifted since registration; or
-            unlike all that was predicted.
+        CalibrationError: Too few pixels; another order; inverted; mirrored or rotated; shifted since registration; or
+            unlike all predictions.
     """
     if valid.sum() < PIXELS_MIN:
         raise CalibrationError(
@@ -64,7 +64,7 @@ def require_order(
     images, foreseen = seen[:, valid], expected[:, valid]
     alike = correlations(images, foreseen)
     own = np.diag(alike)
-    # Patterns without texture can only be told by their level.
+    # Patterns without texture can be recognised only by their level.
     plain = foreseen.std(axis=1) < TEXTURE_MIN
     wrong = np.flatnonzero(plain & (np.abs(images.mean(axis=1) - foreseen.mean(axis=1)) > 0.5))
     if wrong.size:
@@ -82,10 +82,10 @@ def require_order(
 
 
 def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating], valid: Bool, step: str) -> float:
-    """Compare the held-out mask [H, W] with its prediction; return how alike they are.
+    """Compare the held-out mask [H, W] with its prediction; return their correlation.
 
     Raises:
-        CalibrationError: They are not.
+        CalibrationError: It is too low.
     """
     alike = float(correlations(seen[None, valid], foreseen[None, valid])[0, 0])
     if alike < LIKE:
@@ -118,7 +118,7 @@ def _other_order(step: str, shown: int, seen: int | None) -> CalibrationError:
 
 
 def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | None:
-    """Return why the first mask that is wrong is so, if it is inverted or another one of the masks."""
+    """Return the error for the first wrong mask, if it is inverted or another one of the masks."""
     best = int(np.argmax(alike[first]))
     if alike[first, first] < -LIKE:
         return CalibrationError(
@@ -133,7 +133,7 @@ def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | No
 def _turned(
     seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bool, step: str
 ) -> CalibrationError | None:
-    """Return that the masks fit their patterns another way round, if they do."""
+    """Return the error for masks that match their patterns in another orientation, or None."""
     for transpose, flip_x, flip_y in np.ndindex(2, 2, 2):
         turned = relay.turned(transpose=bool(transpose), flip_x=bool(flip_x), flip_y=bool(flip_y))
         foreseen = turned.shares(patterns, top)
@@ -150,7 +150,7 @@ def _turned(
 
 
 def _moved(seen: NDArray[np.floating], foreseen: NDArray[np.floating], step: str) -> CalibrationError | None:
-    """Return that the mask fits its pattern some pixels further on, if it does: the bench has moved."""
+    """Return the error for a mask that matches its pattern some pixels away, or None: the bench has moved."""
     one, other = (image - image.mean(dtype=np.float64) for image in (seen, foreseen))
     product = np.fft.irfft2(np.fft.rfft2(one) * np.conj(np.fft.rfft2(other)), s=one.shape)
     product /= max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-12)

@@ -1,7 +1,8 @@
-"""Gray code stripes: which modulator pixel each sensor pixel looks at, to a few pixels, from nothing known before.
+"""Gray code stripes: which modulator pixel each sensor pixel sees, to a few pixels, without prior knowledge.
 
-Flips, turns and pixel ratios need no assumption: every pixel reads its own column and row off the stripes. Here:
-the patterns and their decoding. Not here: sub-pixel registration, which starts from this (`registration`).
+No assumption about flips, rotations and pixel ratios is needed: every pixel decodes its own column and row from the
+stripes. Here: the patterns and their decoding. Not here: sub-pixel registration, which starts from this
+(`registration`).
 """
 
 from dataclasses import dataclass
@@ -14,11 +15,11 @@ from gs2ci.core.arrays import F64, U8, Bool
 from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
-# A stripe's pixel counts as clear when it is this far from half open; next to an edge one bit is not.
+# A pixel's bit counts as clear if its value is at least this far from one half; next to an edge one bit is not clear.
 CLEAR: Final = 0.2
 # Fewest pixels from which an affine map is taken, as a share of the sensor.
 SEEN_SHARE_MIN: Final = 0.05
-# Pixels that are enough: each is read to a few modulator pixels, and a map that is right to one will do.
+# This many pixels suffice: each is known to a few modulator pixels, and a map accurate to one pixel is sufficient.
 PIXELS_USED: Final = 20_000
 # Residuals beyond this many stripe widths are misread pixels.
 MISREAD_STRIPES: Final = 1.5
@@ -38,7 +39,7 @@ class GrayCode:
 
     @property
     def bits(self) -> tuple[int, int]:
-        """Get how many patterns tell rows and columns."""
+        """Get how many patterns encode rows and columns."""
         rows, columns = (max(int(np.ceil(np.log2(-(-side // self.finest)))), 1) for side in self.size)
         return rows, columns
 
@@ -54,11 +55,11 @@ class GrayCode:
         """Read the stripes at each pixel.
 
         Args:
-            shares: What passed at each pixel, between off (0) and on (1), [B, H, W] in the order of `patterns`.
+            shares: Light at each pixel, between off (0) and on (1), [B, H, W] in the order of `patterns`.
             valid: Pixels that see the modulator, [H, W].
 
         Returns:
-            Column u and row v of the stripes' crossing in modulator pixels, [H, W] each, and where they can be read.
+            Column u and row v of the stripes' crossing in modulator pixels, [H, W] each, and where they are readable.
         """
         rows, _ = self.bits
         is_open = shares > 0.5
@@ -72,7 +73,7 @@ class GrayCode:
 
 
 def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bool) -> PixelMap:
-    """Fit the map from sensor to modulator to what the stripes say.
+    """Fit the map from sensor to modulator to the decoded stripes.
 
     Args:
         code: The stripes.
@@ -80,7 +81,7 @@ def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bool) -> Pix
         valid: Pixels that see the modulator, [H, W].
 
     Returns:
-        The affine map, or a cubic one where the pixels say clearly that it bends.
+        The affine map, or a cubic one if the pixels clearly show that it bends.
 
     Raises:
         CalibrationError: Too few pixels read the code, or all of them the same column or row.
@@ -95,7 +96,7 @@ def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bool) -> Pix
             allowed=f"{SEEN_SHARE_MIN:.0%} or more",
             remedy="focus the relay, open its aperture, and see that the modulator's image falls on the sensor",
         )
-    # At random places: a regular choice would beat with the stripes.
+    # Chosen at random: a regular choice could interfere with the stripes.
     chosen = np.random.default_rng(0).permutation(np.flatnonzero(readable))[:PIXELS_USED]
     rows, columns = np.unravel_index(chosen, valid.shape)
     x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
@@ -133,7 +134,7 @@ def _require_spread(x: F64, y: F64, read: F64, code: GrayCode) -> None:
 
 
 def _trimmed(blank: PixelMap, x: F64, y: F64, read: F64, finest: int) -> tuple[PixelMap, float]:
-    """Fit a map, twice more without misread pixels; return it and its rms residual in modulator pixels."""
+    """Fit a map, then twice more without misread pixels; return it and its rms residual in modulator pixels."""
     basis = blank.basis(x, y)
     keep = np.ones(len(x), bool)
     fitted, rms = blank, np.inf

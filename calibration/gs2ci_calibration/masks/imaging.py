@@ -1,6 +1,6 @@
-"""How a modulator is imaged onto the sensor: where each pixel looks, what its box averages, what the relay blurs.
+"""How a modulator is imaged onto the sensor: the place each pixel sees, the average over its box, the relay's blur.
 
-Here: the map from sensor to modulator, and the prediction of what is seen of a pattern. Not here: fitting either
+Here: the map from sensor to modulator, and the prediction of a pattern's image. Not here: fitting either
 (`registration`, `predicted`), light, contrast.
 
 Coordinates are columns and rows in pixels with centres at +0.5, of the sensor (x, y) and of the modulator (u, v).
@@ -18,7 +18,7 @@ from scipy.special import ive
 from gs2ci.core.arrays import F64
 from gs2ci_calibration.masks.imaging_kernels import sample_boxes
 
-# Where the discrete Gaussian is cut off, in standard deviations: beyond lies less than 1e-6 of it.
+# The discrete Gaussian is truncated here, in standard deviations: less than 1e-6 of it lies beyond.
 REACH: Final = 5.0
 
 
@@ -30,12 +30,12 @@ def monomials(x: F64, y: F64, degree: int) -> F64:
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Where on the modulator each sensor pixel looks: a polynomial, of which degree 1 is the affine map.
+    """The place on the modulator that each sensor pixel sees: a polynomial; with degree 1, an affine map.
 
     Args:
         size: The sensor's height and width.
-        coefficients: Of u and v for each of `monomials`, [K, 2] modulator pixels. Their arguments are the sensor's
-            coordinates from its middle, in units of half its longer side.
+        coefficients: Coefficients of u and v for each of `monomials`, [K, 2] modulator pixels. The arguments of the
+            monomials are the sensor's coordinates from its middle, in units of half its longer side.
     """
 
     size: tuple[int, int]
@@ -57,18 +57,18 @@ class PixelMap:
         return monomials((x - 0.5 * width) / self.unit_px, (y - 0.5 * height) / self.unit_px, self.degree)
 
     def at(self, x: F64, y: F64) -> tuple[F64, F64]:
-        """Return the modulator's coordinates (u, v) that sensor coordinates look at."""
+        """Return the modulator's coordinates (u, v) at sensor coordinates."""
         both = self.basis(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)) @ self.coefficients
         return both[..., 0], both[..., 1]
 
     def everywhere(self) -> tuple[F64, F64]:
-        """Return where each pixel's middle looks, u and v [H, W]."""
+        """Return the modulator's coordinates at each pixel's middle, u and v [H, W]."""
         y, x = np.mgrid[: self.size[0], : self.size[1]] + 0.5
         return self.at(x, y)
 
     @property
     def modulator_from_sensor(self) -> F64:
-        """Get the affine map, [2, 3]: of a higher degree, the tangent at the sensor's middle."""
+        """Get the affine map, [2, 3]: for a higher degree, the tangent at the sensor's middle."""
         linear = self.coefficients[1:3].T / self.unit_px
         middle = 0.5 * np.array([self.size[1], self.size[0]])
         return np.column_stack([linear, self.coefficients[0] - linear @ middle])
@@ -99,7 +99,7 @@ class PixelMap:
         return PixelMap(self.size, more)
 
     def turned(self, *, transpose: bool, flip_x: bool, flip_y: bool) -> "PixelMap":
-        """Return the map of a modulator's image that lies another way round, about the sensor's middle."""
+        """Return the map of the modulator's image in another orientation, about the sensor's middle."""
         turned = np.empty_like(self.coefficients)
         terms = [(d - q, q) for d in range(self.degree + 1) for q in range(d + 1)]
         for k, (p, q) in enumerate(terms):
@@ -116,10 +116,10 @@ def _gaussian(variance: float) -> F64:
 
 
 def blurred(image: F64, variance_px2: float) -> F64:
-    """Convolve an image [H, W] with the discrete Gaussian of a variance, mirrored beyond the rim.
+    """Convolve an image [H, W] with the discrete Gaussian of a variance, mirrored beyond the border.
 
-    Lindeberg's kernel e^-t I_n(t), the one whose derivative by the variance is exactly half the five-point
-    Laplacian (IEEE PAMI 12 (1990) 234).
+    The kernel is Lindeberg's e^-t I_n(t), whose derivative by the variance is exactly half the five-point Laplacian
+    (IEEE PAMI 12 (1990) 234).
     """
     if variance_px2 <= 0:
         return image
@@ -128,11 +128,11 @@ def blurred(image: F64, variance_px2: float) -> F64:
 
 
 def convolved(image: F64, kernel: F64) -> F64:
-    """Convolve an image [H, W] with a measured kernel [2r + 1, 2r + 1], mirrored beyond the rim."""
+    """Convolve an image [H, W] with a measured kernel [2r + 1, 2r + 1], mirrored beyond the border."""
     return np.asarray(cv2.filter2D(image, cv2.CV_64F, kernel[::-1, ::-1].copy(), borderType=cv2.BORDER_REFLECT))
 
 
 def sharp(pattern: NDArray[Any], pixels: PixelMap) -> tuple[F64, F64, F64]:
-    """Return what an ideal relay shows of a pattern [Hm, Wm] in [0, 1]: the image and its derivatives by u and v."""
+    """Return the ideal relay's image of a pattern [Hm, Wm] in [0, 1], and its derivatives by u and v."""
     u, v = pixels.everywhere()
     return sample_boxes(np.ascontiguousarray(pattern, dtype=np.float32), u, v, *pixels.footprint)  # type: ignore[no-any-return]

@@ -1,7 +1,7 @@
 """The lamp's brightness from frame to frame, interpolated between references taken among the masks.
 
-Every reference with all mirrors on is one number, the lamp's level; in between it is interpolated in time. What
-references cannot follow, they tell: by how much each departs from what its neighbours let expect.
+Every reference with all mirrors on gives one number, the lamp's level; in between it is interpolated in time. How much
+each reference differs from the interpolation of its neighbours shows the changes that interpolation cannot correct.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from gs2ci.core.arrays import F64
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 DRIFT_MAX: Final = 0.25
-"""Change of the lamp's level over a procedure beyond which it has not warmed up, or somebody touched the bench."""
+"""A larger change of the lamp's level over a procedure means that it is not warm yet, or that the bench was touched."""
 LAMP_SHARE_MAX: Final = 0.5
-"""Share of the wanted accuracy that the lamp may use up."""
+"""Share of the required accuracy that errors by the lamp may reach."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class LampRecord:
 
     Args:
         time_s: When each reference was taken, [R], in order.
-        level: The lamp's level in it, [R]; 1 on average of the first ones.
-        burst: Which run of the modulator each belongs to, [R]; between runs nothing is interpolated.
+        level: The lamp's level in it, [R]; 1 on average over the first ones.
+        burst: The run of the modulator each belongs to, [R]; levels are not interpolated between runs.
     """
 
     time_s: F64
@@ -40,10 +40,10 @@ class LampRecord:
 
     @property
     def flicker(self) -> float:
-        """Get the rms of what neighbours do not foresee in a reference, as a share: what one frame's light is off.
+        """Get the relative rms error of one frame's light, from the differences between neighbouring references.
 
-        A reference halfway between two others, less their mean, has 3/2 of the variance of one; 0 with fewer
-        than three references in every burst.
+        A reference halfway between two others, minus their mean, has 3/2 of the variance of one. The result is 0 if
+        every burst has fewer than three references.
         """
         total, count = 0.0, 0
         for burst in np.unique(self.burst):
@@ -57,11 +57,11 @@ class LampRecord:
         return float(np.sqrt(total / count)) if count else 0.0
 
     def require_steady(self, frames: int, accuracy: float) -> None:
-        """Refuse a lamp that spoils masks measured with this many frames each.
+        """Refuse a lamp that is too unsteady for masks measured with this many frames each.
 
         Args:
-            frames: Frames of each mask, over which flicker averages.
-            accuracy: The wanted error of masks, rms.
+            frames: Frames of each mask, over which flicker averages out.
+            accuracy: The required error of masks, rms.
 
         Raises:
             CalibrationError: It drifts or flickers too much.

@@ -1,7 +1,7 @@
-"""The step `masks`: what every mask lets through at every pixel, measured one by one, or foreseen from a few frames.
+"""The step `masks`: every mask's transmission at every pixel, measured one by one, or predicted from a few frames.
 
-Here: the order of things in both modes, and the section. Not here: the sums (`measured`), predictions (`predicted`),
-which mask is which (`checks`).
+Here: the order of the work in both modes, and the section. Not here: the sums (`measured`), predictions (`predicted`),
+recognising masks (`checks`).
 """
 
 from dataclasses import dataclass
@@ -24,23 +24,23 @@ from gs2ci_calibration.masks.taking import Field, light_up, saturation_of, take
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 Found = tuple[MeasuredMasks, F32, F32, tuple[float, float]]
-"""What was measured; the masks and their errors; how far predictions are off, rms, and the error of that."""
+"""The measurement; the masks and their errors; the predictions' rms error, and the standard error of that."""
 
 STEP: Final = "masks"
 PILOT_FRAMES: Final = 2
-"""Frames of each mask after which order and polarity are judged and the rest is planned; all of them in fast mode."""
+"""Frames of each mask after which order and polarity are checked and the rest is planned; all of them in fast mode."""
 FAST_ACCURACY: Final = 2.0
-"""Fast mode may be off by so many times what is wanted of measured masks."""
+"""In fast mode masks may have this many times the error required of measured masks."""
 HELD_OUT_DENSITY: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown in this step.
+    """The patterns shown in this step.
 
     Args:
         patterns: The masks on the modulator's own pixels, [N, Hm, Wm].
-        held_out: A pattern that takes no part in anything but a comparison, [Hm, Wm].
+        held_out: A pattern that is used only to test the predictions, [Hm, Wm].
         top: Level of a fully open pixel.
     """
 
@@ -53,8 +53,8 @@ def measure_masks(bench: Bench, known: Bundle) -> Section:
     """Measure the masks; with `Options.fast`, predict them.
 
     Raises:
-        CalibrationError: Light, lamp, sensor or modulator are no good; masks are out of order, inverted, turned or
-            shifted since registration; too many frames would be needed; predictions are too far off.
+        CalibrationError: Light, lamp, sensor or modulator are unsuitable; masks are out of order, inverted, rotated or
+            shifted since registration; too many frames would be needed; predictions are too inaccurate.
         DriverError: A device failed.
     """
     began_s = bench.devices.clock.now_s()
@@ -97,12 +97,12 @@ def _shown(bench: Bench) -> Shown:
 
 
 def _between(found: MeasuredMasks) -> F32:
-    """Return what was seen of each mask between off (0) and on (1), [N, H, W]."""
+    """Return the measured image of each mask between off (0) and on (1), [N, H, W]."""
     return np.asarray((found.masks - found.leakage) / np.maximum(1 - found.leakage, 1e-3), dtype=np.float32)
 
 
 def _planned(bench: Bench, field: Field, pilot: MeasuredMasks) -> int:
-    """Return how many frames of each mask to take: as many as the rig file says, and as the accuracy demands."""
+    """Return how many frames of each mask to take: the rig file's number, or more if the accuracy requires it."""
     options = bench.options
     swing = float(np.median(field.references.on[pilot.valid]))
     wanted = frames_wanted(pilot.rms_se, PILOT_FRAMES, field.dark_se_dn / swing, options.mask_accuracy, STEP)
@@ -110,7 +110,7 @@ def _planned(bench: Bench, field: Field, pilot: MeasuredMasks) -> int:
 
 
 def _measured(sums: MaskSums, field: Field, relay: Relay, shown: Shown) -> Found:
-    """Estimate all masks; say how far the prediction of the held-out one is off."""
+    """Estimate all masks, and the error of the held-out mask's prediction."""
     found = estimate_masks(sums, field.references, len(shown.patterns), field.dark_se_dn)
     foreseen = transmissions(relay.shares(shown.held_out[None], shown.top), found.leakage)[0]
     valid = found.valid
@@ -119,14 +119,14 @@ def _measured(sums: MaskSums, field: Field, relay: Relay, shown: Shown) -> Found
 
 
 def _foreseen(bench: Bench, pilot: MeasuredMasks, relay: Relay, shown: Shown) -> Found:
-    """Predict all masks; say by the few frames there are of each how far the predictions are off.
+    """Predict all masks, and estimate the predictions' error from the few frames of each.
 
     Raises:
-        CalibrationError: They are off by more than is allowed.
+        CalibrationError: The error is too large.
     """
     between = relay.shares(np.concatenate([shown.patterns, shown.held_out[None]]), shown.top)
     every = np.where(pilot.valid, transmissions(between, pilot.leakage), 0.0).astype(np.float32)
-    # What the contrast map's noise does to predictions is known pixel by pixel; the rest is the model's.
+    # The error that the contrast map's noise causes is known for each pixel; the rest is the model's.
     from_contrast = np.square((1 - between) * pilot.leakage_se)
     seen = np.concatenate([pilot.masks, pilot.held_out[None]])[:, pilot.valid]
     variance = np.square(np.concatenate([pilot.standard_error, pilot.held_out_se[None]])) + from_contrast

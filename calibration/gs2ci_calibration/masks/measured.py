@@ -1,10 +1,10 @@
-"""Masks measured one by one: every pattern on a flat field, between references against the lamp's drift.
+"""Masks measured one by one: every pattern on a flat field, with references in between to correct the lamp's drift.
 
-Each frame is taken above dark and divided by the lamp's level; means over frames give what is seen of each mask, of
-all mirrors on and of all off. The transmission that a solver needs is mask / on, light that closed mirrors leak
-included; (mask - off) / (on - off) = (transmission - leakage) / (1 - leakage) with leakage = off / on, the contrast
-map. Here: the order of a pass, the sums, the estimates with their errors. Not here: taking frames (`taking`), order
-and polarity (`checks`), masks predicted instead of measured (`predicted`).
+The dark reading is subtracted from each frame, and the result divided by the lamp's level; means over frames give the
+images of each mask, of all mirrors on and of all off. The transmission that a solver needs is mask / on, including the
+light that closed mirrors leak; (mask - off) / (on - off) = (transmission - leakage) / (1 - leakage) with leakage =
+off / on, the contrast map. Here: the order of a pass, the sums, the estimates with their errors. Not here: taking
+frames (`taking`), order and polarity (`checks`), masks predicted instead of measured (`predicted`).
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_varia
 from gs2ci_calibration.masks.references import References
 
 REFERENCE_EVERY: Final = 4
-"""After so many masks the lamp is looked at again."""
+"""A reference of the lamp is taken after this many masks."""
 IGNORANT_SE: Final = 1 / np.sqrt(12)
-"""Standard error of a transmission of which nothing is known but that it lies in [0, 1]."""
+"""Standard error of a transmission that is unknown in [0, 1]."""
 
 
 @unique
 class PatternKind(IntEnum):
-    """What a frame shows that is no mask; masks are numbered from 0."""
+    """Patterns that are no masks; masks are numbered from 0."""
 
     ON = -1
     OFF = -2
@@ -37,7 +37,7 @@ class PatternKind(IntEnum):
 
 
 def pass_order(masks: Sequence[int], *, held_out: bool = False) -> tuple[int, ...]:
-    """Return what one pass shows: masks in order, all mirrors on before, after and among them, and the held-out mask.
+    """Return the patterns of one pass: masks in order, all mirrors on before, after and among them, the held-out mask.
 
     Args:
         masks: Numbers of the masks.
@@ -56,7 +56,7 @@ class MaskSums:
 
     Args:
         masks: How many masks there are, N.
-        references: The flat field as first seen; the lamp's level is 1 there.
+        references: The first references of the flat field, which define the lamp's level 1.
         dark: Reading without light, [H, W] or a number, DN.
     """
 
@@ -77,10 +77,10 @@ class MaskSums:
         Args:
             readings: [P, K, H, W] DN: place p of the order in pass k.
             time_s: When each was exposed, [P, K].
-            order: What each place shows (`pass_order`), [P]; with at least one `PatternKind.ON`.
+            order: The pattern at each place (`pass_order`), [P]; with at least one `PatternKind.ON`.
 
         Raises:
-            InputError: Shapes disagree, or no place shows all mirrors on.
+            InputError: Shapes disagree, or no frame has all mirrors on.
         """
         if len(readings) != len(order) or time_s.shape != readings.shape[:2] or PatternKind.ON not in order:
             raise InputError(
@@ -126,7 +126,7 @@ class MaskSums:
         return np.asarray(np.maximum(self._square[at] - np.square(self._sum[at]) / count, 0.0) / (count - 1))
 
     def noise(self) -> NoiseModel:
-        """Return the noise model that all stacks of two frames or more tell."""
+        """Return the noise model fitted to all stacks of two frames or more."""
         valid = self._references.valid
         stacks = [kind for kind in self._kinds if self.frames(kind) > 1]
         signal = np.concatenate([self.mean(kind)[valid] for kind in stacks])
@@ -136,17 +136,17 @@ class MaskSums:
 
 @dataclass(frozen=True)
 class MeasuredMasks:
-    """Masks as measured.
+    """The measured masks.
 
     Args:
-        masks: Transmissions in the order shown, leakage included, [N, H, W] in [0, 1]; 0 where nothing is known.
-        standard_error: Of each, [N, H, W].
+        masks: Transmissions in the order shown, leakage included, [N, H, W] in [0, 1]; 0 at pixels where unknown.
+        standard_error: Standard error of each, [N, H, W].
         held_out: The held-out pattern's transmission, [H, W], not clipped.
         held_out_se: Its standard error, [H, W].
         leakage: Off over on, the contrast map, [H, W].
         leakage_se: Its standard error, [H, W].
         valid: Pixels that see the mirrors switch, [H, W].
-        noise: Of one frame.
+        noise: Noise of one frame.
         lamp: The lamp's levels.
     """
 
@@ -170,9 +170,9 @@ def estimate_masks(sums: MaskSums, references: References, masks: int, dark_se_d
     """Turn sums into transmissions with standard errors.
 
     Args:
-        sums: Of all frames.
-        references: The flat field as first seen, for its valid pixels.
-        masks: N.
+        sums: The sums of all frames.
+        references: The first references of the flat field, for the valid pixels.
+        masks: Number of masks, N.
         dark_se_dn: Standard error of the dark reading, DN.
 
     Raises:
@@ -180,7 +180,7 @@ def estimate_masks(sums: MaskSums, references: References, masks: int, dark_se_d
     """
     noise, lamp = sums.noise(), sums.lamp
     on_mean = sums.mean(PatternKind.ON)
-    # The first references chose the valid pixels; a pixel that has died since must not divide by nothing.
+    # The valid pixels were chosen by the first references; a pixel that has died since would cause a division by 0.
     valid = references.valid & (on_mean > 0.5 * references.on)
     on = np.where(valid, on_mean, 1.0)
     on_variance = _variance(sums, PatternKind.ON, noise) / sums.frames(PatternKind.ON)

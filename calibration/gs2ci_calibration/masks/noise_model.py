@@ -1,7 +1,7 @@
-"""The sensor's temporal noise, read off the very frames that a calibration takes: a variance linear in the signal.
+"""The sensor's temporal noise, estimated from a calibration's own frames: a variance linear in the signal.
 
 Shot noise makes the variance grow with the reading, read-out adds a constant (EMVA Standard 1288, Release 3.1,
-section 2.2). One line through all pixels tells the variance of each far better than the few frames of that pixel.
+section 2.2). One line fitted to all pixels gives the variance of each pixel far better than its own few frames.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from gs2ci.core.arrays import F64
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 BINS: Final = 24
-# Pixels whose frames vary more than this many times as much as the line says keep their own variance: they blink.
+# Pixels whose variance exceeds the line's by more than this factor keep their own variance: they blink.
 NOISY: Final = 6.0
-# Quantisation alone makes a reading vary by a twelfth; a sensor whose frames are all alike is no sensor.
+# Quantisation alone gives a variance of 1/12; if all frames are the same, they are no live readings.
 VARIANCE_MIN_DN2: Final = 1e-6
-# In the dark, noise far below a DN does not show at all; such bins must not outweigh all others.
+# In the dark, noise far below a DN is not visible at all; such bins must not outweigh all others.
 LEAST_OF_MEAN: Final = 0.1
 
 
@@ -28,8 +28,8 @@ class NoiseModel:
     """Variance of one reading.
 
     Args:
-        floor_dn2: Without light, DN squared.
-        slope_dn: Per DN of signal: the gain in DN per electron.
+        floor_dn2: Variance without light, DN squared.
+        slope_dn: Increase per DN of signal: the gain in DN per electron.
     """
 
     floor_dn2: float
@@ -57,7 +57,7 @@ def fit_noise(signal_dn: F64, variance_dn2: F64, step: str) -> NoiseModel:
     model = NoiseModel(float(variance_dn2.mean()), 0.0)
     for _ in range(2):
         model = _line(signal_dn[kept], variance_dn2[kept])
-        # A sample variance of few frames scatters widely; pixels that blink stand out all the same.
+        # A sample variance of few frames scatters widely; pixels that blink exceed even that.
         kept = variance_dn2 < NOISY * 4 * np.maximum(model.variance(signal_dn), VARIANCE_MIN_DN2)
     return model
 
@@ -80,14 +80,14 @@ def _line(signal_dn: F64, variance_dn2: F64) -> NoiseModel:
 def rounding_variance_dn2(variance_dn2: F64) -> F64:
     """Return the mean square by which rounding to whole DN biases readings of a variance, [...].
 
-    The characteristic function of Gaussian noise at one cycle per DN, over pi: no number of frames averages it away,
-    and noise of half a DN makes it vanish (Widrow and Kollar, Quantization Noise, 2008, section 4).
+    It is the characteristic function of Gaussian noise at one cycle per DN, over pi: averaging frames does not reduce
+    it, and with noise of half a DN it vanishes (Widrow and Kollar, Quantization Noise, 2008, section 4).
     """
     return np.asarray(np.exp(-4 * np.square(np.pi) * variance_dn2) / (2 * np.square(np.pi)))
 
 
 def own_variance(sample_dn2: F64, expected_dn2: F64, frames: int) -> F64:
-    """Return each pixel's variance: the expected one, or its own where it blinks, [...]."""
+    """Return each pixel's variance, [...]: the expected one, or its own if it blinks."""
     if frames < 3:
         return expected_dn2
     blinking = sample_dn2 > NOISY * 4 * expected_dn2

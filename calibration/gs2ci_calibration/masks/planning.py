@@ -1,4 +1,4 @@
-"""How many frames of each mask a wanted accuracy takes, reckoned from the first few. Pure."""
+"""The number of frames of each mask that a required accuracy needs, computed from the first few. Pure."""
 
 from typing import Final
 
@@ -7,21 +7,21 @@ import numpy as np
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 FRAMES_MAX: Final = 1024
-"""Frames of each mask beyond which more light is the better way."""
+"""Largest number of frames of each mask; beyond it, more light is better than more frames."""
 
 
 def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, step: str) -> int:
-    """Return how many frames of each mask bring its error down to the wanted accuracy.
+    """Return how many frames of each mask reduce its error to the required accuracy.
 
     Args:
         rms_se: Standard error of masks from the first frames, rms over the pixels.
         frames: How many those were.
-        fixed_se: The part of it that more frames do not lower (the dark reading's).
-        accuracy: Wanted standard error, rms.
+        fixed_se: The part of it that more frames do not reduce (the dark reading's).
+        accuracy: Required standard error, rms.
         step: For messages.
 
     Raises:
-        CalibrationError: The dark reading alone spoils it, or more than `FRAMES_MAX` frames would be needed.
+        CalibrationError: The error of the dark reading alone is too large, or more than `FRAMES_MAX` frames are needed.
     """
     if fixed_se >= accuracy:
         raise CalibrationError(

@@ -1,7 +1,7 @@
-"""Masks predicted instead of measured: the map, the relay's measured kernel and the contrast map foresee every pattern.
+"""Masks predicted instead of measured: from the map, the relay's measured kernel and the contrast map.
 
-Here: the kernel's fit, the prediction, and by how much it is off. Not here: the map (`registration`), the masks
-measured one by one (`measured`).
+Here: the kernel's fit, the prediction, and its error. Not here: the map (`registration`), masks measured one by one
+(`measured`).
 """
 
 from collections.abc import Sequence
@@ -19,17 +19,17 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 RADIUS: Final = (2, 5)
 """Smallest and largest radius of the kernel: three standard deviations of the blur, and one pixel more."""
 PIXELS_USED: Final = 60_000
-"""Pixels from which a kernel of at most 121 taps is fitted; more would only take longer."""
+"""Number of pixels to which a kernel of at most 121 taps is fitted; more would only take longer."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """What the relay does to an ideal image, as a kernel on the sensor's grid.
+    """The relay's point spread, as a kernel on the sensor's grid.
 
     Args:
-        taps: [2r + 1, 2r + 1], adding up to 1: an open modulator looks open.
-        standard_error: Of each.
-        residual_rms: What is left unexplained of the images, noise included.
+        taps: [2r + 1, 2r + 1], with the sum 1, so that an open modulator appears open.
+        standard_error: Standard error of each.
+        residual_rms: Rms residual of the images, noise included.
     """
 
     taps: F64
@@ -47,14 +47,14 @@ def fit_kernel(
     """Fit the kernel to images of known patterns by least squares.
 
     Args:
-        pixels: Where each sensor pixel looks.
-        variance_px2: Of the blur, by which the kernel's size is chosen.
-        patterns: What was shown, each [Hm, Wm] in [0, 1]; with detail as fine as a sensor pixel.
-        shares: What was seen of each, between off (0) and on (1), [H, W].
+        pixels: The map from sensor to modulator.
+        variance_px2: Variance of the blur, which determines the kernel's size.
+        patterns: The patterns shown, each [Hm, Wm] in [0, 1]; with detail as fine as a sensor pixel.
+        shares: The image of each, between off (0) and on (1), [H, W].
         valid: Pixels that can be trusted, [H, W].
 
     Raises:
-        CalibrationError: The patterns do not tell the taps apart.
+        CalibrationError: The taps cannot be determined from the patterns.
     """
     radius = int(np.clip(np.ceil(3 * np.sqrt(max(variance_px2, 0.0))) + 1, *RADIUS))
     taps = [(i, j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1) if (i, j) != (0, 0)]
@@ -83,7 +83,7 @@ def fit_kernel(
 
 
 def _inner(valid: Bool, radius: int, images: int) -> NDArray[np.intp]:
-    """Choose pixels: valid ones away from the rim, which knows nothing of what lies beyond it."""
+    """Choose pixels: valid ones away from the border, beyond which nothing is known."""
     inner = np.zeros_like(valid)
     inner[radius:-radius, radius:-radius] = valid[radius:-radius, radius:-radius]
     places = np.flatnonzero(inner)
@@ -99,7 +99,7 @@ def _shifted(
     shares: Sequence[F64],
     places: NDArray[np.intp],
 ) -> tuple[F64, F64]:
-    """Return the least squares problem: shifted less unshifted ideal images [P, T], and what is to be explained [P]."""
+    """Return the least squares problem: shifted minus unshifted ideal images [P, T], and the target values [P]."""
     columns, rest = [], []
     for pattern, share in zip(patterns, shares, strict=True):
         ideal = sharp(pattern, pixels)[0]
@@ -115,7 +115,7 @@ class Relay:
     """How the modulator is imaged onto the sensor.
 
     Args:
-        pixels: Where each sensor pixel looks.
+        pixels: The map from sensor to modulator.
         taps: The relay's kernel, [2r + 1, 2r + 1].
     """
 
@@ -123,12 +123,12 @@ class Relay:
     taps: F64
 
     def shares(self, patterns: NDArray[Any], top: int = 1) -> F32:
-        """Return what is seen of patterns [N, Hm, Wm] between off (0) and on (1), [N, H, W]."""
+        """Return the images of patterns [N, Hm, Wm] between off (0) and on (1), [N, H, W]."""
         seen = [convolved(sharp(pattern / np.float32(top), self.pixels)[0], self.taps) for pattern in patterns]
         return np.clip(np.reshape(seen, (-1, *self.pixels.size)), 0.0, 1.0).astype(np.float32)
 
     def turned(self, *, transpose: bool, flip_x: bool, flip_y: bool) -> "Relay":
-        """Return the relay of a modulator that lies another way round."""
+        """Return the relay for a modulator in another orientation."""
         taps = self.taps[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
         return Relay(
             self.pixels.turned(transpose=transpose, flip_x=flip_x, flip_y=flip_y), taps.T if transpose else taps
@@ -154,19 +154,19 @@ def relay_of(registration: Section, size: tuple[int, int], step: str) -> Relay:
 
 
 def transmissions(shares: NDArray[np.floating], leakage: F64) -> F32:
-    """Return transmissions from what lies between off and on, closed mirrors' leakage included, [N, H, W]."""
+    """Return transmissions, closed mirrors' leakage included, [N, H, W], from images between off (0) and on (1)."""
     return np.asarray(leakage + (1 - leakage) * shares, dtype=np.float32)
 
 
 def model_error(
     seen: NDArray[np.floating], variance: NDArray[np.floating], foreseen: NDArray[np.floating]
 ) -> tuple[float, float]:
-    """Return by how much predictions are off beyond the noise of what they are compared with, rms, and its error.
+    """Return the predictions' rms error beyond the noise of the measurements, and its standard error.
 
     Args:
-        seen: What was measured, [...].
-        variance: Of each, [...].
-        foreseen: What was predicted, [...].
+        seen: The measured values, [...].
+        variance: Variance of each, [...].
+        foreseen: The predicted values, [...].
     """
     square = np.square(seen - foreseen, dtype=np.float64)
     excess = float(np.mean(square - variance))

@@ -1,7 +1,7 @@
-"""The flat field with every mirror on and with every mirror off: what all shares of light are measured against.
+"""The flat field with every mirror on and with every mirror off: the references of all transmissions.
 
-Here: the two references, the pixels that can be trusted, and the refusal of fields that are no good. Not here: the
-lamp's drift between frames (`lamp`), masks (`masks`).
+Here: the two references, the pixels that can be trusted, and the refusal of unsuitable fields. Not here: the lamp's
+drift between frames (`lamp`), masks (`masks`).
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
-# Fewest frames of each reference: from one alone no noise can be told.
+# Fewest frames of each reference: noise cannot be estimated from one.
 FRAMES_MIN: Final = 2
-# Saturated pixels (share of the field) from which on the field is refused rather than the pixels.
+# Share of saturated pixels from which on the whole field is refused, not only these pixels.
 SATURATED_SHARE_MAX: Final = 0.01
-# A pixel is blind when the mirrors change it by less than this share of what they change in the median pixel.
+# A pixel is blind if the mirrors change its reading by less than this share of the median pixel's change.
 BLIND_BELOW: Final = 0.05
 BLIND_SHARE_MAX: Final = 0.25
 # Standard deviations by which light must rise above darkness, and on above off, in the median pixel.
 SIGNAL_SIGMA: Final = 5.0
-# Contrast below which masks could not be told from leakage at any price.
+# Contrast below which masks cannot be separated from leakage.
 ON_OVER_OFF_MIN: Final = 1.5
-# Level of a frame with every mirror off, as a share of the swing, from which on it shows something else.
+# If a frame with every mirror off exceeds this level, as a share of on minus off, it shows another pattern.
 OFF_LEVEL_MAX: Final = 0.15
-# A frame with every mirror on below this share of the brightest frame of its pass shows something else, if what is
-# shown elsewhere reaches the second share.
+# If a frame with every mirror on is below this share of the brightest frame of its pass, it shows another pattern,
+# provided that a frame elsewhere in the pass reaches the second share.
 ON_LEVEL_MIN: Final = 0.8
 ALSO_ON_LEVEL: Final = 0.95
 
@@ -71,7 +71,7 @@ class References:
 def judge(
     on_frames: NDArray[Any], off_frames: NDArray[Any], dark: NDArray[np.floating], *, saturation_dn: float, step: str
 ) -> References:
-    """Average the references and refuse a field on which masks cannot be measured.
+    """Average the references; refuse a field on which masks cannot be measured.
 
     Args:
         on_frames: Raw frames with every mirror on, [F, H, W] DN, F at least 2.
@@ -130,17 +130,17 @@ def _require_sound(on_frames: NDArray[Any], off_frames: NDArray[Any], saturation
 def require_in_place(
     references: References, readings: NDArray[Any], dark: NDArray[np.floating], order: Sequence[int], step: str
 ) -> None:
-    """See by their light that the references of each pass are where they were put among the patterns.
+    """Check by brightness that the references of each pass are at their places among the patterns.
 
     Args:
         references: From `judge`.
         readings: [P, K, H, W] DN: place p of the order in pass k.
         dark: Reading without light, [H, W].
-        order: What each place shows, [P]; all mirrors on is -1, all off is -2 (`measured.Kind`).
+        order: The pattern at each place, [P]; all mirrors on is -1, all off is -2 (`measured.PatternKind`).
         step: For messages.
 
     Raises:
-        CalibrationError: They are not: patterns are shown in another order than they were sent in.
+        CalibrationError: They are not: patterns are shown in another order than sent.
     """
     kinds = np.array(order)
     is_on, is_off = kinds == -1, kinds == -2
@@ -184,7 +184,7 @@ def _require_lines(references: References, step: str) -> None:
 
 
 def _temporal_noise_dn(frames: NDArray[Any]) -> float:
-    """Return the noise of one frame in the median pixel; a lamp that flickers does not count as noise."""
+    """Return the noise of one frame in the median pixel, without the lamp's flicker."""
     stack = frames.astype(np.float64)
     level = stack.mean(axis=(1, 2), keepdims=True)
     mean_level = float(level.mean())
@@ -193,7 +193,7 @@ def _temporal_noise_dn(frames: NDArray[Any]) -> float:
 
 
 def _require_switching_light(on: F64, off: F64, error_dn: float, step: str) -> None:
-    # A field's median is known far better than a pixel, so the smallest signal is set by what a pixel must show.
+    # The median of a field is known far better than a pixel, so the smallest signal follows from a pixel's noise.
     least = SIGNAL_SIGMA * max(error_dn, 0.5)
     on_dn, off_dn, swing_dn = (float(np.median(part)) for part in (on, off, on - off))
     if swing_dn < -least:

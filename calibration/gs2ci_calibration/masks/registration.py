@@ -1,8 +1,8 @@
-"""Registration: which place on the modulator each sensor pixel looks at, to a few thousandths of a pixel.
+"""Registration: the place on the modulator that each sensor pixel sees, to a few thousandths of a pixel.
 
-Stripes of a Gray code give a first map, whatever flips, turns and pixel ratios there are (`gray_code`). A textured
-pattern then gives the rest: the image predicted through the map is compared with the measured one tile by tile, and
-the map (affine, then as bent as the tiles demand) and the relay's blur are changed until nothing is left to explain.
+Stripes of a Gray code give a first map, for any flips, rotations and pixel ratios (`gray_code`). A textured pattern
+refines it: the image predicted through the map is compared with the measured one tile by tile, and the map (affine,
+then of a higher degree if the tiles require it) and the relay's blur are adjusted until the two agree.
 Here: that fit and its standard errors. Not here: taking the frames (`registration_step`), predicting masks
 (`predicted`).
 """
@@ -21,13 +21,14 @@ from gs2ci_calibration.masks.registration_fit import Fitted, Textures, fit
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 DEGREES: Final = (1, 3, 5)
-"""Of the map: affine first; a cubic and a quintic only where tiles leave no doubt that they are needed."""
+"""Degrees of the map: affine first; a cubic and a quintic only if the tiles clearly show that they are needed."""
 RATIO_TOLERANCE: Final = 0.03
-"""By how much the pixel ratio may differ from the rig file's: masks are then off by two pixels at a rim of 64."""
+"""Largest relative difference of the pixel ratio from the rig file's: it displaces masks by two pixels at a distance of
+64 px from the middle."""
 SHIFTS_PER_COEFFICIENT: Final = 1.5
-"""Fewer shifts of tiles for each coefficient than this cannot hold a bent map at the rim."""
+"""Fewest tile shifts for each coefficient: with fewer, a map of higher degree is undetermined near the border."""
 BEND_PROBABILITY: Final = 1e-3
-"""Chance at which an affine bench is taken for a bent one."""
+"""Probability of taking an affine map for a bent one."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,13 @@ class Registration:
 
     Args:
         pixels: The map.
-        covariance: Of its coefficients in the order u0, v0, u1, v1, ..., [2K, 2K], from the scatter between tiles.
-        variance_px2: Of the relay's blur, in sensor pixels squared.
+        covariance: Covariance of its coefficients in the order u0, v0, u1, v1, ..., [2K, 2K], from the scatter between
+            tiles.
+        variance_px2: Variance of the relay's blur, in sensor pixels squared.
         variance_se_px2: Its standard error.
-        residual_rms_px: By how much the tiles' own shifts scatter about the map.
-        tiles: How many tiles the fit rests on.
-        dropped: How many were left out because they show something else.
+        residual_rms_px: Rms scatter of the tiles' own shifts around the map.
+        tiles: How many tiles the fit uses.
+        dropped: How many were left out because they do not show the pattern.
     """
 
     pixels: PixelMap
@@ -64,7 +66,7 @@ class Registration:
 
     @property
     def rms_se_px(self) -> float:
-        """Get the standard error of where a pixel looks, rms over the sensor, in sensor pixels."""
+        """Get the standard error of the map, rms over the sensor, in sensor pixels."""
         y, x = np.mgrid[: self.pixels.size[0] : 8, : self.pixels.size[1] : 8] + 0.5
         basis = self.pixels.basis(x, y).reshape(-1, len(self.pixels.coefficients))
         second = basis.T @ basis / len(basis)
@@ -78,16 +80,16 @@ class Registration:
 
     @property
     def turn_mrad(self) -> float:
-        """Get by how much the image is turned beyond its orientation, clockwise on the sensor."""
+        """Get the rotation of the image beyond its orientation, clockwise on the sensor."""
         linear = self.pixels.modulator_from_sensor[:, :2]
         square = np.rint(linear / np.abs(linear).max())
-        if abs(np.linalg.det(square)) < 0.5:  # turned by nearly 45 degrees: no square orientation is near
+        if abs(np.linalg.det(square)) < 0.5:  # rotated by nearly 45 degrees: no multiple of 90 degrees is near
             square = np.eye(2)
         small = np.linalg.inv(square) @ linear
         return float(1e3 * np.arctan2(small[0, 1] - small[1, 0], small[0, 0] + small[1, 1]))
 
     def bend_px(self) -> float:
-        """Return by how much the map bends away from its affine part, rms over the sensor, sensor pixels."""
+        """Return the difference between the map and its affine part, rms over the sensor, sensor pixels."""
         if self.pixels.degree == 1:
             return 0.0
         u, v = self.pixels.everywhere()
@@ -112,7 +114,7 @@ _ORIENTATIONS: Final = {
 
 
 def orientation(pixels: PixelMap) -> str:
-    """Say how the modulator's image lies on the sensor: upright, mirrored, turned."""
+    """Return the orientation of the modulator's image on the sensor: upright, mirrored, rotated, in words."""
     linear = pixels.modulator_from_sensor[:, :2]
     square = np.rint(linear / np.abs(linear).max()).astype(int)
     key = ((int(square[0, 0]), int(square[0, 1])), (int(square[1, 0]), int(square[1, 1])))
@@ -120,10 +122,10 @@ def orientation(pixels: PixelMap) -> str:
 
 
 def require_orientation(pixels: PixelMap, wanted: str) -> None:
-    """Hold the way round in which the modulator's image lies against the one wanted, in words; "any" takes it as it is.
+    """Compare the orientation of the modulator's image with the required one, in words; "any" accepts all.
 
     Raises:
-        CalibrationError: It lies another way round.
+        CalibrationError: It has another orientation.
     """
     found = orientation(pixels)
     if wanted not in (found, "any"):
@@ -137,10 +139,10 @@ def require_orientation(pixels: PixelMap, wanted: str) -> None:
 
 
 def require_ratio(pixels: PixelMap, superpixel: int) -> None:
-    """Hold the pixel ratio against the rig file's.
+    """Compare the pixel ratio with the rig file's.
 
     Raises:
-        CalibrationError: It is another.
+        CalibrationError: It differs.
     """
     for axis, ratio in zip(("columns", "rows"), pixels.ratio, strict=True):
         if abs(ratio / superpixel - 1) > RATIO_TOLERANCE:
@@ -165,16 +167,16 @@ def register(
     """Refine a map until predicted and measured images of textured patterns agree.
 
     Args:
-        patterns: What was shown, each [Hm, Wm] in [0, 1] (`checker`, a random mask).
-        shares: What was seen of each, (frame - off) / (on - off), [H, W].
+        patterns: The patterns shown, each [Hm, Wm] in [0, 1] (`checker`, a random mask).
+        shares: The image of each, (frame - off) / (on - off), [H, W].
         valid: Pixels that can be trusted, [H, W].
-        coarse: A map that is right to about half a square of the pattern.
-        light: How bright the field is, [H, W]; None is even.
-        degree: Of the map; None lets the tiles decide.
+        coarse: A map that is accurate to about half a square of the pattern.
+        light: Brightness of the field, [H, W]; None for an even field.
+        degree: Degree of the map; None chooses it by the tiles.
 
     Raises:
         CalibrationError: Too few tiles show the pattern, they lie on one line, the pattern is another one or
-            inverted, or the fit does not settle.
+            inverted, or the fit does not converge.
     """
     textures = Textures(patterns, shares, valid, light)
     fitted = fit(textures, coarse)
@@ -194,14 +196,14 @@ def register(
 
 
 def _as_bent_as_needed(textures: Textures, fitted: Fitted) -> Fitted:
-    """Raise the map's degree while the tiles demand it and can bear it."""
+    """Raise the map's degree as long as the tiles require it and determine it."""
     for higher in DEGREES[DEGREES.index(fitted.pixels.degree) + 1 :]:
         raised = fitted.pixels.raised(higher)
         if 2 * fitted.kept.sum() < SHIFTS_PER_COEFFICIENT * raised.coefficients.size:
             break
         try:
             bent = fit(textures, raised, fitted.variance_px2)
-        except CalibrationError:  # so bent a map finds no hold in these tiles; the one before did
+        except CalibrationError:  # these tiles do not determine a map of this degree: the one before is kept
             break
         if not _is_bent(fitted, bent):
             break
@@ -210,7 +212,7 @@ def _as_bent_as_needed(textures: Textures, fitted: Fitted) -> Fitted:
 
 
 def _is_bent(straight: Fitted, bent: Fitted) -> bool:
-    """Ask by an F test whether the tiles' shifts need the higher degree."""
+    """Return whether the tiles' shifts need the higher degree, by an F test."""
     common = straight.kept & bent.kept
     more = 2 * (len(bent.pixels.coefficients) - len(straight.pixels.coefficients))
     rest = 2 * int(common.sum()) - 2 * len(bent.pixels.coefficients)

@@ -1,8 +1,8 @@
 """The fit behind a registration: Gauss-Newton on images, gathered in tiles.
 
-Every tile of the sensor tells by how much predicted and measured image are shifted there, and how surely: a gradient
-and a 2 x 2 information matrix. The map's polynomial is fitted to these; the scatter between tiles, which holds
-everything that the noise of single pixels does not (leakage, dust, a blur that is no Gaussian), gives its errors.
+Every tile of the sensor gives the shift between predicted and measured image there, and its precision: a gradient and a
+2 x 2 information matrix. The map's polynomial is fitted to these; its errors follow from the scatter between tiles,
+which includes all that the noise of single pixels does not (leakage, dust, a blur that is not Gaussian).
 """
 
 from collections.abc import Sequence
@@ -19,19 +19,19 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 ITERATIONS_MAX: Final = 30
 CONVERGED_PX: Final = 2e-5
-# The squared residuals have kinks where pixels' edges meet mirrors' edges: there the steps may swing to and fro. Steps
-# halved again and again come to rest between; a swing of this size does no harm.
+# The squared residuals have kinks where pixels' edges meet mirrors' edges: there the steps may oscillate. From this
+# iteration on steps are halved each time, so that they converge in between; an oscillation of this size is harmless.
 HALVED_FROM: Final = 10
 SWING_PX: Final = 1e-3
 # Beyond this, a step says more about the pattern's edges than about the map.
 STEP_MAX_PX: Final = 1.0
-# A tile whose misfit exceeds the median one by this factor shows something else than the pattern: dust, a hair.
+# A tile whose misfit exceeds the median by this factor does not show the pattern: dust, a hair.
 OUTLYING: Final = 25.0
 SETTLING: Final = 4
 TILES_MIN: Final = 12
 LIGHT_DEGREE: Final = 4
 LIGHT_PIXELS: Final = 20_000
-# A field darker than this share of its mean has no slope that could be told from noise.
+# Where the field is darker than this share of its mean, its slope cannot be separated from noise.
 LIGHT_MIN: Final = 0.05
 TILE_PX: Final = (12, 32)
 VARIANCE_START_PX2: Final = 0.5
@@ -39,7 +39,7 @@ VARIANCE_MAX_PX2: Final = 25.0
 # Share of a tile's pixels that must be valid, and texture (mean square slope, per sensor pixel) that it must show.
 TILE_VALID_MIN: Final = 0.5
 TEXTURE_MIN: Final = 1e-4
-# The scale of the measured pattern against the predicted one below which it is some other pattern.
+# Scale of the measured pattern relative to the predicted one below which it is another pattern.
 LIKENESS_MIN: Final = 0.5
 
 
@@ -47,11 +47,11 @@ class Textures:
     """The measured images, cut into tiles.
 
     Args:
-        patterns: What was shown, each [Hm, Wm] in [0, 1].
-        shares: What was seen of each, [H, W].
+        patterns: The patterns shown, each [Hm, Wm] in [0, 1].
+        shares: The image of each, [H, W].
         valid: Pixels that can be trusted, [H, W].
-        light: How bright the field is, [H, W]; None is even. The relay's blur draws every pixel's place towards the
-            light, by its variance times the light's relative slope: some thousandths of a pixel.
+        light: Brightness of the field, [H, W]; None for an even field. The relay's blur displaces every pixel's place
+            towards brighter light, by its variance times the light's relative slope: some thousandths of a pixel.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Textures:
 
 
 def _smooth(light: F64, valid: Bool) -> F64:
-    """Return the field's smooth part by a polynomial, so that single pixels' response does not count; its mean is 1."""
+    """Return the smooth part of the field by a polynomial, without single pixels' response; its mean is 1."""
     height, width = light.shape
     y, x = np.mgrid[:height, :width]
     basis = monomials(2 * x / width - 1, 2 * y / height - 1, LIGHT_DEGREE)
@@ -91,20 +91,20 @@ def _smooth(light: F64, valid: Bool) -> F64:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A state of the fit, with what the tiles say about it.
+    """A state of the fit, with the tiles' gradients and information.
 
     Args:
         pixels: The map.
-        variance_px2: Of the relay's blur.
-        scale: Of the measured image against the predicted one.
-        offset: Of the measured image.
+        variance_px2: Variance of the relay's blur.
+        scale: Scale of the measured image relative to the predicted one.
+        offset: Offset of the measured image.
         basis: Monomials at the tiles' middles, [T, K].
-        information: About each tile's shift, [T, 2, 2], per modulator pixel squared.
-        gradient: Of each tile's squared residuals by its shift, [T, 2].
-        light_information: About variance, scale and offset, [3, 3].
-        light_gradient: The same for each tile, [T, 3].
-        kept: Tiles that take part, [T].
-        dropped: How many show something else than the pattern.
+        information: Information about each tile's shift, [T, 2, 2], per modulator pixel squared.
+        gradient: Gradient of each tile's squared residuals by its shift, [T, 2].
+        light_information: Information about variance, scale and offset, [3, 3].
+        light_gradient: Gradient by these for each tile, [T, 3].
+        kept: Tiles that are used, [T].
+        dropped: How many tiles do not show the pattern.
     """
 
     pixels: PixelMap
@@ -121,7 +121,7 @@ class Fitted:
 
     @property
     def misfit(self) -> F64:
-        """Get by how much shifting each tile on its own would lower its squared residuals, [T]."""
+        """Get the reduction of each tile's squared residuals if it is shifted on its own, [T]."""
         return np.asarray(np.einsum("ti,ti->t", self.gradient, self.shifts))
 
     @property
@@ -195,7 +195,7 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
             return state
         share = 0.5 ** (max(iteration - HALVED_FROM, 0) / 2) * min(1.0, STEP_MAX_PX / max(moved_px, 1e-12))
         pixels = PixelMap(pixels.size, pixels.coefficients + share * step)
-        # Blur and scale follow once the images lie on each other; before, they would explain the shift away.
+        # Blur and scale are fitted only once the images coincide; before, they would absorb the shift.
         if iteration >= 1:
             variance = float(np.clip(variance + np.clip(light[0], -0.5, 0.5), 0.0, VARIANCE_MAX_PX2))
             scale, offset = scale + float(light[1]), offset + float(light[2])
@@ -215,7 +215,7 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
 
 
 def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, offset: float, dropped: Bool) -> Fitted:
-    """Predict all images and gather what the tiles say."""
+    """Predict all images and compute the tiles' gradients and information."""
     tiles = len(textures.filled)
     information, gradient = np.zeros((tiles, 2, 2)), np.zeros((tiles, 2))
     light_information, light_gradient = np.zeros((tiles, 3, 3)), np.zeros((tiles, 3))
@@ -257,7 +257,7 @@ def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, o
 
 
 def _is_textured(textures: Textures, information: F64, ratio: float) -> Bool:
-    """Return the tiles that say where they are in both directions, [T]."""
+    """Return the tiles whose texture determines a shift in both directions, [T]."""
     pixels = np.maximum(textures.sums(textures.valid), 1.0) * len(textures.patterns)
     weakest = np.linalg.eigvalsh(information)[:, 0] / pixels * ratio**2
     return np.asarray((textures.filled > TILE_VALID_MIN) & (weakest > TEXTURE_MIN))
@@ -290,7 +290,7 @@ def _require_tiles(textures: Textures, kept: Bool) -> None:
 
 
 def _require_hold(basis: F64) -> None:
-    """Refuse tiles [T, K] in too few rows or columns for the map's degree: between them it could be anything."""
+    """Refuse tiles [T, K] in too few rows or columns for the map's degree: between them it would be undetermined."""
     if np.linalg.matrix_rank(basis) < basis.shape[1]:
         raise CalibrationError(
             "registration",

@@ -1,7 +1,7 @@
-"""The step `registration`: find the modulator on the sensor, whichever way round, to thousandths of a pixel.
+"""The step `registration`: find the modulator on the sensor, in any orientation, to thousandths of a pixel.
 
-Stripes of a Gray code, then textures cut to what the sensor sees of the modulator. Here: which patterns are shown and
-what is refused. Not here: decoding (`gray_code`), the fit (`registration`).
+First stripes of a Gray code are shown, then textures in the part of the modulator that the sensor sees. Here: which
+patterns are shown and what is refused. Not here: decoding (`gray_code`), the fit (`registration`).
 """
 
 from typing import Any, Final
@@ -26,12 +26,12 @@ STRIPE_PX: Final = 4
 """Width of the finest stripes, sensor pixels."""
 STRIPE_FRAMES: Final = 2
 CELL_PX: Final = 3
-"""Side of the checkers' squares, sensor pixels: wide enough to start from stripes, with edges everywhere."""
+"""Side of the checkers' squares, sensor pixels: wide enough to start from the stripes, with edges everywhere."""
 CHECKERS: Final = 2
 FINE: Final = 3
-"""Patterns of single elements, which tell the relay's blur up to the finest detail of masks."""
+"""Number of patterns of single elements, which show the relay's blur up to the finest detail of masks."""
 MARGIN_PX: Final = 8
-"""By how many sensor pixels textures reach beyond what the sensor is thought to see."""
+"""By how many sensor pixels textures extend beyond the region that the sensor probably sees."""
 ACCURACY_PX: Final = 0.05
 """Standard error of the map, rms over the sensor, beyond which it is refused."""
 
@@ -40,8 +40,8 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     """Measure the map between modulator and sensor, and the relay's blur.
 
     Raises:
-        CalibrationError: Light or modulator are no good; the modulator is not found, lies another way round than
-            `Options.orientation` says or at another pixel ratio; the map is not known well enough.
+        CalibrationError: Light or modulator are unsuitable; the modulator is not found, or has an orientation or a
+            pixel ratio other than the rig file's; the map is not precise enough.
         DriverError: A device failed.
     """
     began_s = bench.devices.clock.now_s()
@@ -79,7 +79,7 @@ def _coarse(bench: Bench, field: Field) -> PixelMap:
 
 
 def _textures(bench: Bench, coarse: PixelMap) -> U8:
-    """Draw the textures where the sensor looks; elsewhere the modulator stays closed, which uploads fast."""
+    """Draw the textures in the part that the sensor sees; elsewhere the modulator stays closed, which uploads fast."""
     height, width = bench.modulator_size
     ratio = max(coarse.ratio)
     u, v = coarse.everywhere()
@@ -91,7 +91,7 @@ def _textures(bench: Bench, coarse: PixelMap) -> U8:
     patterns = np.zeros((CHECKERS + FINE, height, width), np.uint8)
     for i, pattern in enumerate(patterns):
         cell = CELL_PX * element if i < CHECKERS else element
-        # Squares of the second checker begin elsewhere, so that edges of both cover the field evenly.
+        # Squares of the second checker are offset by half a square, so that edges cover the field evenly.
         start = (cell // 2, cell // 2) if i % 2 else (0, 0)
         drawn = checker((last - first, right - left), cell, rng, start=start)
         pattern[first:last, left:right] = drawn
@@ -101,7 +101,7 @@ def _textures(bench: Bench, coarse: PixelMap) -> U8:
 def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, facts: dict[str, Any]) -> Section:
     affine, affine_se = sensor_from_modulator(found)
     spread = max(found.variance_px2, 0.0)
-    # Near zero the square root has no slope: the variance's error then bounds the deviation itself.
+    # Near zero the derivative of the square root is infinite: the variance's error then bounds the deviation itself.
     sigma_se = found.variance_se_px2 / (2 * max(np.sqrt(spread), np.sqrt(found.variance_se_px2) / 2, 1e-6))
     scatter = found.residual_rms_px
     pixels = found.pixels
@@ -149,7 +149,7 @@ def sensor_from_modulator(found: Registration) -> tuple[F64, F64]:
         return PixelMap(size, coefficients).sensor_from_modulator
 
     value = inverse(affine)
-    # Smooth over such steps, and far above rounding.
+    # The map is smooth over such steps, which are far above rounding errors.
     step = 1e-4
     slopes = []
     for k, axis in np.ndindex(3, 2):

@@ -1,8 +1,8 @@
-"""Slot weights: how much of each mask's time on show an exposure of `gs2ci capture` really spans, measured by light.
+"""Slot weights: the share of each mask's time that an exposure of `gs2ci capture` really spans, measured by light.
 
-One mask is replaced by all mirrors on, the others by all off: the light of such a coded exposure is that slot's. The
-first and the last slot are measured so, against one in the middle, whose time is spanned whole by definition, as are
-all between the ends. Here: that measurement. Not here: trigger latency and jitter, which are the step `timing`.
+One mask is replaced by all mirrors on, the others by all off: such a coded exposure has the light of that slot only.
+The first and the last slot are measured like this and compared with one in the middle. All slots between the ends are
+spanned completely by definition. Here: that measurement. Not here: trigger latency and jitter (step `timing`).
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from gs2ci_drivers.plan import Mode
 
 FRAMES: Final = 8
 WHOLE: Final = 1 - 1e-9
-"""Planned weight from which on a slot counts as spanned whole."""
+"""Planned weight from which on a slot counts as spanned completely."""
 PLANNED_SE: Final = 1e-3
 """Standard error of weights that are planned and not measured: jitter of 10 us in 10 ms."""
 LEVELS: Final = (0.02, 0.8)
-"""Share of the sensor's range that one slot must fill in the median pixel to be measured: brighter ones have room."""
+"""Share of the sensor's range that one slot must fill in the median pixel to be measured; brighter pixels have room."""
 OFF_PLAN: Final = 0.05
-"""A weight that departs by more from the plan is refused: the sensor does not expose when it should."""
+"""A weight that differs from the plan by more than this is refused: the sensor does not expose at the right time."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class SlotWeights:
     """Weights of the masks in one exposure.
 
     Args:
-        weights: [N], 1 for a mask whose whole time on show is exposed.
-        measured: Whether by light; else they are as planned, for the reason in `note`.
+        weights: [N], 1 for a mask that is exposed during its whole time.
+        measured: Whether they are measured by light; otherwise they are as planned, for the reason in `note`.
         note: A sentence about them.
     """
 
@@ -45,7 +45,7 @@ class SlotWeights:
 
 
 def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -> SlotWeights:
-    """Measure the weights of the capture's slots before the even light, or say why they are taken as planned.
+    """Measure the weights of the capture's slots on the flat field, or state why they are taken as planned.
 
     Raises:
         CalibrationError: A slot's light contradicts the plan (`Reason.BAD_FIT`).
@@ -70,7 +70,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
     shares = light[:, :2] / light[:, 2:]
     mean = planned.copy()
     mean[list(ends)] = shares.mean(axis=0)
-    # The frames' errors are alike in all slots: pooled, they are known better than each from a few frames.
+    # The frames' errors are the same in all slots: pooled, they are estimated better than from each slot's few frames.
     error = float(np.sqrt(shares.var(axis=0, ddof=1).mean() / len(shares)))
     worst = int(np.argmax(np.abs(mean - planned)))
     if abs(mean[worst] - planned[worst]) > OFF_PLAN:

@@ -1,7 +1,7 @@
-"""Taking frames of patterns before the even light: exposure, references, and passes with references among them.
+"""Taking frames of patterns on the flat field: exposure, references, and passes with references among them.
 
-Here: what the steps `registration` and `masks` ask of a bench alike. Not here: what the sums mean (`measured`,
-`registration`), the search for an exposure (`exposing`).
+Here: the parts that the steps `registration` and `masks` share. Not here: the evaluation (`measured`, `registration`),
+the search for an exposure (`exposing`).
 """
 
 from collections.abc import Sequence
@@ -20,24 +20,24 @@ from gs2ci_calibration.masks.measured import MaskSums, PatternKind, pass_order
 from gs2ci_calibration.masks.references import References, judge, require_in_place
 
 FILL: Final = 0.6
-"""Share of the sensor's range to which the open field is exposed: far from clipping, and not far below the best."""
+"""Share of the sensor's range to which the open field is exposed: far from clipping, with nearly the best precision."""
 REFERENCE_FRAMES: Final = 8
 CLIPPED_SHARE: Final = 0.98
-"""Share of the range above black from which on a reading counts as clipped, where nothing better is known."""
+"""Share of the range above black from which on a reading counts as clipped, if no measured value is known."""
 BYTES_AT_ONCE: Final = 512 * 2**20
-"""Frames of one run of the modulator take at most so much memory."""
+"""Largest memory for the frames of one run of the modulator."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """The even light, exposed so that masks can be measured before it.
+    """The flat field, exposed so that masks can be measured on it.
 
     Args:
-        exposure_s: Of each frame.
+        exposure_s: Exposure of each frame.
         dark_dn: Reading without light at this exposure, [H, W].
         dark_se_dn: Its standard error, rms over the pixels.
         references: All mirrors on, all off.
-        first: The frames that those were taken from, on before off.
+        first: The frames of these references, on before off.
     """
 
     exposure_s: float
@@ -48,10 +48,10 @@ class Field:
 
 
 def light_up(bench: Bench, known: Bundle, step: str) -> Field:
-    """Ask for the even light, find an exposure and judge the references.
+    """Request the flat field, find an exposure and check the references.
 
     Raises:
-        CalibrationError: No dark frames are known; the light, the sensor or the modulator is no good (`judge`).
+        CalibrationError: No dark frames are known; the light, the sensor or the modulator is unsuitable (`judge`).
         DriverError: A device failed.
     """
     section = known.need("dark-flat", step)
@@ -83,16 +83,16 @@ def take(
     """Take frames of each mask, with references among them, in as few runs of the modulator as it can hold.
 
     Args:
-        bench: The bench; the even light is set up.
+        bench: The bench; the flat field is set up.
         field: From `light_up`.
         masks: Levels on the modulator's own pixels, [N, Hm, Wm].
-        frames: Of each mask.
+        frames: Number of frames of each mask.
         step: For messages.
-        sums: Frames taken before, which are added to; None begins anew.
-        held_out: A pattern that is shown beside them, [Hm, Wm].
+        sums: Sums of frames taken before, to which these are added; None begins new ones.
+        held_out: A further pattern to be shown, [Hm, Wm].
 
     Raises:
-        CalibrationError: References are not where they should be among the patterns (`require_in_place`).
+        CalibrationError: References are not at their places among the patterns (`require_in_place`).
         DriverError: A device failed.
     """
     if sums is None:
@@ -116,16 +116,16 @@ def take(
 
 
 def refined(field: Field, sums: MaskSums) -> Field:
-    """Return the field with the references among the patterns instead of the first ones."""
+    """Return the field with the references taken among the patterns instead of the first ones."""
     first = field.references
     on, off = sums.mean(PatternKind.ON), sums.mean(PatternKind.OFF)
-    # A pixel that has died since must not be divided by.
+    # A pixel that has died since would cause a division by 0.
     valid = first.valid & (on - off > 0.5 * (first.on - first.off))
     return replace(field, references=replace(first, on=on, off=off, valid=valid))
 
 
 def _runs(masks: int, held_out: bool, capacity: int) -> list[tuple[int, ...]]:
-    """Split the masks over as many runs as the modulator's memory demands; return what each shows."""
+    """Split the masks into as many runs as the modulator's memory requires; return the patterns of each run."""
     runs = 1
     while True:
         parts = np.array_split(np.arange(masks), runs)

@@ -11,7 +11,7 @@ def checker(size: tuple[int, int], cell: int, rng: np.random.Generator, *, start
     Args:
         size: The modulator's height and width.
         cell: Side of a square in modulator pixels; two to four sensor pixels are best.
-        rng: Where the draws come from.
+        rng: Random generator.
         start: Row and column on which a square begins.
     """
     rows, columns = ((np.arange(side) - first) // cell for side, first in zip(size, start, strict=True))
