@@ -1,6 +1,6 @@
 """Metrics, figures and reports: how good a result is, and what it cost.
 
-The package is called as the function of its name: `gs2ci.evaluate(run, shot)` is `gs2ci.api.judging.evaluate`.
+The package itself can be called: `gs2ci.evaluate(run, shot)` is `gs2ci.api.judging.evaluate`.
 """
 
 from gs2ci.callable_package import make_callable

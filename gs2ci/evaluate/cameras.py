@@ -27,7 +27,7 @@ def nerfstudio_transforms(
         world_to_camera: [N, 4, 4], OpenCV axes.
         intrinsics: [3, 3], pixels; without skew.
         size: Height and width.
-        distortion: Of the lens through which the pictures are seen, OpenCV's k1 k2 p1 p2 k3; None for a pinhole.
+        distortion: Distortion of the views, OpenCV's k1 k2 p1 p2 k3; None for a pinhole.
     """
     bent = np.zeros(len(COEFFICIENTS)) if distortion is None else distortion
     coefficients = {name: float(value) for name, value in zip(COEFFICIENTS, bent, strict=True)}
@@ -49,10 +49,10 @@ def nerfstudio_transforms(
 
 
 def poses_of_transforms(transforms: dict[str, Any]) -> F64:
-    """Read the poses back from what `nerfstudio_transforms` describes: world-to-camera, [N, 4, 4], OpenCV axes.
+    """Read the poses back from the output of `nerfstudio_transforms`: world-to-camera, [N, 4, 4], OpenCV axes.
 
     Raises:
-        KeyError, ValueError, LinAlgError: It describes something else.
+        KeyError, ValueError, LinAlgError: It has another content.
     """
     frames = [np.asarray(frame["transform_matrix"], np.float64) for frame in transforms["frames"]]
     return np.asarray(np.linalg.inv(np.stack(frames) @ OPENCV_FROM_OPENGL), np.float64)
@@ -77,9 +77,9 @@ def write_colmap_model(
         size: Height and width.
         points: [P, 3], scene units.
         colors: [P, 3], clamped to [0, 1].
-        distortion: As for `nerfstudio_transforms`; the camera is then a FULL_OPENCV one, else a PINHOLE.
+        distortion: As for `nerfstudio_transforms`; with it the camera is a FULL_OPENCV one, otherwise a PINHOLE.
     """
-    # FULL_OPENCV goes on with k4 k5 k6, the denominator of a rational model.
+    # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
     bent = [] if distortion is None else [*distortion, 0.0, 0.0, 0.0]
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(

@@ -1,7 +1,7 @@
-"""The folder that `gs2ci decode` leaves behind, written whole or not at all.
+"""The folder that `gs2ci decode` writes, completely or not at all.
 
     decoded/
-      report.json    how it was decoded, how well and how long; schema gs2ci.decode/1
+      report.json    method, quality and time of the decode; schema gs2ci.decode/1
       views.npy      the views of all shots in order of exposure, [S * N, H, W, C] float32, full scale 1
       views/         the same as 8-bit pictures, clamped to [0, 1]
 
@@ -33,9 +33,9 @@ class Decoded:
     Args:
         shot: The measurement, with its truth if there is one.
         views: [N, H, W, C] float32, full scale 1.
-        predicted_measurement: What the masks make of the views, as the shot's measurement.
-        seconds: That the decode took.
-        method: What decoded, and with which settings, as plain values.
+        predicted_measurement: The views coded by the masks, comparable with the shot's measurement.
+        seconds: Time that the decode took.
+        method: The method and its settings, as plain values.
         notes: Sentences for the reader of the report.
     """
 
@@ -61,7 +61,7 @@ def write_decoded(folder: Path, decoded: Sequence[Decoded], *, overwrite: bool =
     Raises:
         InputError: Nothing to write.
         NumericsError: Views hold numbers that are not finite.
-        StorageError: Something else lies there, or the disk refuses.
+        StorageError: The place holds something else, or the disk refuses.
     """
     if not decoded:
         raise InputError("no decoded shot to write", allowed="at least one")

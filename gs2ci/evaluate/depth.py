@@ -1,6 +1,6 @@
-"""How close recovered depth is to the truth, after what no image can reveal is removed.
+"""Errors of recovered depth, after the scale, which no image can determine, is aligned.
 
-Here: the errors of depth maps, and a few words for them. Not here: files, camera paths (`gs2ci.evaluate.trajectory`).
+Here: the errors of depth maps, and their wording. Not here: files, camera paths (`gs2ci.evaluate.trajectory`).
 """
 
 from dataclasses import dataclass
@@ -15,29 +15,29 @@ from gs2ci.core.ranks import rank_correlation
 
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
 FAR_OFF_PX: Final = 0.25
-"""A pixel whose disparity between neighbouring views is off by more has got another surface's depth, or none."""
-# The least absolute deviation by reweighted squares: so many rounds, and errors below this share of the spread count
-# alike.
+"""A disparity between neighbouring views that is wrong by more than this means another surface's depth, or none."""
+# Least absolute deviations by iteratively reweighted least squares: number of iterations, and the share of the spread
+# below which errors are weighted equally.
 _ROUNDS: Final = 50
 _LEVEL_SHARE: Final = 1e-3
 
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Errors of depth maps over the pixels that both know.
+    """Errors of depth maps over the pixels where both depths are known.
 
     Args:
-        scale: What the estimate was multiplied by: the median ratio of true to estimated depth over all pixels.
+        scale: The factor applied to the estimate: the median ratio of true to estimated depth over all pixels.
         abs_rel: Mean of |estimate − truth| / truth.
         median_rel: Median of the same.
         rms: Root mean square of estimate − truth, in the unit of the truth.
         close_share: Share of the pixels where the larger is less than 1.25 times the smaller.
-        known_share: Share of the truth's pixels for which the estimate says anything.
-        rank: Rank correlation (Spearman) of estimated and true depth; negative where near and far are exchanged; None
-            where either is the same everywhere.
+        known_share: Share of the truth's pixels for which the estimate has a depth.
+        rank: Rank correlation (Spearman) of estimated and true depth; negative if near and far are exchanged; None if
+            either depth is constant.
         median_px: Median error of the disparity between neighbouring views, px, after the affine fit of inverse depths
-            that leaves the least sum of absolute errors; None where the parallax is not known.
-        far_off_share: Share of the pixels whose disparity is more than `FAR_OFF_PX` off, likewise.
+            with the smallest sum of absolute errors; None if the parallax is not known.
+        far_off_share: Share of the pixels whose disparity error, after the same fit, exceeds `FAR_OFF_PX`.
     """
 
     scale: float
@@ -51,7 +51,7 @@ class DepthErrors:
     far_off_share: float | None
 
     def in_words(self) -> tuple[str, str]:
-        """Return the figure that matters most, and the others."""
+        """Return the most important figure, and the others."""
         rank = "" if self.rank is None else f"rank correlation {self.rank:.3f}, "
         off = "" if self.median_px is None else f"; {self.median_px:.3f} px, {self.far_off_share:.1%} over {FAR_OFF_PX}"
         return f"{self.median_rel:.2%} off", f"{rank}{self.close_share:.1%} within {_CLOSE_RATIO}{off}"
@@ -60,16 +60,17 @@ class DepthErrors:
 def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> DepthErrors | None:
     """Measure the errors of depth along the optical axis (Eigen et al. 2014), after scaling by the median.
 
-    One scale serves all views: it is the scene's. Pixels where either is not above 0 or not finite do not count.
+    One scale is used for all views, because it is the scene's. Pixels where either depth is not above 0 or not finite
+    are left out.
 
     Args:
-        estimate: [N, H, W], in any unit; 0 where nothing is known.
-        truth: The same shape, or [H, W] for one view; 0, NaN or infinite where nothing is known.
-        parallax: What disparity between neighbouring views is at a true depth of 1 (`parallax_of`), px times the unit
-            of the truth; None where it is not known.
+        estimate: [N, H, W], in any unit; 0 at pixels without a depth.
+        truth: The same shape, or [H, W] for one view; 0, NaN or infinite at pixels without a depth.
+        parallax: Disparity between neighbouring views at a true depth of 1 (`parallax_of`), px times the unit of the
+            truth; None if it is not known.
 
     Returns:
-        The errors; None where no pixel is known to both.
+        The errors; None if no pixel has both depths.
 
     Raises:
         InputError: The shapes differ.
@@ -105,10 +106,10 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
 
 
 def inverse_depth_errors(found: F64, true: F64) -> F64:
-    """Return |a / found + b − 1 / true| of the affine fit with the least sum of them, for depths [P] above 0, [P].
+    """Return |a / found + b − 1 / true| for the affine fit that minimises their sum, for depths [P] above 0, [P].
 
-    A small turn of the cameras trades against their travel and adds a constant to inverse depth, so that scale alone
-    would charge it to depth; the path's own errors tell of the turn.
+    A small rotation of the cameras can be exchanged for a part of their translation, which adds a constant to inverse
+    depth. With a scale alone, that would count as an error of depth; the errors of the path already include it.
     """
     design, wanted = np.stack([1 / found, np.ones_like(found)], axis=1), 1 / true
     level = max(_LEVEL_SHARE * float(np.ptp(wanted)), np.finfo(np.float64).tiny)

@@ -1,6 +1,6 @@
-"""What a run was made with: versions, machine, peak memory; so that its figures can be judged years later.
+"""The environment of a run: versions, machine, peak memory, so that its figures can be judged years later.
 
-Nothing here identifies a person: no host name, no user, no path.
+It contains nothing that identifies a person: no host name, no user, no path.
 """
 
 import os
@@ -27,7 +27,7 @@ REPORTED_PACKAGES: Final = (
 
 
 def versions() -> dict[str, str]:
-    """Get the versions of Python and of the packages that decide the figures."""
+    """Get the versions of Python and of the packages that affect the figures."""
     found = {"python": platform.python_version()}
     for package in REPORTED_PACKAGES:
         try:
@@ -38,7 +38,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str | int]:
-    """Get what decides the seconds: processor, cores that this process may use, memory in MiB, system."""
+    """Get what determines the run time: processor, cores that this process may use, memory in MiB, system."""
     return {
         "processor": _processor_name(),
         "architecture": platform.machine(),

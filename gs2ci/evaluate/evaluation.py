@@ -1,4 +1,4 @@
-"""A finished run judged after the fact: by a truth that came later, by the sensor's noise, by views from elsewhere.
+"""Evaluating a finished run: by a truth given afterwards, by the sensor's noise, by views from other poses.
 
 Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
 (`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
@@ -35,25 +35,25 @@ from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/2"
 SAME_SCALE: Final = 1e-3
-"""Measurements whose means differ by less, relatively, are at one scale: as decibels, the difference is 0.009."""
+"""Measurements whose means differ by less than this, relatively, count as of one scale: it is 0.009 dB."""
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """What a run folder holds, read back.
+    """The contents of a run folder, read back.
 
     Args:
         report: Its report.
         views: Recovered, [N, H, W, 3].
         world_to_camera: [N, 4, 4].
         intrinsics: [3, 3], px.
-        depth: [N, H, W], or None where none was found.
-        folder: Where it lies.
-        distortion: Of the lens, [5] as in `Shot`; None for a pinhole.
+        depth: [N, H, W], or None if none was found.
+        folder: The folder.
+        distortion: Distortion of the lens, [5] as in `Shot`; None for a pinhole.
         depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
         depth_confidence: Likewise.
-        registered: The measurement as the run corrected it, where registration changed something.
-        exposed: What each mask saw while it was on show, where the views show the middle of it.
+        registered: The measurement as corrected by the run's registration; None if it corrected nothing.
+        exposed: The light integrated during each mask's time, if the views show the middle of that time.
     """
 
     report: Report
@@ -71,14 +71,14 @@ class FinishedRun:
 
 @dataclass(frozen=True)
 class ReferenceData:
-    """What a run is judged by; whatever is None leaves its figures out.
+    """The data for judging a run; figures whose data are None are left out.
 
     Args:
-        shot: The measurement, with what is true of it.
+        shot: The measurement, with its truth.
         depth: True depth, [N, H, W], instead of the shot's own.
-        novel: True views from elsewhere.
-        noise: Of the sensor.
-        lpips: A learned perceptual distance of the user's (`gs2ci.reconstruct.fit.perceptual`).
+        novel: True views from other poses.
+        noise: Noise of the sensor.
+        lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.fit.perceptual`).
     """
 
     shot: Shot
@@ -92,7 +92,7 @@ def read_run(folder: Path) -> FinishedRun:
     """Read a run folder back.
 
     Raises:
-        StorageError: It is none, or a file of it is missing or cut short.
+        StorageError: It is no run folder, or a file of it is missing or truncated.
     """
     report = read_report(folder)
     try:
@@ -117,10 +117,10 @@ def read_run(folder: Path) -> FinishedRun:
 
 
 def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
-    """Judge a run; a figure without evidence is None.
+    """Evaluate a run; a figure without the data for it is None.
 
     Raises:
-        InputError: The evidence is of another shot: sizes or counts differ; or novel views come without true poses.
+        InputError: The data are of another shot: sizes or counts differ; or novel views come without true poses.
     """
     shot = evidence.shot
     views = run.views[..., : shot.channels]
@@ -155,7 +155,7 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
 
 
 def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
-    """Write an evaluation as JSON, whole or not at all; return its path.
+    """Write an evaluation as JSON, completely or not at all; return its path.
 
     Raises:
         StorageError: The disk refuses.
@@ -165,7 +165,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 
 
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
-    """Code views as the run did: with the weights that it corrected, if it did."""
+    """Code views as the run did: with the weights that it corrected, if any."""
     weights = shot.weights if brightness is None else (shot.weights * np.array(brightness)).astype(np.float32)
     predicted: F32 = (
         Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
@@ -174,7 +174,7 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
 
 
 def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:
-    """Say in what the shot is not as the run saw it."""
+    """Return notes on differences between this shot and the one that the run used."""
     notes = []
     ratio = float(shot.measurement.mean(dtype=np.float64)) / measured.mean if measured.mean else 1.0
     if abs(ratio - 1) > SAME_SCALE:
@@ -201,7 +201,7 @@ def _depth(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any] | None:
     truth = evidence.shot.truth.depth if evidence.depth is None else evidence.depth
     if run.depth is None or truth is None:
         return None
-    # Depth given by itself may be in a unit of its own.
+    # Depth given separately may be in a unit of its own.
     path = evidence.shot.truth.world_to_camera if evidence.depth is None else None
     errors = depth_errors(run.depth, truth, None if path is None else parallax_of(path, run.intrinsics))
     return None if errors is None else asdict(errors)

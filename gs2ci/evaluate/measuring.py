@@ -2,9 +2,9 @@
 
 Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
 
-The standard error is that of the two depths, as far as the scene itself tells: a share of the spread of the light that
-each is the median of, and the place within a pixel. What all depths have in common is not in it: errors of the unit and
-the path.
+The standard error combines the errors of the two depths, each a share of the spread along the ray of the light whose
+median is the depth, and of the places within a pixel. Errors common to all depths are not included: those of the unit
+and of the path.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from gs2ci.core.errors import InputError
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import Cameras
 
-# Of the light's spread along the ray, so much is the error of its median: Gaussians are thicker than what they show is
-# unsure. Found on solids of known size (`python -m tests.benchmarks lengths`).
+# The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
+# surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).
 _OF_SPREAD: Final = 0.6
-# Standard deviation of a place that is anywhere within a pixel.
+# Standard deviation of a position that is uniformly distributed within a pixel.
 _WITHIN_PIXEL_PX: Final = 12.0**-0.5
 
 
@@ -29,11 +29,11 @@ class Length:
     """A length between two pixels' points.
 
     Args:
-        length: In the unit of the path.
-        standard_error: Of it, likewise.
-        points: Both, in the world of the path, [2, 3].
-        confidence: Of both depths.
-        unit: "mm" where a stage told the path, else "scene units".
+        length: The length, in the unit of the path.
+        standard_error: Its standard error.
+        points: Both points, in the world of the path, [2, 3].
+        confidence: Confidence of both depths.
+        unit: "mm" if the path comes from a stage, otherwise "scene units".
     """
 
     length: float
@@ -53,8 +53,8 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         view: Which view, counted from 0.
 
     Raises:
-        InputError: The run has no depth or tells nothing of its spread, there is no such view or pixel, or nothing is
-            seen there.
+        InputError: The run has no depth or no spread of it, there is no such view or pixel, or there is no depth at a
+            pixel.
     """
     if run.depth is None or run.depth_spread is None or run.depth_confidence is None:
         raise InputError(
@@ -88,7 +88,7 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         spreads.append(np.stack([along, *across]))
     line = points[1] - points[0]
     length = float(np.linalg.norm(line))
-    # Of two points that coincide, any direction is that of the line: the largest error counts.
+    # If the two points coincide, the line may have any direction: the largest error counts.
     direction = line / length if length > 0 else None
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
     metric = run.report.geometry is not None and run.report.geometry.unit_of == "stage"

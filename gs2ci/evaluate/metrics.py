@@ -1,4 +1,4 @@
-"""How close images are to the truth, and a prediction to its measurement.
+"""Metrics of images compared with the truth, and of a prediction compared with its measurement.
 
 Here: PSNR and SSIM per view, and the measurement residual. Not here: camera paths (`gs2ci.evaluate.trajectory`), depth,
 files.
@@ -14,8 +14,8 @@ from skimage.metrics import structural_similarity
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.errors import InputError
 
-# Identical images have no finite PSNR, and JSON has no infinity: what is closer than this mean squared error
-# counts as this close, so that no figure exceeds 100 dB. Sixteen-bit quantisation alone is at 107 dB.
+# Identical images have no finite PSNR, and JSON has no infinity: a smaller mean squared error counts as this one, so
+# that no figure exceeds 100 dB. Sixteen-bit quantisation alone gives 107 dB.
 MSE_FLOOR: Final = 1e-10
 SSIM_SIGMA_PX: Final = 1.5
 # scikit-image cuts the Gaussian at 3.5 sigma: a radius of 5 pixels.
@@ -24,7 +24,7 @@ SSIM_WINDOW_PX: Final = 11
 
 @dataclass(frozen=True)
 class Residual:
-    """What a prediction leaves of a measurement unexplained, in its own unit (full scale of one view).
+    """The residual between a prediction and a measurement, in its own unit (full scale of one view).
 
     Args:
         rms: Root mean square over all samples.
@@ -89,7 +89,7 @@ def ssim_per_view(estimate: F32, truth: F32) -> list[float]:
 
 
 def image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:
-    """Score views, [N, H, W, C], as reports tell it: `psnr_db` and `ssim`, each with its mean; None without a truth.
+    """Score views, [N, H, W, C], in reports' form: `psnr_db` and `ssim`, each with its mean; None without a truth.
 
     Raises:
         InputError: The shapes differ, or hold no view.
@@ -101,9 +101,9 @@ def image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:
 
 
 def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | None = None) -> Residual:
-    """Measure what a prediction leaves of a measurement unexplained.
+    """Measure the residual between a prediction and a measurement.
 
-    A saturated pixel says only «at least»: predictions above its reading count as exact there.
+    A saturated reading is only a lower bound: predictions above it count as exact there.
 
     Args:
         predicted: [H, W, C].

@@ -1,7 +1,7 @@
-"""More pictures than there were masks: a scene at moments spread over the exposure, from places between the cameras.
+"""More pictures than there were masks: a scene at moments spread over the exposure, from interpolated cameras.
 
-Here: the times, the poses between poses, the pictures, and a scene file of each moment where things move. Not here: how
-a scene came to move (`gs2ci.reconstruct.moving`), the views under the masks (`run_folder`).
+Here: the times, the interpolated poses, the pictures, and a scene file of each moment if things move. Not here: fitting
+a moving scene (`gs2ci.reconstruct.moving`), the views under the masks (`run_folder`).
 """
 
 from typing import Final
@@ -23,12 +23,12 @@ from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 MOMENTS_NAME: Final = "moments"
-# Rendered together: more take memory, fewer take no less time.
+# Number of moments rendered together: more need more memory, fewer save no time.
 _AT_ONCE: Final = 8
 
 
 def moments(count: int) -> F64:
-    """Return so many times, evenly from the first mask's, −1, to the last's, 1.
+    """Return `count` times, equally spaced from the first mask's, −1, to the last's, 1.
 
     Raises:
         InputError: Fewer than two, or too many.
@@ -40,11 +40,11 @@ def moments(count: int) -> F64:
 
 
 def poses_at(world_to_camera: F64, times: F64) -> F64:
-    """Return the camera between its poses, [K, 4, 4]: it turns evenly and goes straight from each to the next.
+    """Interpolate the camera's poses, [K, 4, 4]: uniform rotation and straight motion from each pose to the next.
 
     Args:
-        world_to_camera: Under each mask, [N, 4, 4].
-        times: Of what is requested, from −1 to 1, [K].
+        world_to_camera: Pose under each mask, [N, 4, 4].
+        times: Requested times, from −1 to 1, [K].
     """
     if len(world_to_camera) == 1:
         return np.repeat(world_to_camera, len(times), axis=0)
@@ -63,7 +63,7 @@ def render_moments(shot: Shot, result: RunResult, scene: Gaussians, times: F64) 
     """Render the scene at times between those of the masks, [K, H, W, C] float32, not clamped.
 
     Args:
-        shot: What was reconstructed; of it, the size and the lens.
+        shot: The reconstructed shot, for its size and lens.
         result: Poses and camera matrix.
         scene: The Gaussians.
         times: From −1 to 1, [K].

@@ -1,6 +1,6 @@
-"""What moves and how fast, in one picture: the middle view with arrows, and the displacement over the exposure.
+"""Motion in the scene as one picture: the middle view with arrows, and the displacement over the exposure.
 
-Not here: how it was found (`gs2ci.reconstruct.moving`).
+Not here: the estimation of motion (`gs2ci.reconstruct.moving`).
 """
 
 from pathlib import Path
@@ -18,12 +18,12 @@ _WORTH_DRAWING_PX: Final = 0.5
 
 
 def write_motion_picture(path: Path, view: F32, displacement: F32) -> None:
-    """Draw what moves and write it as PNG.
+    """Draw the motion and write it as PNG.
 
     Args:
-        path: Where.
+        path: The file.
         view: The middle view, [H, W, C], full scale 1.
-        displacement: Of what its pixels show, over the exposure, [H, W, 2] as (x, y) in px.
+        displacement: Displacement over the exposure of what each pixel shows, [H, W, 2] as (x, y) in px.
     """
     height, width = displacement.shape[:2]
     speed = np.linalg.norm(displacement, axis=2)

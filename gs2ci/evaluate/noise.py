@@ -1,7 +1,7 @@
 """The measurement's residual in units of its noise: chi-squared per pixel.
 
-Here: the noise of a sensor in full scales, and what a prediction leaves unexplained in units of it. Not here: residuals
-in the measurement's own unit (`gs2ci.evaluate.metrics`).
+Here: the noise of a sensor in full scales, and a prediction's residual in units of it. Not here: residuals in the
+measurement's own unit (`gs2ci.evaluate.metrics`).
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class SensorNoise:
     electrons: float = float("inf")
 
     def __post_init__(self) -> None:
-        """Refuse a noise that cannot be divided by.
+        """Refuse noise figures by which residuals cannot be divided.
 
         Raises:
             InputError: The read noise is negative or not finite, the electrons are not above 0, or there is no noise.
@@ -45,17 +45,17 @@ def chi_squared_per_pixel(
 ) -> float | None:
     """Measure the mean squared residual in units of the noise that the prediction implies.
 
-    About 1 where the views explain the measurement and nothing but noise is left; well below where noise was fitted,
-    well above where something is not explained. Saturated pixels do not count.
+    It is about 1 if the residual is only noise; well below 1 if noise was fitted, well above 1 if the views do not
+    explain the measurement. Saturated pixels are left out.
 
     Args:
         predicted: [H, W, C], in full scales of one view.
         measurement: The same shape.
-        noise: Of the sensor.
+        noise: Noise of the sensor.
         saturated: [H, W], or None.
 
     Returns:
-        The mean over samples; None where every pixel is saturated.
+        The mean over samples; None if every pixel is saturated.
 
     Raises:
         InputError: The shapes differ.

@@ -1,6 +1,6 @@
-"""How well a recovered scene shows what the measurement never saw: true views from other places.
+"""Quality of a recovered scene from new poses, compared with true views that the measurement does not contain.
 
-Here: where such a view lies in the recovered world, and its score. Not here: alignment (`gs2ci.evaluate.trajectory`),
+Here: the pose of such a view in the recovered world, and its score. Not here: alignment (`gs2ci.evaluate.trajectory`),
 image metrics (`gs2ci.evaluate.metrics`).
 """
 
@@ -23,7 +23,7 @@ from gs2ci.render.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class NovelViews:
-    """True views that no measurement holds.
+    """True views from poses that the measurement does not contain.
 
     Args:
         views: [M, H, W, C] float32, full scale 1.
@@ -41,7 +41,7 @@ def read_novel_views(path: Path) -> NovelViews:
         InputError: No such file, an array is missing, or the two do not fit together.
     """
     try:
-        # Opened here: numpy leaves a file that is cut short open.
+        # Opened here, because numpy does not close a truncated file.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             views, poses = arrays["views"], arrays["world_to_camera"].astype(np.float64)
             views = (views / np.float32(255) if views.dtype == np.uint8 else views).astype(np.float32)
@@ -59,18 +59,18 @@ def read_novel_views(path: Path) -> NovelViews:
 
 
 def beside_path(world_to_camera: F64) -> F64:
-    """Return two poses that belong to a path and are none of it, [2, 4, 4].
+    """Return two poses that are defined by a path and are not part of it, [2, 4, 4].
 
-    The first lies half way between the two middle ones, the second repeats the last step beyond the end. Both move with
-    the path under any similarity of the world, so that those of a recovered path see what those of the true one see.
-    Placed by a similarity of the whole path instead they would look from a few degrees beside: turning trades against
-    travelling in a recovered path.
+    The first lies half way between the two middle poses, the second repeats the last step beyond the end. Both
+    transform with the path under any similarity of the world, so that those of a recovered path see the same as those
+    of the true one. If they were placed by aligning the whole path instead, they could be wrong by some degrees: in a
+    recovered path rotation can be exchanged for translation.
 
     Args:
         world_to_camera: A path, [N, 4, 4] with N >= 2.
 
     Raises:
-        InputError: There are less than two poses.
+        InputError: There are fewer than two poses.
     """
     if len(world_to_camera) < 2:
         raise InputError(f"a path of {len(world_to_camera)} poses has no place beside it", allowed="2 or more")
@@ -83,8 +83,8 @@ def beside_path(world_to_camera: F64) -> F64:
 def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:
     """Express poses of the true world, [M, 4, 4], in the recovered one, at its scale.
 
-    With x_true = s R x + t a camera [A | b] of the true world sees s A R x + (A t + b); all of it divided by s is
-    seen at the same pixels.
+    With x_true = s R x + t a camera [A | b] of the true world maps x to s A R x + (A t + b); divided by s, this is seen
+    at the same pixels.
     """
     found = np.tile(np.eye(4), (len(world_to_camera), 1, 1))
     turn = world_to_camera[:, :3, :3]
@@ -94,11 +94,11 @@ def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:
 
 
 def score_novel_views(scene: Gaussians, alignment: Alignment, intrinsics: F64, novel: NovelViews) -> dict[str, Any]:
-    """Render the scene from where the novel views were taken, and score it: PSNR in dB and SSIM, per view and mean.
+    """Render the scene from the poses of the novel views, and score it: PSNR in dB and SSIM, per view and mean.
 
     Args:
         scene: The recovered Gaussians.
-        alignment: Of the recovered camera path onto the true one.
+        alignment: Alignment of the recovered camera path with the true one.
         intrinsics: Camera matrix of the novel views in px, [3, 3].
         novel: The true views.
     """

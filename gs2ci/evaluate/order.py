@@ -1,8 +1,8 @@
-"""Whether a scene is the right way round: near is near, and the camera went where it went.
+"""Whether the depth order of a scene is right, and not reversed (near and far exchanged).
 
-From little parallax in a narrow field of view, a scene inside out (near for far, the path reversed) explains a
-measurement nearly as well as the right one, so that views look right and a path without its direction does too. Here:
-the two figures that tell, and the sentence that follows from them. Not here: how either error is measured
+With little parallax in a narrow field of view, a scene inside out (depth order and path reversed) explains a
+measurement nearly as well as the right one; its views look right, and so does its path apart from the direction. Here:
+the two figures that reveal it, and the sentence that follows from them. Not here: how either error is measured
 (`trajectory`, `depth`).
 """
 
@@ -15,20 +15,20 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.ranks import rank_correlation
 from gs2ci.evaluate.trajectory import TURNED_OVER_DEG
 
-# Fewer pixels, or depths that differ by less than this share of them, have no order worth asking for.
+# With fewer pixels, or with depths that differ by less than this share of them, no order is computed.
 _LEAST_PIXELS: Final = 16
 _ONE_DEPTH: Final = 1e-3
 
 
 def depth_rank(estimate: F32 | F64, truth: F32 | F64) -> float | None:
-    """Measure the rank correlation (Spearman's) of estimated with true depth, −1 to 1: below 0, near is far.
+    """Measure the rank correlation (Spearman's) of estimated with true depth, −1 to 1: below 0, the order is reversed.
 
     Args:
-        estimate: Depth along the optical axis, any shape; 0, NaN or infinite where nothing is known.
+        estimate: Depth along the optical axis, any shape; 0, NaN or infinite at pixels without a depth.
         truth: The same shape.
 
     Returns:
-        None where fewer than 16 pixels are known to both, or where either lies at one depth.
+        None if fewer than 16 pixels have both depths, or if either depth is constant.
 
     Raises:
         InputError: The shapes differ.
@@ -46,7 +46,7 @@ def depth_rank(estimate: F32 | F64, truth: F32 | F64) -> float | None:
 
 
 def inside_out(rotation_deg: float | None, rank: float | None) -> str:
-    """Say how a result is inside out; "" if it is not, as far as the truth tells.
+    """Return a sentence if a result is inside out; "" if it is not, or if the truth does not show it.
 
     Args:
         rotation_deg: `TrajectoryErrors.rotation_deg`; None without a true path.

@@ -1,12 +1,12 @@
-"""The picture a person looks at first: one run on one page.
+"""The overview picture: one run on one page.
 
     name, size                             the figures that matter
     measurement   decode        result     (truth)
     (error)       depth         path       accuracy against time
     notes
 
-Here: which panels there are, and where they stand. Not here: how a panel is drawn (`gs2ci.evaluate.panels`). No global
-plotting state is touched.
+Here: the panels and their layout. Not here: how a panel is drawn (`gs2ci.evaluate.panels`). No global plotting state
+is changed.
 """
 
 import textwrap
@@ -40,7 +40,7 @@ FOOT: Final = 0.3
 NOTE_LINE: Final = 0.2
 STAT_GAP: Final = 0.5
 CHART_INSET: Final = 0.45
-# Panels have the image's shape as far as these allow; slimmer images stand at the top of theirs.
+# Panels have the image's shape within these limits; slimmer images stand at the top of their panel.
 PANEL_WIDTHS: Final = (3.4, 4.0)
 PANEL_HEIGHTS: Final = (0.7, 4.6)
 CHART_HEIGHT: Final = 2.2
@@ -51,9 +51,9 @@ def write_overview(path: Path, shot: Shot, result: RunResult, report: Report) ->
     """Draw a run's overview and write it as PNG.
 
     Args:
-        path: Where.
+        path: The file.
         shot: The measurement, with its truth if there is one.
-        result: What was recovered from it.
+        result: The result of its reconstruction.
         report: The run's report (`gs2ci.evaluate.report`).
     """
     draw_overview(shot, result, report).savefig(path, dpi=DPI)
@@ -64,7 +64,7 @@ def draw_overview(shot: Shot, result: RunResult, report: Report) -> Figure:
 
     Args:
         shot: The measurement, with its truth if there is one.
-        result: What was recovered from it.
+        result: The result of its reconstruction.
         report: The run's report.
     """
     columns = 3 if shot.truth.views is None else 4
@@ -90,7 +90,7 @@ class _Page:
     """A figure addressed in inches from its lower left corner.
 
     Args:
-        columns: 3, or 4 where the truth is known.
+        columns: 3, or 4 if the truth is known.
         panel: Width and height of a panel, inches.
         note_lines: Lines of text at the foot.
     """
@@ -107,7 +107,7 @@ class _Page:
         self.canvas = FigureCanvasAgg(self.figure)
 
     def text(self, left: float, bottom: float, text: str, **style: Any) -> Text:
-        """Add a line of text at a place given in inches; dollar signs mean dollars."""
+        """Add a line of text at a place given in inches; dollar signs are escaped, not taken for mathematics."""
         return self.figure.text(left / self.width, bottom / self.height, text, parse_math=False, **style)
 
     def panels(self) -> dict[str, Axes]:
@@ -168,7 +168,7 @@ def _header(page: _Page, report: Report) -> None:
 
 
 def _headline(report: Report) -> list[tuple[str, str]]:
-    """Choose the figures that matter most: value and label."""
+    """Choose the most important figures: value and label."""
     stats = []
     if report.psnr_db is not None and report.ssim is not None:
         stats += [(f"{report.psnr_db.mean:.2f} dB", "PSNR"), (f"{report.ssim.mean:.3f}", "SSIM")]
@@ -259,7 +259,7 @@ def _decibels(psnr_db: OfViews | None, view: int) -> str:
 
 
 def _note_lines(notes: Sequence[Finding], room: float) -> list[str]:
-    """Break the notes into lines of `room` inches; what does not fit is left to the report, and said so."""
+    """Break the notes into lines of `room` inches; if they do not all fit, a line refers to the report."""
     # 9 pt DejaVu Sans sets 14 characters to the inch.
     lines = [line for note in notes for line in textwrap.wrap(note.sentence, width=int(room * 14))]
     if len(lines) > MAX_NOTE_LINES:

@@ -1,7 +1,7 @@
 """The single panels of a figure: an image, a map with its scale, a camera path, a curve.
 
-Each function draws into axes that it is given and owns nothing. Here too: the colours and type sizes that all figures
-share. Not here: which panels a figure has (`gs2ci.evaluate.overview`).
+Each function draws into given axes and has no state. Here too: the colours and type sizes that all figures share. Not
+here: which panels a figure has (`gs2ci.evaluate.overview`).
 """
 
 from collections.abc import Callable, Sequence
@@ -28,11 +28,11 @@ TITLE_PT: Final = 11.5
 LABEL_PT: Final = 10.0
 TICK_PT: Final = 9.0
 
-# More symbols than this run into each other in a panel of four inches.
+# With more symbols than this, they overlap in a panel of four inches.
 MAX_CAMERA_SYMBOLS: Final = 8
 MAX_POINT_SYMBOLS: Final = 24
-# A lateral move of less than this share of the path's length is a forward move; it is drawn across the camera's
-# own x axis.
+# If the lateral motion is less than this share of the path's length, the camera moves forward; the page's sideways
+# direction is then the camera's own x axis.
 LATERAL_SHARE: Final = 0.2
 
 
@@ -69,11 +69,11 @@ def scaled_map(
     """Show a map with a slim scale below it.
 
     Args:
-        axes: Where.
+        axes: The axes to draw into.
         values: [H, W]; masked pixels stay pale.
         limits: The values that get the first and the last colour.
         colormap: Its name in matplotlib.
-        reading: What the scale says for a value of the map.
+        reading: Returns the scale's label for a value of the map.
     """
     shades = colormaps[colormap].with_extremes(bad=HAIRLINE)
     shown = axes.imshow(values, cmap=shades, vmin=limits[0], vmax=limits[1])
@@ -92,7 +92,7 @@ def scaled_map(
 
 
 def message(axes: Axes, text: str) -> None:
-    """Say in the middle of a panel why it is empty."""
+    """Write in the middle of a panel why it is empty."""
     axes.set_facecolor(PAPER)
     axes.annotate(text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
     _without_ticks(axes)
@@ -102,8 +102,8 @@ def camera_path(axes: Axes, recovered: F64, truth: F64 | None) -> None:
     """Draw a camera path from above: sideways along the page, the cameras looking up it; the true one beneath.
 
     Args:
-        axes: Where.
-        recovered: Camera-to-world poses, [N, 4, 4], OpenCV axes, in the frame of the true path where there is one.
+        axes: The axes to draw into.
+        recovered: Camera-to-world poses, [N, 4, 4], OpenCV axes, in the frame of the true path if there is one.
         truth: The true path, or None.
     """
     reference = recovered if truth is None else truth
@@ -131,10 +131,10 @@ def camera_path(axes: Axes, recovered: F64, truth: F64 | None) -> None:
 
 
 def time_curve(axes: Axes, course: Series, *, label: str, level: tuple[str, float] | None, log_values: bool) -> None:
-    """Draw what was reached against seconds on a logarithmic axis, the last point marked.
+    """Draw a quality against seconds on a logarithmic axis, with the last point marked.
 
     Args:
-        axes: Where.
+        axes: The axes to draw into.
         course: At least one point; times above 0.
         label: Name and unit of the values.
         level: A named value to compare with, drawn as a dashed line.
@@ -159,7 +159,7 @@ def time_curve(axes: Axes, course: Series, *, label: str, level: tuple[str, floa
 
 
 def plain_number(value: float, digits: int = 3) -> str:
-    """Write a number to some significant digits, without an exponent where that stays short."""
+    """Write a number to some significant digits, without an exponent if that stays short."""
     rounded = float(f"{value:.{digits}g}")
     return f"{rounded:.0f}" if 100 <= abs(rounded) < 1e5 else f"{rounded:g}"
 
@@ -212,7 +212,7 @@ def seen_from_above(camera_to_world: F64) -> F64:
     sideways = centers - np.outer(centers @ forward, forward)
     _, spread, axes = np.linalg.svd(sideways, full_matrices=False)
     if spread[0] > LATERAL_SHARE * np.linalg.norm(centers):
-        # The move's own direction, pointing to the camera's right wherever it has a right.
+        # The direction of the motion, oriented towards the camera's right.
         right = axes[0] if axes[0] @ right >= 0 else -axes[0]
     return np.stack([right, forward], axis=1)
 
@@ -231,7 +231,7 @@ def _camera_symbol(axes: Axes, spot: F64, axes_on_page: F64, size: float) -> Non
 
 
 def _frame_path(axes: Axes, points: F64, size: float) -> None:
-    """Set limits of one scale on both axes that fill the panel, the path in the middle."""
+    """Set limits with the same scale on both axes that fill the panel, the path in the middle."""
     width_in, height_in = _size_inches(axes)
     shape = height_in / width_in
     low, high = points.min(0), points.max(0)
@@ -254,7 +254,7 @@ def _stand_at_top(axes: Axes, shape: tuple[int, ...]) -> None:
 
 
 def _size_inches(axes: Axes, *, given: bool = True) -> tuple[float, float]:
-    """Measure the place that axes were given, or the part of it that an image in them takes."""
+    """Measure the size of the axes, or of the part that an image in them takes."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     box, (width, height) = axes.get_position(original=given), figure.get_size_inches()

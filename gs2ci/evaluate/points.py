@@ -14,11 +14,11 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.lens import slopes_of, undistorted
 from gs2ci.core.whole_file import write_whole
 
-# Fog and edges between near and far stay out of the cloud.
+# Below this confidence pixels are left out of the cloud: semi-transparent parts and edges between near and far.
 _LEAST_CONFIDENCE: Final = 0.5
-# Neighbours whose depths differ by more of themselves lie on different surfaces.
+# Neighbours whose depths differ relatively by more than this lie on different surfaces.
 _SAME_SURFACE: Final = 0.05
-# So many views at most contribute: neighbours see the same.
+# Largest number of views that contribute: neighbouring views see the same surfaces.
 _VIEWS: Final = 3
 
 _VERTEX: Final = np.dtype(
@@ -45,14 +45,14 @@ class Cameras:
     distortion: F64 | None = None
 
     def rays(self, pixels: F64) -> F64:
-        """Return the directions in which pixels, [..., 2] as (x, y), look, in camera axes with z = 1, [..., 3]."""
+        """Return the directions of the rays of pixels, [..., 2] as (x, y), in camera axes with z = 1, [..., 3]."""
         slopes = slopes_of(pixels, self.intrinsics)
         if self.distortion is not None:
             slopes = undistorted(slopes, self.distortion)
         return np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
 
     def in_world(self, view: int, vectors: F64, *, directions: bool = False) -> F64:
-        """Bring points, or directions, [..., 3], from a camera's axes into the world's."""
+        """Transform points, or directions, [..., 3], from a camera's axes into the world's."""
         rotation, translation = self.world_to_camera[view, :3, :3], self.world_to_camera[view, :3, 3]
         moved: F64 = (vectors if directions else vectors - translation) @ rotation
         return moved
@@ -63,10 +63,10 @@ class Points:
     """Points on surfaces; P of them.
 
     Args:
-        positions: In the unit of the path, [P, 3] float32.
-        normals: Of length 1, towards the camera that saw the point, [P, 3] float32.
-        colours: Full scale 1, [P, 3] float32.
-        confidence: Of their depth, [P] float32.
+        positions: Positions in the unit of the path, [P, 3] float32.
+        normals: Unit normals, towards the camera that saw the point, [P, 3] float32.
+        colours: Colours, full scale 1, [P, 3] float32.
+        confidence: Confidence of their depth, [P] float32.
     """
 
     positions: F32
@@ -76,13 +76,13 @@ class Points:
 
 
 def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Points:
-    """Gather what the first, the middle and the last view see of surfaces.
+    """Collect the surface points that the first, the middle and the last view see.
 
     Args:
-        depth: [N, H, W], 0 where nothing is.
-        confidence: Of it, [N, H, W].
+        depth: [N, H, W], 0 at pixels without a depth.
+        confidence: Its confidence, [N, H, W].
         views: [N, H, W, C].
-        cameras: Of the views.
+        cameras: Cameras of the views.
     """
     height, width = depth.shape[1:]
     rows, columns = np.mgrid[:height, :width] + 0.5
@@ -100,7 +100,7 @@ def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Poin
 
 
 def _normals(seen: F64, depth: F32) -> tuple[F64, Bool]:
-    """Return the normals of a picture's points, [H, W, 3], and where all four neighbours lie on one surface, [H, W]."""
+    """Return the normals of a view's points, [H, W, 3], and where all four neighbours lie on one surface, [H, W]."""
     height, width = depth.shape
     normals, sound = np.zeros_like(seen), np.zeros((height, width), bool)
     if min(height, width) < 3:

@@ -1,8 +1,8 @@
-"""Where the masks are stated to lie and where they lie, in one picture.
+"""The stated and the estimated positions of the masks in one picture.
 
-    readings (a piece of the middle)   stated masks, summed   estimated masks, summed   how far they moved
+    readings (a piece of the middle)   stated masks, summed   estimated masks, summed   displacement
 
-Here: that picture. Not here: how it was found (`gs2ci.reconstruct.registration`).
+Here: that picture. Not here: the estimation (`gs2ci.reconstruct.registration`).
 """
 
 from collections.abc import Mapping
@@ -29,11 +29,11 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
     """Draw a registration and write it as PNG.
 
     Args:
-        path: Where.
+        path: The file.
         given: The measurement as it was given.
         registered: The same after registration.
-        found: The report's section on it; `placement` and `standard_errors` say where the masks lie. Discs about the
-            arrows' ends are standard errors, magnified as the arrows are.
+        found: The report's section on it; `placement` and `standard_errors` give the masks' position. Discs around the
+            arrows' ends are standard errors, at the same magnification as the arrows.
     """
     figure = Figure(figsize=(15, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -87,7 +87,7 @@ def _draw_arrows(panel: Axes, size: tuple[int, int], found: Mapping[str, Any]) -
 
 
 def _errors_px(placement: Placement, errors: Mapping[str, float], places: F64) -> F64:
-    """Return how far displacements may be off, [K]: what a standard error of each parameter moves, in quadrature."""
+    """Return the standard errors of displacements, [K]: the effects of all parameters' errors in quadrature."""
     squares, found = np.zeros(len(places)), placement.moved_px(places)
     for name, error in errors.items():
         if hasattr(placement, name):

@@ -1,9 +1,9 @@
-"""What `report.json` holds: one typed model, each of its sections a model of its own. Schema `gs2ci.report/2`.
+"""The contents of `report.json`: one typed model, each of its sections a model of its own. Schema `gs2ci.report/2`.
 
 A new section is a `ReportSection` and an optional field of `Report`; `gs2ci.evaluate.run_report` fills it in. The JSON
-schema lies in `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here:
-where the figures come from (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`),
-what can be found and said (`gs2ci.core.findings`).
+schema is `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here: the
+sources of the figures (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`), the
+possible findings (`gs2ci.core.findings`).
 """
 
 from pathlib import Path
@@ -21,33 +21,33 @@ REGISTERED_NAME: Final = "registered.h5"
 EXPOSED_NAME: Final = "exposed_views.npy"
 MOTION_PICTURE_NAME: Final = "motion.png"
 
-# No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
+# Far beyond any real figure; within it, drawing and writing cannot overflow.
 Number = Annotated[float, Field(ge=-1e100, le=1e100)]
 Count = Annotated[int, Field(ge=0, le=10**15)]
 
 
 class ReportSection(BaseModel):
-    """Part of a report: no keys but its own, no value of another kind, no number that is not finite."""
+    """Part of a report: no unknown keys, no value of another type, no number that is not finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class OfViews(ReportSection):
-    """A figure of every view, and its mean over them."""
+    """A figure for every view, and its mean over them."""
 
     mean: Number
     per_view: list[Number]
 
 
 class Scores(ReportSection):
-    """How close views are to the true ones; None where these are not known."""
+    """How close views are to the true ones; None if these are not known."""
 
     psnr_db: OfViews | None
     ssim: OfViews | None
 
 
 class Trajectory(ReportSection):
-    """Errors of the camera path (`gs2ci.evaluate.trajectory`); None where the path is too short or stands still."""
+    """Errors of the camera path (`gs2ci.evaluate.trajectory`); None if the path is too short or has no extent."""
 
     ate: Number
     nate: Number | None
@@ -72,24 +72,24 @@ class DepthSection(ReportSection):
     far_off_share: Number | None
 
     def errors(self) -> DepthErrors:
-        """Return them as they were measured."""
+        """Return the errors as a `DepthErrors`."""
         return DepthErrors(**self.model_dump())
 
 
 class HeldOut(ReportSection):
-    """Residual of each candidate on the held-out pixels, rms in full scales; None where none were held out."""
+    """Residual of each candidate on the held-out pixels, rms in full scales; None if none were held out."""
 
     refined: Number | None
     scene: Number | None
     decode: Number | None
 
     def of(self, verdict: Verdict) -> float | None:
-        """Return that of one candidate."""
+        """Return the residual of one candidate."""
         return {"refined": self.refined, "scene": self.scene, "decode": self.decode}[verdict]
 
 
 class ResidualSection(ReportSection):
-    """What the result leaves of the measurement unexplained, in full scales of one view."""
+    """Residual between the result's prediction and the measurement, in full scales of one view."""
 
     rms: Number
     mean_abs: Number
@@ -97,7 +97,7 @@ class ResidualSection(ReportSection):
 
 
 class FitLook(ReportSection):
-    """One look at a running fit (`gs2ci.core.run_records.CurvePoint`)."""
+    """One evaluation of a running fit (`gs2ci.core.run_records.CurvePoint`)."""
 
     seconds: Number
     iteration: Count
@@ -108,7 +108,7 @@ class FitLook(ReportSection):
 
 
 class Moved(ReportSection):
-    """How far the fit moved the first poses, rms over the views."""
+    """How far the fit moved the initial poses, rms over the views."""
 
     rotation_deg: Number
     share_of_path: Number
@@ -117,9 +117,9 @@ class Moved(ReportSection):
 class GeometrySection(ReportSection):
     """The first camera path, and how reliable it is (`gs2ci.reconstruct.geometry`).
 
-    `method` found it, `asked_for` was asked; `path_error_expected` is a share of the path's extent, `unit_of` names
-    whose unit the lengths have, None for the scene's own. `order_errors`: by how many standard errors near and far are
-    told apart, by tracks and, below 6, by short fits; None where nothing told.
+    `method` found it, `asked_for` was requested; `path_error_expected` is a share of the path's extent, `unit_of` names
+    the source of the unit of lengths, None for the scene's own. `order_errors`: the number of standard errors by which
+    the depth order is decided, by tracks and, below 6, by short fits; None if there was no evidence.
     """
 
     method: str
@@ -139,7 +139,7 @@ class GeometrySection(ReportSection):
 
 
 class EnsembleSection(ReportSection):
-    """How many fits there were, how many the views are the mean of, and how far apart their views lie, full scale 1."""
+    """The number of fits, how many of them the views average, and the difference between their views, full scale 1."""
 
     fits: Count
     averaged: Count
@@ -147,11 +147,11 @@ class EnsembleSection(ReportSection):
 
 
 class PlacementSection(ReportSection):
-    """Where the masks lie against their calibration, about the middle of the picture.
+    """Displacement of the masks from their calibration, about the middle of the picture.
 
-    From `radial_px` on it is a smooth field beyond the affine, stated at 100 px from the middle: outwards by the cube
-    of the distance, then down and right by the squares of the distances below and to the right and by their product,
-    and outwards by the fifth power (`gs2ci.reconstruct.registration.placement`).
+    The fields from `radial_px` on are a smooth field beyond the affine part, stated at 100 px from the middle: radial
+    with the cube of the distance, then down and right with the squares of the distances below and to the right and with
+    their product, and radial with the fifth power (`gs2ci.reconstruct.registration.placement`).
     """
 
     down_px: Number
@@ -171,12 +171,12 @@ class PlacementSection(ReportSection):
 
 
 class RegistrationSection(ReportSection):
-    """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
+    """The masks' position, blur and transmission as estimated from the measurement (`gs2ci.reconstruct.registration`).
 
-    `bent_px` is by how much a smooth field moves masks against the best affine, at most. `first_mask` is the number,
-    from 0, that the mask that was shown first has in the list as given. `widening_px` is how far open elements reach
-    beyond their stated edges. `not_let_in` holds what was estimated and not
-    corrected: value and standard error.
+    `bent_px` is the largest displacement of masks by a smooth field beyond the best affine map. `first_mask` is the
+    index, from 0, in the given list of the mask that was shown first. `widening_px` is how far open elements extend
+    beyond their stated edges. `not_let_in` holds parameters that were estimated and not corrected: value and standard
+    error.
     """
 
     changed: bool
@@ -199,12 +199,12 @@ class RegistrationSection(ReportSection):
 
 
 class LightSection(ReportSection):
-    """How bright views were seen to be for their weights (`gs2ci.reconstruct.measurement.brightness`).
+    """Brightness of the views relative to their weights (`gs2ci.reconstruct.measurement.brightness`).
 
-    `estimated` of each view with its `standard_errors`; the largest deviation is `errors_away` of its own, and the
-    estimate `explains` this share of the residual on pixels that were not asked. `believed` is what the fit reckons
-    with after its rounds; None where the weights stand. `views` says whether those handed over are as bright as they
-    were seen, or as under even light.
+    `estimated` for each view with its `standard_errors`; the largest deviation is `errors_away` of its own standard
+    errors, and the estimate `explains` this share of the residual on pixels that were not used for it. `believed` holds
+    the values that the fit uses after its rounds; None if the given weights are used. `views` says whether the returned
+    views have the brightness that was seen, or that of constant light.
     """
 
     estimated: list[Number]
@@ -216,10 +216,10 @@ class LightSection(ReportSection):
 
 
 class MaskMomentsSection(ReportSection):
-    """Motion while one mask was on show (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
+    """Motion while one mask was shown (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
 
-    With how many `moments` it was fitted; how far the image moved meanwhile, `motion_px`, root mean square; and by what
-    one pose would blur its view at most, `bounds`, in full scales.
+    The number of `moments` with which it was fitted; the image's motion meanwhile, `motion_px`, rms; and a bound on the
+    blur that a single pose per mask would cause in its view, `bounds`, in full scales.
     """
 
     moments: list[Count]
@@ -230,11 +230,11 @@ class MaskMomentsSection(ReportSection):
 class MotionSection(ReportSection):
     """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.moving`).
 
-    Of the still scene's residual, velocities of its blocks would explain the share `explained` of the power, surely so
-    in the share `blocks` of them; None where nothing was asked. Where moving scenes were `tried`, `heldout_rms` says
-    what each attempt leaves of the held-out pixels, and `chosen` which was taken. Where it `moves`, `pixels_share` of
-    the picture goes by half a pixel or more over the exposure, `median_px` in the median, the fastest hundredth
-    `most_px`; `gaussians_share` is the share of the Gaussians' opacity that moves at all.
+    Velocities of the picture's blocks would explain the share `explained` of the power of the static scene's residual,
+    significantly in the share `blocks` of them; None if this was not tested. If moving scenes were `tried`,
+    `heldout_rms` is each attempt's residual on the held-out pixels, and `chosen` the one that was taken. If it `moves`,
+    the share `pixels_share` of the picture moves by half a pixel or more over the exposure, by `median_px` in the
+    median, the fastest percent by `most_px`; `gaussians_share` is the share of the Gaussians' opacity that moves.
     """
 
     asked: Literal["auto", "off", "on"]
@@ -253,7 +253,7 @@ class MotionSection(ReportSection):
 
 
 class MeasurementSection(ReportSection):
-    """What the measurement and its masks are like, before anything is solved; shares are of pixels."""
+    """Properties of the measurement and its masks, before the reconstruction; shares are of pixels."""
 
     mean: Number
     masks_sha256: str
@@ -266,7 +266,7 @@ class MeasurementSection(ReportSection):
 
 
 class SimulatedEffect(ReportSection):
-    """What the simulator decided about one effect; the bound is what leaving it out would change, DN rms."""
+    """The simulator's decision about one effect; the bound is the change if it were left out, DN rms."""
 
     bound_rms_dn: Number | Literal["unavoidable"]
     simulated: bool
@@ -284,7 +284,7 @@ class Simulation(ReportSection):
 
 
 class Machine(ReportSection):
-    """What decides the seconds (`gs2ci.evaluate.environment`)."""
+    """What determines the run time (`gs2ci.evaluate.environment`)."""
 
     processor: str
     architecture: str
@@ -296,8 +296,8 @@ class Machine(ReportSection):
 class Report(ReportSection):
     """One run.
 
-    `psnr_db`, `ssim` and `residual` speak of the recovered views, `verdict` says whose they are; `scene` and `decode`
-    of what these two alone give. What needs an unknown truth is None.
+    `psnr_db`, `ssim` and `residual` refer to the recovered views, `verdict` says from which stage they are; `scene` and
+    `decode` refer to the views of these two alone. Figures that need an unknown truth are None.
     """
 
     schema_name: Literal["gs2ci.report/2"] = Field(RUN_SCHEMA, alias="schema")
@@ -371,7 +371,7 @@ def read_report(folder: Path) -> Report:
     """Read the report of a run folder.
 
     Raises:
-        StorageError: There is none, it is cut short, of another version, or not what its schema promises.
+        StorageError: There is none, it is truncated, of another version, or does not follow its schema.
     """
     path = Path(folder) / REPORT_NAME
     found = schema_of(folder)
@@ -390,7 +390,7 @@ def read_report(folder: Path) -> Report:
 
 
 def _first_of(error: OSError | ValidationError) -> str:
-    """Say where the first contradiction lies, and what it is."""
+    """Return the place and the text of the first error."""
     if isinstance(error, OSError):
         return str(error)
     first = error.errors(include_url=False, include_input=False)[0]

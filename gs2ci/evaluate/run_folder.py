@@ -1,31 +1,31 @@
-"""The run folder: everything one reconstruction leaves behind, written whole or not at all.
+"""The run folder: all results of one reconstruction, written completely or not at all.
 
     run/
       report.json    the figures, schema gs2ci.report/2 (gs2ci.evaluate.report)
       report.html    the page to look at first (gs2ci.evaluate.pages)
       overview.png   one picture of the run
-      given.npz      what the page shows of the shot: 8-bit measurement and truth, true and stage's poses
+      given.npz      the parts of the shot that the page shows: 8-bit measurement and truth, true and stage's poses
       views.npy      the recovered views, [N, H, W, 3] float32, full scale 1, not clamped; mono repeated thrice
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
-      decode.npy     what the decode alone gave, as views.npy
-      scene_views.npy  what the Gaussians alone show, as views.npy
-      exposed_views.npy  only where masks were fitted with moments: what each saw while it was on show, as views.npy
-      depth.npy      [N, H, W] float32, the unit of the path, 0 where nothing is seen; absent where no depth was found
-      depth_spread.npy      the same shape: how far apart along the ray the light is stopped, as a share of depth
-      depth_confidence.npy  the same shape: the share of a pixel's light that is stopped within 5 % of its depth
-      disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
-      scene.ply      the Gaussians, 3DGS convention; where they move, as they stand in the middle of the exposure
-      motion.npy     only where they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1
+      decode.npy     the views of the decode alone, as views.npy
+      scene_views.npy  the Gaussians rendered, without refinement, as views.npy
+      exposed_views.npy  only if masks were fitted with moments: the light during each mask's time, as views.npy
+      depth.npy      [N, H, W] float32, the unit of the path, 0 at pixels without a depth; absent if none was found
+      depth_spread.npy      the same shape: spread along the ray of where the light is absorbed, as a share of depth
+      depth_confidence.npy  the same shape: the share of a pixel's light that is absorbed within 5 % of its depth
+      disagreement.npy  [N, H, W] float32, full scale 1: difference between the fits; absent if there was one
+      scene.ply      the Gaussians, 3DGS convention; if they move, at the middle of the exposure
+      motion.npy     only if they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1
                      to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
-      displacement.npy  likewise: [H, W, 2] float32, how far what each pixel shows moves over the exposure, px
+      displacement.npy  likewise: [H, W, 2] float32, displacement over the exposure of what each pixel shows, px
       motion.png     the same in one picture
-      moments/       only on request: pictures spread over the exposure, and where things move a scene of each
+      moments/       only on request: pictures spread over the exposure, and a scene file of each if things move
       points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
-      registered.h5  only where registration corrected something: the measurement as it was used from then on
-      registration.png  the same in one picture: where the masks were calibrated to lie, and where they lie
-      tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
+      registered.h5  only if registration corrected something: the corrected measurement, used from then on
+      registration.png  the same in one picture: the masks' calibrated and estimated positions
+      tradeoff.json  only if `gs2ci tradeoff --report` added it: accuracy against time for this shot
 
 Not here: the figures, the page, the picture.
 """
@@ -73,19 +73,19 @@ def write_run(
     """Write a finished run; the folder appears complete or not at all.
 
     Args:
-        folder: Where; parents are made.
+        folder: The folder; its parents are created.
         shot: The measurement that was reconstructed.
-        result: What was recovered.
+        result: The result.
         scene: The Gaussians, on the CPU.
         overwrite: Replace an earlier run at this place.
-        moments: Write so many pictures spread over the exposure as well.
+        moments: Also write this many pictures spread over the exposure.
 
     Returns:
         The folder.
 
     Raises:
-        StorageError: Something else lies there, or the disk refuses.
-        InputError: Parts of the result do not fit together, or that many moments cannot be shown.
+        StorageError: The place holds something else, or the disk refuses.
+        InputError: Parts of the result do not fit together, or the number of moments is out of range.
         NumericsError: The result holds numbers that are not finite.
     """
     result.check()
@@ -133,7 +133,7 @@ def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
-    # The most opaque Gaussians show where the surfaces are; a stable order keeps equal ones reproducible.
+    # The most opaque Gaussians show the surfaces; a stable sort makes the choice among equal ones reproducible.
     keep = torch.argsort(scene.opacity_logits.detach(), descending=True, stable=True)[:COLMAP_POINTS]
     middle = torch.from_numpy(poses[len(poses) // 2])
     shown = (scene.means, colours_from(scene, middle))

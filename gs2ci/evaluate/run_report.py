@@ -1,6 +1,6 @@
-"""The figures of one run, gathered into its report.
+"""Collecting the figures of one run into its report.
 
-Here: where each section of `gs2ci.evaluate.report` comes from. Not here: what the sections are, the run folder
+Here: the source of each section of `gs2ci.evaluate.report`. Not here: what the sections are, the run folder
 (`gs2ci.evaluate.run_folder`), the picture (`gs2ci.evaluate.overview`).
 """
 
@@ -30,7 +30,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
 
     Args:
         shot: The measurement, with its truth if there is one.
-        result: What was recovered from it.
+        result: The result of its reconstruction.
     """
     n, height, width, channels = result.views.shape
     recovered, scene, decode = (
@@ -76,17 +76,17 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "machine": environment.machine(),
         "provenance": provenance,
     }
-    # As it will be read: through JSON.
+    # Converted through JSON, so that it is the same as when it is read back.
     return Report.model_validate_json(as_json(report))
 
 
 def masks_digest(shot: Shot) -> str:
-    """Digest the masks, so that a report tells which they were."""
+    """Return a hash of the masks, so that a report identifies them."""
     return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
 
 
 def _simulation(provenance: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-    """Take the simulator's plan out of a shot's provenance, where it holds one that reads as ours."""
+    """Return the simulator's plan from a shot's provenance, if that contains a valid one."""
     plan = provenance.get("plan")
     try:
         Simulation.model_validate(plan)
@@ -96,7 +96,7 @@ def _simulation(provenance: dict[str, Any]) -> tuple[dict[str, Any] | None, dict
 
 
 def _measured(shot: Shot) -> dict[str, Any]:
-    """Say what the measurement and its masks are like, before anything is solved."""
+    """Return the properties of the measurement and its masks, before the reconstruction."""
     return {
         "mean": float(shot.measurement.mean(dtype=np.float64)),
         "masks_sha256": masks_digest(shot),

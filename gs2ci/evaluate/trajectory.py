@@ -1,15 +1,15 @@
-"""How close a recovered camera path is to the true one, after the similarity that no image can reveal is removed.
+"""Errors of a recovered camera path, after alignment by the similarity that no image can determine.
 
-Here: the alignment of two paths, also where a path leaves part of it free, and the errors ATE, nATE, rotation and RPE.
-Not here: files, drawing.
+Here: the alignment of two paths, also if the path leaves part of it undetermined, and the errors ATE, nATE, rotation
+and RPE. Not here: files, drawing.
 
-A straight stage move is the usual case of this instrument, and it leaves the rotation about its own line to
-chance: on the published straight paths (cozy2room, vender, factory) the textbook alignment returns mean rotation
-errors of 121 to 168 degrees, all of it roll fitted to noise, where the cameras agree to 0.05, 0.09 and 2.3. So the
-alignment asks how far the positions determine it, and takes what they leave free from the cameras' orientations.
+A straight stage motion is the usual case of this instrument, and it does not determine the rotation about its own line:
+on the published straight paths (cozy2room, vender, factory) the textbook alignment returns mean rotation errors of 121
+to 168 degrees, all of it roll fitted to noise, although the cameras agree to 0.05, 0.09 and 2.3 degrees. So the
+alignment checks how far the positions determine it, and takes the undetermined part from the cameras' orientations.
 
-Nor do positions tell a straight or plane path from the same path run backwards: a half turn brings one onto the other.
-A scene inside out (near for far, the path reversed, the rotations nearly right) would have no error at all. So where
+Positions cannot distinguish a straight or plane path from the same path run backwards either: half a turn maps one onto
+the other. A scene inside out (depth order and path reversed, rotations nearly right) would have no error at all. So if
 positions agree only with cameras that are turned over, the orientations decide, and the path is called reversed.
 """
 
@@ -23,33 +23,33 @@ from gs2ci.core.errors import InputError
 
 Free = Literal["nothing", "roll", "rotation"]
 
-# A path whose centres differ by less than this share of their distance from the origin is one place: float32 poses
-# are not more precise than 1e-7, and centres computed from them in float64 scatter less.
+# If a path's centres differ by less than this share of their distance from the origin, the camera stands still: float32
+# poses are not more precise than 1e-7, and centres computed from them in float64 scatter less.
 STATIC_SHARE: Final = 1e-7
-# Positions count as known to this share of the path's extent at best, so that two copies of one straight path,
-# whose residual is zero, do not pass off rounding as a bend: float64 rounds the cross-covariance at 1e-16 of its
+# Positions count as known to this share of the path's extent at best. Otherwise, for two copies of one straight path,
+# whose residual is zero, rounding would be taken for a bend: float64 rounds the cross-covariance at 1e-16 of its
 # largest entry, which looks like a bend of 1e-8.
 POSITION_FLOOR: Final = 1e-6
-# Where position errors leave the roll about a straight path this uncertain (one standard deviation), they and not
-# the cameras' orientations would decide the rotation error; good reconstructions are right to tenths of a degree.
+# If position errors leave the roll about a straight path this uncertain (one standard deviation), they would dominate
+# the rotation error, and not the cameras' orientations; good reconstructions are right to tenths of a degree.
 ROLL_UNCERTAINTY_DEG: Final = 1.0
-# Cameras that see a scene from the same side differ by less; a reversed path turns them by a half turn.
+# Cameras that see a scene from the same side differ by less than this; a reversed path turns them by half a turn.
 TURNED_OVER_DEG: Final = 90.0
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """The similarity x_true = scale · rotation · x_estimate + translation, and what it rests on.
+    """The similarity x_true = scale · rotation · x_estimate + translation, and what determines it.
 
     Args:
-        scale: Above 0; 1 where a camera that stands still leaves it undetermined.
+        scale: Above 0; 1 if a camera that stands still leaves it undetermined.
         rotation: [3, 3], a proper rotation: a mirrored path stays mirrored.
         translation: [3], in the unit of the true path.
-        free: What the positions leave undetermined and the orientations had to tell: `nothing`; the `roll` about a
-            straight path; the whole `rotation` where either camera stands still.
-        turned_over_deg: By how much the cameras would be turned, on average, by the similarity that fits their centres
-            best, where that is more than `TURNED_OVER_DEG`: the path runs backwards. Then the rotation is that of the
-            orientations, and the scale that of the paths' spreads. None otherwise.
+        free: The part that the positions leave undetermined and that is taken from the orientations: `nothing`; the
+            `roll` about a straight path; the whole `rotation` if either camera stands still.
+        turned_over_deg: Mean rotation of the cameras by the similarity that fits their centres best, if that exceeds
+            `TURNED_OVER_DEG`: the path runs backwards. Then the rotation is that of the orientations, and the scale
+            that of the paths' spreads. None otherwise.
     """
 
     scale: float
@@ -70,21 +70,21 @@ class Alignment:
 
 @dataclass(frozen=True)
 class TrajectoryErrors:
-    """Errors of a camera path; None where the path is too short or stands still.
+    """Errors of a camera path; None if the path is too short or the camera stands still.
 
     Args:
         ate: Absolute trajectory error: root mean square distance of the camera centres, in the unit of the true
-            path, the smallest that any similarity reaches; of a reversed path, under the alignment by orientations.
+            path, the smallest for any similarity; for a reversed path, under the alignment by orientations.
         nate: `ate` divided by the diagonal of the true path's bounding box.
         translation_mean: Mean distance of the camera centres under the similarity of `ate`, in the unit of the true
             path.
-        rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation; of a
-            reversed path, what the similarity of the centres leaves, which is above `TURNED_OVER_DEG`.
+        rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation; for a
+            reversed path, that under the similarity of the centres, which is above `TURNED_OVER_DEG`.
         rpe_t: Relative pose error of consecutive views, translation: root mean square, in the unit of the true
             path, after the estimate has been brought to its scale.
         rpe_r_deg: The same, rotation angle.
-        free: What the positions leave undetermined, see `Alignment`.
-        reversed: The path runs backwards, as it does in a scene that is inside out.
+        free: The part that the positions leave undetermined, see `Alignment`.
+        reversed: Whether the path runs backwards, as in a scene that is inside out.
     """
 
     ate: float
@@ -98,12 +98,12 @@ class TrajectoryErrors:
 
 
 def align(estimate: F64, truth: F64) -> Alignment:
-    """Find the similarity that brings an estimated camera path onto the true one.
+    """Find the similarity that maps an estimated camera path onto the true one.
 
-    The least-squares similarity of the camera centres (Umeyama 1991), with what they leave free taken from the
-    orientations: the roll about the line where the residual leaves it uncertain by more than
-    `ROLL_UNCERTAINTY_DEG`, all of the rotation where a camera stands still, or where that similarity would turn the
-    cameras by more than `TURNED_OVER_DEG`. Both are the chordal mean: the rotation with the least sum of squared
+    It is the least-squares similarity of the camera centres (Umeyama 1991), except for the part that they leave
+    undetermined, which is taken from the orientations: the roll about the line if the residual leaves it uncertain by
+    more than `ROLL_UNCERTAINTY_DEG`, all of the rotation if a camera stands still, or if that similarity would turn the
+    cameras by more than `TURNED_OVER_DEG`. Both are the chordal mean: the rotation with the smallest sum of squared
     differences between the orientation matrices.
 
     Args:
@@ -127,7 +127,7 @@ def align(estimate: F64, truth: F64) -> Alignment:
     scale, turned_over_deg = fit.scale, None
     if (turned_deg := _mean_turn_deg(rotation, estimate, truth)) > TURNED_OVER_DEG:
         rotation, turned_over_deg = _nearest_rotation(turns), turned_deg
-        # Least squares would shrink a reversed path to a point, and hide where it goes.
+        # Least squares would shrink a reversed path to a point, which would hide its direction.
         scale = _rms_length(target - target.mean(0)) / _rms_length(centers - centers.mean(0))
     return Alignment(scale, rotation, target.mean(0) - scale * rotation @ centers.mean(0), free, turned_over_deg)
 
@@ -213,7 +213,7 @@ def _fit_positions(source: F64, target: F64) -> _PositionFit | None:
     handed_u, handed_v = np.sign(np.linalg.det(u)), np.sign(np.linalg.det(vt))
     target_axes, source_axes = u * (1, 1, handed_u), vt.T * (1, 1, handed_v)
     spread = spread * (1, 1, handed_u * handed_v)
-    # A path without any correlation with the true one is best shrunk to a point, but a scale stays above 0.
+    # For a path without any correlation with the true one the best scale is 0, but a scale must stay above 0.
     scale = max(float(spread.sum() / np.mean(np.sum(a**2, axis=1))), float(np.finfo(np.float64).tiny))
     residuals = scale * a @ (target_axes @ source_axes.T).T - b
     # The squared error grows as 2 N s (S₁ + S₂)(1 − cos roll): with rms²/3 per axis this is the roll's variance.
@@ -234,7 +234,7 @@ def _relative_pose_errors(aligned: F64, truth: F64) -> tuple[float | None, float
 
 
 def _mean_turn_deg(rotation: F64, estimate: F64, truth: F64) -> float:
-    """Get the mean angle between the true orientations and estimated ones that are turned by a rotation, [3, 3]."""
+    """Get the mean angle between the true orientations and the estimated ones turned by a rotation, [3, 3]."""
     turned = rotation @ _camera_to_world_rotations(estimate)
     off = np.swapaxes(_camera_to_world_rotations(truth), 1, 2) @ turned
     return float(rotation_angles_deg(off).mean())

@@ -1,6 +1,6 @@
 """A run's scene and cameras, served to a browser by viser.
 
-Here: what is shown, and the server. Not here: how long it is served (`gs2ci.commands.view`). viser, an extra of the
+Here: the contents, and the server. Not here: how long it is served (`gs2ci.commands.view`). viser, an extra of the
 package, is imported only when something is served.
 """
 
@@ -21,28 +21,28 @@ from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import read_ply
 
-# viser keeps covariances in half precision, whose numbers end at 6e-8: scenes are shown at a scale of their own, so
-# that what the cameras look at lies this far away.
+# viser keeps covariances in half precision, whose smallest number is 6e-8: scenes are scaled so that what the cameras
+# look at is this far away.
 SHOWN_DEPTH: Final = 10.0
-# Pictures on the cameras are there to be recognised.
+# Pictures on the cameras only need to be recognisable.
 PICTURE_SIDE_PX: Final = 320
 # A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
 SYMBOL_OF_STEP, SYMBOL_OF_DEPTH = 0.6, 0.05
 SYMBOL_LINE_PX, SYMBOL_COLOUR = 1.5, (240, 130, 90)
-# A taken port is often one's own earlier viewer; so many of the following ones are tried.
+# If a port is in use, often by an earlier viewer, this many of the following ones are tried.
 PORTS_TRIED: Final = 20
 HIGHEST_PORT: Final = 65_535
 
 
 @dataclass(frozen=True)
 class ViewerScene:
-    """What is shown, scaled so that the scene lies at `SHOWN_DEPTH`.
+    """The contents of the viewer, scaled so that the scene lies at `SHOWN_DEPTH`.
 
     Args:
         means: [G, 3].
         covariances: [G, 3, 3].
-        colours: In [0, 1], [G, 3]; where they change with the direction of sight, as the middle camera sees them: the
-            viewer has one colour for each Gaussian.
+        colours: In [0, 1], [G, 3]; colours that depend on the viewing direction are those of the middle camera, because
+            the viewer has one colour for each Gaussian.
         opacities: In [0, 1], [G, 1].
         camera_to_world: [N, 4, 4], OpenCV axes.
         fov: Vertical field of view, radians.
@@ -69,7 +69,7 @@ def load_scene(folder: Path) -> ViewerScene:
     """Read a run folder for viewing.
 
     Raises:
-        StorageError: The folder is no whole run.
+        StorageError: The folder is no complete run.
         InputError: Its scene cannot be read, or is empty.
     """
     evidence = read_evidence(folder)
@@ -97,26 +97,26 @@ def serve(scene: ViewerScene, *, host: str, port: int) -> Any:
     """Start serving a scene; return viser's server, which `stop()` ends.
 
     Args:
-        scene: What to show.
+        scene: The contents.
         host: Address of the interface to listen on.
-        port: To listen on, or the next free one; 0 takes any.
+        port: Port to listen on; if it is in use, the next free one; 0 takes any.
 
     Raises:
-        InputError: viser is not installed, or no port can be had.
+        InputError: viser is not installed, or no port is free.
     """
     try:
         import viser  # noqa: PLC0415
     except ImportError as error:
         raise InputError("viewing a scene needs the package viser", remedy="pip install 'gs2ci[view]'") from error
     server = viser.ViserServer(host=host, port=free_port(host, port), verbose=False)
-    # The button would send the scene through somebody else's machine. Dark, as light that no Gaussian sends.
+    # The share button would send the scene through a foreign server. A dark background stands for no light.
     server.gui.configure_theme(show_share_button=False, dark_mode=True)
     _show(server, scene)
     return server
 
 
 def free_port(host: str, port: int) -> int:
-    """Find a port that can be listened on: this one or one of the next; any if it is 0.
+    """Find a free port: this one or one of the next; any if it is 0.
 
     Raises:
         InputError: There is none, or the host is no address of this machine.
@@ -164,7 +164,7 @@ def _show(server: Any, scene: ViewerScene) -> None:
 
 
 def _step_into(client: Any, pose: F64) -> None:
-    """Look through a camera."""
+    """Move the viewer to a camera's pose."""
     client.camera.position = pose[:3, 3]
     client.camera.look_at = pose[:3, 3] + SHOWN_DEPTH * pose[:3, 2]
     client.camera.up_direction = -pose[:3, 1]

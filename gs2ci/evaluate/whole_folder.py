@@ -1,8 +1,8 @@
-"""A folder of results that appears whole or not at all, and takes the place of nothing but an earlier one.
+"""A folder of results that appears completely or not at all, and replaces nothing except an earlier one.
 
 Here: the place, the move into it, and what runs and decodes have in common: the report's name, pictures of views. Not
-here: what they hold (`run_folder`, `decode_folder`), nor any library that these need beyond this: a decode within
-seconds waits for what is loaded.
+here: their contents (`run_folder`, `decode_folder`). Libraries that only those need are not imported here, because a
+decode takes seconds and every import delays it.
 """
 
 import os
@@ -26,12 +26,12 @@ NO_RUN: Final = "give the folder that `gs2ci reconstruct -o` wrote"
 
 
 def check_destination(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCHEMA) -> None:
-    """Refuse a place where no run may be written; to be asked before the work, not after it.
+    """Refuse a place where no run may be written; to be called before the work, not after it.
 
     Args:
         folder: The place.
         overwrite: Whether an earlier run may be replaced.
-        schema: Of the report that an earlier run holds, of whatever version.
+        schema: Schema of the report that an earlier run holds, of any version.
 
     Raises:
         StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run; or
@@ -65,7 +65,7 @@ def check_destination(folder: Path, *, overwrite: bool = False, schema: str = RU
 
 
 def _holds(folder: Path, kind: str) -> bool:
-    """Tell whether a folder holds a report of a kind, of whatever version."""
+    """Return whether a folder holds a report of a kind, of any version."""
     try:
         found = schema_of(folder)
     except StorageError:
@@ -75,7 +75,7 @@ def _holds(folder: Path, kind: str) -> bool:
 
 @contextmanager
 def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCHEMA) -> Iterator[Path]:
-    """Give a hidden sibling folder to fill; rename it into place at the end, remove it if anything goes wrong.
+    """Provide a hidden sibling folder to fill; rename it into place at the end, remove it after any error.
 
     Raises:
         StorageError: See `check_destination`; or the disk refuses.
@@ -84,7 +84,7 @@ def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCH
     folder = folder.resolve()
     partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
     try:
-        # One of this name can only be the rest of a killed process whose number came round again.
+        # A folder of this name can only be left over from a killed process that had the same process id.
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         yield partial
@@ -113,7 +113,7 @@ def _swap_in(partial: Path, folder: Path) -> None:
 
 
 def write_pictures(folder: Path, views: F32) -> None:
-    """Make a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
+    """Create a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
 
     Raises:
         StorageError: The disk refuses.

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 THIN_SPACE: Final = "\u2009"
 UNKNOWN: Final = "–"
-# Endings of our names, and how their units are written after a number.
+# Endings of names in this project, and how their units are written after a number.
 UNITS: Final = {
     "s": " s",
     "mm": " mm",
@@ -24,7 +24,7 @@ UNITS: Final = {
 
 
 def describe_number(value: float | None, digits: int = 4) -> str:
-    """Write a number with so many significant digits, and thousands apart; a dash where it is not known.
+    """Write a number with `digits` significant digits, and spaces between thousands; a dash if it is not known.
 
     >>> describe_number(0.0123456), describe_number(48200), describe_number(None)
     ('0.01235', '48\u2009200', '–')
@@ -39,7 +39,7 @@ def describe_number(value: float | None, digits: int = 4) -> str:
 
 
 def told_apart(values: Sequence[float], write: Callable[[float, int], str]) -> list[str]:
-    """Write the numbers of a scale with two significant digits, or with as many more, up to five, as tell them apart.
+    """Write the numbers of a scale with two significant digits, or with more, up to five, if they would look equal.
 
     >>> told_apart([0, 0.1234, 0.5], describe_number), told_apart([0.984, 0.976], describe_number)
     (['0', '0.12', '0.5'], ['0.984', '0.976'])
@@ -61,7 +61,7 @@ def describe_value(value: Any) -> str:
         case int() | float():
             return describe_number(value)
         case list() | tuple():
-            # Items that are sentences hold commas of their own.
+            # Items that are sentences contain commas of their own.
             mark = "; " if any(isinstance(item, str) and " " in item for item in value) else ", "
             return mark.join(describe_value(item) for item in value)
         case _:
@@ -81,7 +81,7 @@ def flat_rows(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
 
 def spoken_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """List nested values as `flat_rows` does, names in words, a unit that ends a name after the number instead.
+    """List nested values as `flat_rows` does, with names in words, and a name's final unit written after the number.
 
     >>> list(spoken_rows({"exposure_s": 0.16, "mask_index": 3}))
     [('exposure', '0.16 s'), ('mask index', '3')]

@@ -18,21 +18,21 @@ SCALE_NAME: Final = "depth.json"
 
 
 def write_depth_png(folder: Path, depth: F32) -> float:
-    """Write each view's depth as a 16-bit PNG, and beside them what one step of it is, in `depth.json`.
+    """Write each view's depth as a 16-bit PNG, and beside them the length of one step, in `depth.json`.
 
     Args:
-        folder: Is there.
-        depth: [N, H, W], 0 where nothing is seen.
+        folder: An existing folder.
+        depth: [N, H, W], 0 at pixels without a depth.
 
     Returns:
-        The step, in the unit of depth: depth = step × reading; a reading of 0 says that nothing is seen.
+        The step, in the unit of depth: depth = step × reading; a reading of 0 means no depth.
 
     Raises:
         StorageError: The disk refuses.
     """
     step = max(float(depth.max(initial=0.0)), 1e-30) / TOP
     for index, view in enumerate(depth):
-        # What is seen keeps a reading, however near it is.
+        # A depth keeps a reading above 0, however small it is.
         reading = np.where(view > 0, np.maximum(np.round(view / step), 1), 0).astype(np.uint16)
         if not cv2.imwrite(str(folder / f"depth_{index:03d}.png"), reading):
             raise StorageError(f"{folder} cannot be written", remedy="check the free space and the permissions")

@@ -26,7 +26,7 @@ VOXEL_RANGE: Final = (8, 512)
 # Distances are integrated so many voxels either side of a surface: less leaves holes, more fills gaps between surfaces.
 TRUNCATION_VOXELS: Final = 4.0
 LEAST_CONFIDENCE: Final = 0.5
-# Single depths far off shall not stretch the lattice.
+# This share of the points at each end of an axis is left out, so that single wrong depths do not stretch the lattice.
 _LEFT_OUT: Final = 0.005
 _AT_ONCE: Final = 1 << 20
 
@@ -78,7 +78,7 @@ def fuse(
     origin = low - margin * step
     distance, weight, colour = _integrated(depth, believed, views, cameras, shape, origin, step)
     known = weight > 0
-    # A cube counts where all about it is known; the library asks one of its corners alone.
+    # A cube is used only if everything around it is known; the library checks only one of its corners.
     sure = binary_erosion(known, np.ones((3, 3, 3), bool))
     try:
         vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=sure, gradient_direction="descent")
@@ -158,7 +158,7 @@ def _integrated(
             weight[chosen] += 1
             colour[chosen] += np.clip(views[view][row[there], column[there]], 0, 1)
     known = np.maximum(weight, 1)
-    # Where nothing is known lies behind what is seen.
+    # Unknown space counts as lying behind the surfaces.
     distance = np.where(weight > 0, distance / known, -1).astype(np.float32)
     return (
         distance.reshape(shape),

@@ -1,4 +1,4 @@
-"""A run as a NeXus file (HDF5): views and depth as NXdata, cameras, who took it of what, and with what program.
+"""A run as a NeXus file (HDF5): views and depth as NXdata, cameras, operator, sample, and program.
 
 Groups and attributes are those of the NeXus standard (manual.nexusformat.org: NXroot, NXentry, NXdata, NXuser,
 NXsample, NXinstrument, NXdetector, NXcollection), so that a viewer finds by itself what to plot: `default` leads from
@@ -21,7 +21,7 @@ from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import Report
 
 CHANNELS: Final = ("red", "green", "blue")
-# Where standard groups keep what an operator calls so.
+# Places in standard groups for the operator's entries of these names.
 _PLACES: Final = {
     "operator": ("user", "NXuser", "name"),
     "institution": ("user", "NXuser", "affiliation"),

@@ -1,4 +1,4 @@
-"""A short film of a scene: the camera goes round once before what it looks at, and ends where it began.
+"""A short film of a scene: the camera makes one circle in front of the scene and ends where it began.
 
 Here: the poses of the orbit, and the film as GIF or MP4. Not here: rendering.
 """
@@ -47,7 +47,7 @@ def orbit_poses(world_to_camera: F64, distance: float, count: int = FRAMES) -> F
 
 
 def write_film(path: Path, frames: F32) -> Path:
-    """Write frames as a film that begins again when it has ended.
+    """Write frames as a film that repeats endlessly.
 
     Args:
         path: Ends in .gif, or in .mp4 (VP9, which browsers play).

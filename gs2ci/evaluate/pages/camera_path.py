@@ -1,4 +1,4 @@
-"""A camera path from above as SVG: the recovered one, the true one and the stage's where they are known.
+"""A camera path from above as SVG: the recovered one, and the true one and the stage's if they are known.
 
 Here: bringing the paths together and onto the page. Not here: the alignment (`gs2ci.evaluate.trajectory`).
 """
@@ -16,7 +16,7 @@ from gs2ci.evaluate.panels import seen_from_above
 from gs2ci.evaluate.trajectory import align
 from gs2ci.evaluate.wording import describe_number
 
-# More symbols than this run into each other.
+# With more symbols than this, they overlap.
 MOST_WEDGES: Final = 12
 # A camera's wedge, as a share of the larger side of the paths' extent.
 WEDGE: Final = 0.09
@@ -27,14 +27,14 @@ FOOT: Final = 40
 
 @dataclass(frozen=True)
 class Paths:
-    """World-to-camera poses, [N, 4, 4] each, in frames and units of their own; None where not known."""
+    """World-to-camera poses, [N, 4, 4] each, in frames and units of their own; None if not known."""
 
     recovered: F64
     true: F64 | None = None
     stage: F64 | None = None
 
     def together(self) -> dict[str, F64]:
-        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world, [N, 4, 4], by name."""
+        """Align the paths in one frame, the true one's or the stage's; return camera-to-world, [N, 4, 4], by name."""
         name, reference = next(
             (name, poses)
             for name, poses in (("true", self.true), ("stage", self.stage), ("recovered", self.recovered))
@@ -54,8 +54,8 @@ def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
 
     Args:
         paths: The paths.
-        width: Of the drawing, CSS pixels.
-        unit: Of lengths in the frame that they are brought into.
+        width: Width of the drawing, CSS pixels.
+        unit: Unit of lengths in the common frame.
     """
     together = paths.together()
     reference = next(iter(together.values()))

@@ -1,7 +1,7 @@
-"""Charts as SVG whose colours and types are the page's own, so that they follow it into the dark and onto paper.
+"""Charts as SVG that use the page's colours and fonts, also in dark mode and in print.
 
-Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: how they stand
-on the page (`pieces.py`).
+Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: their place on
+the page (`pieces.py`).
 """
 
 import math
@@ -17,10 +17,10 @@ from gs2ci.evaluate.wording import describe_number
 
 Colour = Literal["accent", "truth", "muted", "third", "fourth", "fifth"]
 
-# A flat course still gets an axis: a margin of this share of its height, or of its value.
+# Margin of an axis as a share of the data's height, or of their value if they are constant.
 MARGIN: Final = 0.08
 LEAST_SPAN: Final = 1e-3
-# Ticks stand at least so far apart, in the drawing's units (a character is about 6 wide).
+# Smallest distance between ticks, in the drawing's units (a character is about 6 wide).
 TICK_ROOM_X: Final = 48
 TICK_ROOM_Y: Final = 34
 # A row of `spreads_svg`: the name, and the mark under it.
@@ -29,7 +29,7 @@ SPREAD_ROW: Final = 38
 
 @dataclass(frozen=True)
 class Line:
-    """One course or cloud of points.
+    """One curve or cloud of points.
 
     Args:
         label: For the legend.
@@ -39,8 +39,8 @@ class Line:
         joined: Draw the line between the points.
         dots: Draw the points.
         dashed: Dash the line.
-        names: Of the points, written beside them; empty, or [K].
-        titles: Of the points, said when one is pointed at; empty, or [K]: then the names, else the label.
+        names: Names of the points, written beside them; empty, or [K].
+        titles: Tooltips of the points, [K]; if empty, the names are used, or the label.
     """
 
     label: str
@@ -55,7 +55,7 @@ class Line:
 
     @property
     def style(self) -> Literal["line", "dashed", "dots"]:
-        """Get how the legend shows it."""
+        """Get its style in the legend."""
         return "dots" if not self.joined else "dashed" if self.dashed else "line"
 
 
@@ -69,7 +69,7 @@ class Chart:
         y_label: Name and unit.
         alt: What the chart shows, in a sentence.
         x_log: Whether the axis is logarithmic; then only points with x > 0 are drawn.
-        y_log: The same of y.
+        y_log: The same for y.
         levels: Named values of y to compare with, drawn as dashed lines.
     """
 
@@ -84,7 +84,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Bar:
-    """A part of a whole: its name, its size >= 0, what to write of it, its colour."""
+    """A part of a whole: its name, its size >= 0, its label, its colour."""
 
     label: str
     size: float
@@ -94,7 +94,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Spread:
-    """A mean and its spread: the name, both numbers (spread 0 where there is none), what to write of them."""
+    """A mean and its spread: the name, both numbers (spread 0 if there is none), the label."""
 
     label: str
     mean: float
@@ -172,7 +172,7 @@ def chart_table(chart: Chart) -> tuple[list[str], list[list[Any]]]:
 
 
 def bars_svg(parts: Sequence[Bar], unit: str) -> Markup:
-    """Draw the parts of a whole as one bar; parts of no size leave no trace."""
+    """Draw the parts of a whole as one bar; parts of size 0 are not drawn."""
     total = sum(part.size for part in parts)
     drawn, at = [], 0.0
     for part in parts:
@@ -213,7 +213,7 @@ def _drawable(point: tuple[float, float], chart: Chart) -> bool:
 
 
 def _axis(values: Sequence[float], log: bool, start: float, end: float) -> _Axis:
-    """Put an axis around values, with room on both sides, also where all are one."""
+    """Fit an axis to values, with room on both sides, also if all are the same."""
     if log:
         low, high = min(values), max(values)
         margin = max((high / low) ** MARGIN, 1.05)
@@ -228,7 +228,7 @@ def _even_ticks(low: float, high: float, most: int) -> list[float]:
     power = 10 ** math.floor(math.log10(raw))
     step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw)
     first = math.ceil(low / step)
-    # Multiples of the step, rounded to it: 0.30000000000000004 is no label for a tick.
+    # Multiples of the step, rounded to its digits: otherwise a label could read 0.30000000000000004.
     digits = max(0, -math.floor(math.log10(step)) + 1)
     return [round(step * i, digits) for i in range(first, math.floor(high / step) + 1)]
 
@@ -251,7 +251,7 @@ def _path(points: Sequence[tuple[float, float]]) -> str:
 def _dots(
     line: Line, kept: Sequence[tuple[float, float]], x: _Axis, y: _Axis, chart: Chart
 ) -> list[tuple[float, float, str, str]]:
-    """Place dots: x, y, the name beside it, what it says when pointed at."""
+    """Place dots: x, y, the name beside it, the tooltip."""
     names, titles = (
         list(given) if len(given) == len(line.x) else [""] * len(line.x) for given in (line.names, line.titles)
     )

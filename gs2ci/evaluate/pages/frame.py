@@ -1,9 +1,9 @@
-"""A page in one file: its frame, and the policy that keeps everything else out.
+"""A page in one file: its frame, and the policy that blocks all foreign content.
 
-Here: `page`, `PageSection`, the template environment. Not here: what stands in a section (`pieces.py`).
+Here: `page`, `PageSection`, the template environment. Not here: the contents of a section (`pieces.py`).
 
-Names come from files that anybody may have made. Escaping keeps them text; and should it ever fail, the page's
-Content-Security-Policy names its one style and its one script by their hashes and forbids all else.
+Names come from files of unknown origin. Escaping keeps them text; if it should ever fail, the page's
+Content-Security-Policy allows only its one style and its one script, by their hashes.
 """
 
 import base64
@@ -18,8 +18,8 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-# Characters that a page cannot hold (C0 controls, lone surrogates) and those that turn text around (bidi controls):
-# a name made of them could pretend to be another.
+# Characters that a page cannot contain (C0 controls, lone surrogates) and those that reverse text (bidi controls), with
+# which one name could look like another.
 _UNFIT: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\u202a-\u202e\u2066-\u2069]")
 REPLACEMENT: Final = "\ufffd"
 
@@ -32,7 +32,7 @@ class PageSection:
         title: Its heading.
         body: Made of pieces (`pieces.py`).
         lead: A sentence under the heading.
-        folded: Whether it opens only when asked; printed in any case.
+        folded: Whether it is closed until the reader opens it; it is printed in any case.
     """
 
     title: str
@@ -45,9 +45,9 @@ def page(title: str, sections: Sequence[PageSection], *, masthead: Markup | None
     """Build a whole page.
 
     Args:
-        title: Of the window, and the heading unless a masthead brings its own.
-        sections: In order.
-        masthead: What stands on top (`pieces.masthead`).
+        title: Title of the window, and the heading unless there is a masthead.
+        sections: The sections in order.
+        masthead: The top of the page (`pieces.masthead`).
         eyebrow: A few words above the title.
     """
     style, behaviour = _text("page.css"), _text("page.js") + _text("scene.js")
@@ -75,13 +75,13 @@ def piece(name: str, /, **values: Any) -> Markup:
 
 
 def fit(text: object) -> str:
-    """Turn any value into text that a page can hold; characters that it cannot become �."""
+    """Turn any value into text for a page; characters that a page cannot contain become �."""
     return _UNFIT.sub(REPLACEMENT, str(text))
 
 
 @cache
 def environment() -> Environment:
-    """Get the templates: everything escaped, everything missing an error."""
+    """Get the template environment: all text is escaped, a missing variable is an error."""
     return Environment(
         loader=PackageLoader("gs2ci.evaluate.pages"),
         autoescape=True,
@@ -93,7 +93,7 @@ def environment() -> Environment:
 
 
 def _anchors(sections: Sequence[PageSection]) -> list[str]:
-    """Name sections for links within the page; names that come again are counted."""
+    """Return the sections' names for links within the page; repeated names get numbers."""
     found: list[str] = []
     for section in sections:
         name = "-".join(re.findall(r"[a-z0-9]+", section.title.lower())) or "section"
@@ -103,7 +103,7 @@ def _anchors(sections: Sequence[PageSection]) -> list[str]:
 
 
 def _finalize(value: Any) -> Any:
-    """Prepare what a template is about to print; markup passes."""
+    """Prepare a value that a template prints; markup is not changed."""
     return value if isinstance(value, Markup | int | float) else fit(value)
 
 

@@ -1,10 +1,10 @@
-"""What to try next, and what came out: the rules, each from evidence in the report, in the order they are told.
+"""What to try next, and the outcome in one line: the rules, each based on evidence in the report, by importance.
 
-A rule looks at the codes and figures of one report and answers with a step, or with None. It never guesses: what it
-says it must have read there, and `because` says what. Commands are those of `gs2ci --help`, with capitals where the
-reader's own file or number belongs.
+A rule reads the codes and figures of one report and returns a step, or None. It never guesses: all that it says is in
+the report, and `because` names the evidence. Commands are those of `gs2ci --help`, with capitals in place of the
+reader's own file or number.
 
-Not here: how steps look (`templates/pieces.html`), what can be found and what helps (`gs2ci.core.findings`).
+Not here: how steps look (`templates/pieces.html`), the possible findings and their remedies (`gs2ci.core.findings`).
 """
 
 from collections.abc import Callable
@@ -18,15 +18,16 @@ from gs2ci.evaluate.wording import describe_number
 
 MOST_STEPS: Final = 4
 
-# A fit whose best look lies in its last so many looks was still improving when its iterations ran out.
+# If the best evaluation of a fit is among this many last ones, it was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
-# Preset `fine` averages so many fits. A page is made without loading what fits: a test holds this one to the preset.
+# Number of fits that preset `fine` averages. It is repeated here so that a page needs no solver; a test compares both.
 FEW_FITS: Final = 4
-# Pixels that no mask opens say nothing.
+# Share of pixels that no mask opens, from which on it is reported.
 CLOSED_SHARE: Final = 0.05
-# Tracks of decoded views scatter by about a pixel; geometry refuses 2. In between, something else moves or is wrong.
+# Tracks of decoded views scatter by about a pixel, and geometry refuses 2. In between, something moves, or the camera
+# matrix is wrong.
 REPROJECTION_PX: Final = 1.5
-# What translation explains of the tracks, against their scatter; below this, path and depth are at the noise's mercy.
+# Parallax by the camera's translation over the tracks' scatter; below this, noise dominates path and depth.
 PARALLAX_TO_SCATTER: Final = 1.5
 
 
@@ -41,7 +42,7 @@ class NextStep:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out, in one line and two words."""
+    """The outcome in one line, and in two words."""
 
     headline: str
     word: str
@@ -49,7 +50,7 @@ class Outcome:
 
 
 def outcome(report: Report) -> Outcome:
-    """Say what was recovered; what was not is part of the headline."""
+    """Return what was recovered; the headline also says what was not."""
     count = f"{report.views} view{'s' if report.views != 1 else ''}"
     if report.verdict == "decode":
         return Outcome(f"{count} from one exposure; the scene does not explain them yet", "Views only", "poor")
@@ -70,11 +71,11 @@ def outcome(report: Report) -> Outcome:
 
 
 def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:
-    """List what to try next, the most telling first.
+    """List what to try next, the most important first.
 
     Args:
         report: `report.json`.
-        most: At most so many.
+        most: Largest number of steps.
     """
     found = [step for rule in RULES if (step := rule(report)) is not None]
     return found[:most]
@@ -93,7 +94,7 @@ def fit_failed(report: Report) -> NextStep | None:
 
 
 def stage_knows_the_path(report: Report) -> NextStep | None:
-    """The tracks gave no path, and the stage, which reported one, was not asked."""
+    """The tracks gave no path, and the poses that the stage reported were not used."""
     geometry = report.geometry
     lost = geometry is not None and geometry.asked_for == "tracks" and geometry.verdict != "full"
     if not (lost and report.measured.telemetry):
@@ -236,7 +237,7 @@ def uncertain_path(report: Report) -> NextStep | None:
 
 
 def little_parallax(report: Report) -> NextStep | None:
-    """Path and depth rest on a shift that is hardly larger than the noise."""
+    """Path and depth depend on a parallax that is hardly larger than the noise."""
     if report.geometry is None or not _has_path(report):
         return None
     shift, scatter = report.geometry.parallax_px, report.geometry.reprojection_rms_px
@@ -275,7 +276,7 @@ def average_more(report: Report) -> NextStep | None:
 
 
 def look_at_it(report: Report) -> NextStep | None:
-    """A scene with depth is there to be walked around."""
+    """A scene with depth can be viewed from all sides."""
     if report.verdict == "decode" or not _has_path(report):
         return None
     count = describe_number(report.gaussians)
@@ -304,12 +305,12 @@ RULES: Final[tuple[Rule, ...]] = (
 
 
 def _has_path(report: Report) -> bool:
-    """Tell whether a whole camera path was found, and depth with it."""
+    """Return whether a complete camera path was found, and depth with it."""
     return report.geometry is not None and report.geometry.verdict == "full"
 
 
 def _path_is_uncertain(report: Report) -> bool:
-    """Tell whether the run doubts its path, or has one that no tracked points bear out and nobody reported."""
+    """Return whether the run doubts its path, or has one that neither tracked points nor a stage confirm."""
     return report.found(Code.PATH_UNCERTAIN) is not None or report.found(Code.UNIFORM_MOTION) is not None
 
 

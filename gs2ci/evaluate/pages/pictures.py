@@ -1,4 +1,4 @@
-"""Arrays as pictures inside a page, as small as its budget of bytes asks for.
+"""Arrays as pictures inside a page, compressed to a budget of bytes.
 
 Here: pictures as data URIs, colour maps, and the choice of size and quality. Not here: which pictures a page shows.
 """
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import U8, Bool
 from gs2ci.core.errors import InputError
 
-# Of all pictures of one page, as written into it; style, text and charts take about 0.2 MB more.
+# Budget for all pictures of one page, as data URIs; style, text and charts take about 0.2 MB more.
 BUDGET_BYTES: Final = 2_300_000
 # Data URIs write three bytes as four characters.
 BASE64: Final = 4 / 3
 LONGEST_SIDE_PX: Final = 720
-# Below this the eye wants to see the pixels themselves, and lossless costs nothing.
+# Pictures smaller than this are shown pixel by pixel and encoded without loss, which takes few bytes.
 PIXEL_ART_PX: Final = 160
 QUALITIES: Final = (86, 78, 70)
 SMALLEST_SIDE_PX: Final = 96
@@ -96,15 +96,15 @@ def encode(image: U8, *, quality: int | None) -> Picture:
 
 
 def is_pixel_art(size: tuple[int, int]) -> bool:
-    """Tell whether images of this size are shown pixel by pixel."""
+    """Return whether images of this size are shown pixel by pixel."""
     return max(size) <= PIXEL_ART_PX
 
 
 def encode_all(stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET_BYTES) -> dict[str, list[Picture]]:
     """Encode named stacks of images together, so that the page's data URIs take no more than the budget.
 
-    Small images stay lossless. Others are brought to at most `LONGEST_SIDE_PX`; if the budget asks for it they lose
-    quality first, size after that.
+    Small images stay lossless. Others are reduced to at most `LONGEST_SIDE_PX`; if the budget requires it, first their
+    quality is reduced and then their size.
 
     Args:
         stacks: Images [H, W, 3] or [H, W, 1], uint8.
@@ -127,7 +127,7 @@ def encode_all(stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET
                 return found
         if side <= SMALLEST_SIDE_PX:
             raise InputError(f"pictures of {weight} bytes for a page", allowed=f"{budget_bytes} bytes or less")
-        # Bytes go about as the area; a little less, so that one round usually suffices.
+        # Bytes are about proportional to the area; the side is reduced slightly more, so that one round often suffices.
         side = max(SMALLEST_SIDE_PX, int(0.95 * side * math.sqrt(budget_bytes / weight)))
 
 
@@ -140,7 +140,7 @@ def _weight(found: Mapping[str, Sequence[Picture]]) -> int:
 
 
 def shrink(image: U8, side: int) -> U8:
-    """Bring an image, [H, W, C], to at most `side` pixels a side, each the mean of those it replaces."""
+    """Reduce an image, [H, W, C], to at most `side` pixels a side, each the mean of those it replaces."""
     height, width = image.shape[:2]
     share = side / max(height, width)
     if share >= 1:

@@ -1,4 +1,4 @@
-"""What the sections of a page are made of; every function returns markup, every argument is text or numbers.
+"""The parts of a page's sections; every function returns markup, every argument is text or numbers.
 
     masthead    the verdict on top: headline, sentences, the figures that matter
     table       rows under headings; numbers stand right
@@ -11,7 +11,7 @@
     steps       what to do next: what, why, the command
     columns     two pieces beside each other where there is room
 
-Not here: the page (`frame.py`), what a run's sections say (`run_page.py`).
+Not here: the page (`frame.py`), the contents of a run's sections (`run_page.py`).
 """
 
 from collections.abc import Container, Iterable, Mapping, Sequence
@@ -28,7 +28,7 @@ from gs2ci.evaluate.wording import describe_value
 
 Tone = Literal["good", "mixed", "poor"]
 
-# Reports may hold as much as their makers like; a page shows so much of it and says how much it left out.
+# Reports may be of any size; a page shows this many rows and says how many it left out.
 MOST_ROWS: Final = 250
 MOST_SORTABLE: Final = 2000
 MOST_CHARACTERS: Final = 600
@@ -46,7 +46,7 @@ class FigureOfMerit:
 def masthead(
     headline: str, sentences: Sequence[str], figures: Sequence[FigureOfMerit], tone: Tone, word: str
 ) -> Markup:
-    """Say first what came out: `word` sums `tone` up for those who do not see its colour."""
+    """Return the top of a page: the outcome; `word` says in text what the colour of `tone` says."""
     return piece("masthead", headline=headline, sentences=sentences, figures=figures, tone=tone, word=word)
 
 
@@ -57,12 +57,12 @@ def table(
     caption: str = "",
     marked: Container[tuple[int, int]] = (),
 ) -> Markup:
-    """Set rows of plain values under headings; a column that holds only numbers and dashes is set right.
+    """Set rows of plain values under headings; a column with only numbers and dashes is right-aligned.
 
     Args:
         headings: One for each column.
-        rows: Of as many cells.
-        caption: Over the table.
+        rows: Rows with as many cells.
+        caption: Text over the table.
         marked: Cells to set off from the rest, (row, column) from 0 on.
     """
     listed = [[describe_value(cell) for cell in row] for row in rows]
@@ -84,10 +84,10 @@ class SortableCell:
     """One cell of a table that can be sorted.
 
     Args:
-        text: What it says.
-        number: By which it is sorted; None sorts by the text, or last among numbers.
+        text: Its text.
+        number: Number by which it is sorted; None sorts by the text, or last among numbers.
         link: A relative address; "" for none.
-        picture: Before the text.
+        picture: A picture before the text.
     """
 
     text: str
@@ -97,11 +97,11 @@ class SortableCell:
 
 
 def sortable_table(headings: Sequence[str], rows: Sequence[Sequence[SortableCell]]) -> Markup:
-    """Set rows whose order the reader may change; a column with any number in it is one of numbers.
+    """Set rows whose order the reader may change; a column that contains a number is sorted by numbers.
 
     Args:
-        headings: One for each column; one without a text cannot be sorted by.
-        rows: Of as many cells.
+        headings: One for each column; a column without a heading cannot be sorted by.
+        rows: Rows with as many cells.
     """
     shown = rows[:MOST_SORTABLE]
     numeric = [any(row[column].number is not None for row in shown) for column in range(len(headings))]
@@ -111,7 +111,7 @@ def sortable_table(headings: Sequence[str], rows: Sequence[Sequence[SortableCell
 
 
 def facts(rows: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> Markup:
-    """Set names against values."""
+    """Set names and their values side by side."""
     pairs = list(rows.items() if isinstance(rows, Mapping) else rows)
     shown = [(_short(name), _short(describe_value(value))) for name, value in pairs[:MOST_ROWS]]
     return piece("facts", rows=shown, left_out=len(pairs) - len(shown))
@@ -121,9 +121,9 @@ def figure(picture: bytes | Markup, alt: str, *, caption: str = "") -> Markup:
     """Set a picture with its caption.
 
     Args:
-        picture: The bytes of a PNG, JPEG or WebP file, or inline markup such as an SVG of ours.
-        alt: What is to be seen, for those who do not see it.
-        caption: Under it.
+        picture: The bytes of a PNG, JPEG or WebP file, or inline markup such as a chart's SVG.
+        alt: Description of the picture, for readers who cannot see it.
+        caption: Text under it.
 
     Raises:
         InputError: The bytes are none of these formats.
@@ -140,9 +140,9 @@ def chart(drawn: Chart, *, caption: str = "", tabled: bool = True) -> Markup:
     """Set a chart, drawn once for wide and once for narrow pages.
 
     Args:
-        drawn: It.
-        caption: Under it.
-        tabled: Whether its numbers stand below, in a fold.
+        drawn: The chart.
+        caption: Text under it.
+        tabled: Whether its numbers are listed below, in a fold.
     """
     parts = {
         "wide": chart_svg(drawn, 760, 320),
@@ -154,7 +154,7 @@ def chart(drawn: Chart, *, caption: str = "", tabled: bool = True) -> Markup:
 
 
 def spreads(rows: Sequence[Spread], title: str) -> Markup:
-    """Set means with their spreads, a row each; `title` names what they are, and its unit."""
+    """Set means with their spreads, a row each; `title` names the quantity and its unit."""
     return piece(
         "chart_frame",
         wide=spreads_svg(rows, title, 760),
@@ -170,18 +170,18 @@ def bars(parts: Sequence[Bar], *, unit: str) -> Markup:
 
 
 def sentences(texts: Iterable[str], *, empty: str) -> Markup:
-    """Set notes, one each; `empty` where there is none."""
+    """Set notes, a paragraph each; `empty` if there is none."""
     listed = [_short(text) for text in texts]
     return piece("sentences", texts=listed[:MOST_ROWS], empty=empty, left_out=max(0, len(listed) - MOST_ROWS))
 
 
 def steps(listed: Sequence[Any], *, title: str, empty: str) -> Markup:
-    """Set what to do next (`next_steps.Step`)."""
+    """Set what to do next (`next_steps.NextStep`)."""
     return piece("steps", steps=listed, title=title, empty=empty)
 
 
 def columns(*parts: Markup) -> Markup:
-    """Set pieces beside each other where there is room."""
+    """Set pieces side by side if there is room."""
     return piece("columns", parts=parts)
 
 

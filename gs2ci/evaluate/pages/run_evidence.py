@@ -1,8 +1,7 @@
-"""What a run folder holds for its page, read as untrusted input.
+"""The contents of a run folder for its page, read as untrusted input.
 
-Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot; whether a
-run is of a shot. Not here: the trade-off that may lie beside it (`gs2ci.evaluate.tradeoff.record`), the page
-(`run_page.py`).
+Here: `RunEvidence` and its reading; `write_given`, the pictures and poses of the shot that the page needs; whether a
+run is of a shot. Not here: a trade-off record beside it (`gs2ci.evaluate.tradeoff.record`), the page (`run_page.py`).
 """
 
 import math
@@ -24,7 +23,7 @@ from gs2ci.evaluate.report import MOTION_PICTURE_NAME, Report, read_report
 from gs2ci.evaluate.scales import white_level
 
 GIVEN_NAME: Final = "given.npz"
-# An archive may claim any size; ours hold a few images.
+# An archive may claim any size; those of runs contain a few images.
 LIMIT_BYTES: Final = 2**30
 MOST_PICTURE_BYTES: Final = 2**23
 
@@ -37,15 +36,15 @@ class RunEvidence:
         report: `report.json`.
         views: Recovered, [N, H, W, 3].
         decode: Decoded without a scene, the same shape.
-        scene_views: Of the Gaussians alone, the same shape.
-        depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
-        disagreement: [N, H, W], how far several fits differ, full scale 1; None where there was one.
+        scene_views: Rendered from the Gaussians alone, the same shape.
+        depth: [N, H, W], 0 at pixels without a depth; None if no depth was found.
+        disagreement: [N, H, W], difference between several fits, full scale 1; None if there was one.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
         focal_x_px: Focal length along the rows.
         focal_y_px: Focal length along the columns.
-        motion_picture: The bytes of `motion.png`; None where nothing moves.
-        measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
-        true_views: For the eye, [N, H, W, 1 or 3].
+        motion_picture: The bytes of `motion.png`; None if nothing moves.
+        measurement: For display, [H, W, 1 or 3]; None in a folder without `given.npz`, as the fields below.
+        true_views: For display, [N, H, W, 1 or 3].
         true_world_to_camera: [N, 4, 4].
         stage_world_to_camera: [N, 4, 4].
     """
@@ -67,7 +66,7 @@ class RunEvidence:
 
 
 def write_given(path: Path, shot: Shot) -> None:
-    """Write what a page shows of the shot itself: 8-bit pictures of measurement and truth, poses."""
+    """Write the parts of the shot that a page shows: 8-bit pictures of measurement and truth, poses."""
     arrays: dict[str, NDArray[Any] | None] = {
         "measurement": _shown_measurement(shot),
         "true_views": None if shot.truth.views is None else to_eight_bit(shot.truth.views),
@@ -109,7 +108,7 @@ def check_same_shot(folder: Path, shot: Shot) -> None:
     if same and evidence.measurement is not None:
         shown = _shown_measurement(shot)
         same = evidence.measurement.shape == shown.shape and bool(
-            # One level is what another version's rounding may make of the same reading.
+            # Another version may round the same reading to the next level.
             (np.abs(evidence.measurement.astype(np.int16) - shown) <= 1).all()
         )
     if not same:
@@ -151,7 +150,7 @@ def _read(folder: Path, report: Report) -> RunEvidence:
 
 
 def _picture(path: Path) -> bytes | None:
-    """Read a PNG; None where the folder holds no such file, or what lies there is none."""
+    """Read a PNG; None if the folder has no such file, or the file is no PNG."""
     if not path.is_file() or path.stat().st_size > MOST_PICTURE_BYTES:
         return None
     content = path.read_bytes()
@@ -159,7 +158,7 @@ def _picture(path: Path) -> bytes | None:
 
 
 def _map(path: Path, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """Read a number for each pixel of each view, [N, H, W]; None where the folder holds no such file."""
+    """Read a number for each pixel of each view, [N, H, W]; None if the folder has no such file."""
     return _array_of_shape(path, shape[:3]) if path.is_file() else None
 
 
@@ -182,7 +181,7 @@ def _given(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _array(path: Path, axes: int) -> NDArray[Any]:
-    """Map an array; a header that claims more than the file holds is refused before any room is made."""
+    """Map an array; a header that claims more data than the file has is refused before memory is allocated."""
     array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.dtype.kind != "f" or array.ndim != axes or math.prod(array.shape) * array.itemsize > LIMIT_BYTES * 4:
         raise _contradiction(path, array.shape, f"{axes} axes of floating-point numbers")

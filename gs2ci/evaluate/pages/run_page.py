@@ -1,6 +1,6 @@
-"""The page of a run, `run/report.html`: verdict first, then the pictures, then how it came about.
+"""The page of a run, `run/report.html`: verdict first, then the pictures, then the details of the run.
 
-Here: what its sections are and what they say. Not here: what they are made of (`pieces.py`), what to try next
+Here: its sections and their contents. Not here: the parts of sections (`pieces.py`), what to try next
 (`next_steps.py`), reading the folder (`run_evidence.py`).
 """
 
@@ -50,7 +50,7 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
         destination: The page's file; `report.html` in the folder if None.
 
     Raises:
-        StorageError: The folder is no whole run of this version, its record of a trade-off is damaged, or the disk
+        StorageError: The folder is no complete run of this version, its record of a trade-off is damaged, or the disk
             refuses.
         InputError: Its scene.ply is damaged.
     """
@@ -64,9 +64,9 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
     """Build the page of a run.
 
     Args:
-        evidence: What its folder holds.
-        tradeoff: What accuracy costs for its shot, where `gs2ci tradeoff --report` has left that.
-        scene: Its Gaussians, to be turned on the page; None leaves that out.
+        evidence: The contents of its folder.
+        tradeoff: Accuracy against time for its shot, if `gs2ci tradeoff --report` has added it.
+        scene: Its Gaussians, for the interactive view on the page; None leaves that out.
     """
     report = evidence.report
     pictures = collect_pictures(evidence)
@@ -112,7 +112,7 @@ def _masthead(report: Report) -> Markup:
 
 
 def _how_good(report: Report) -> list[str]:
-    """Say in sentences how good, how long."""
+    """Return sentences on the quality and its evidence."""
     said = []
     if report.psnr_db is not None and report.decode.psnr_db is not None:
         mean, decode = report.psnr_db.mean, report.decode.psnr_db.mean
@@ -130,7 +130,7 @@ def _how_good(report: Report) -> list[str]:
 
 
 def _where_from(report: Report) -> str:
-    """Say whose views are shown, and how far several fits agree on them."""
+    """Return from which stage the views are, and how far several fits agree on them."""
     if report.verdict == "scene":
         return "The views are the scene's own."
     if report.verdict == "decode":
@@ -145,7 +145,7 @@ def _where_from(report: Report) -> str:
 
 
 def _figures(report: Report) -> list[FigureOfMerit]:
-    """Choose the figures that matter."""
+    """Choose the most important figures."""
     found = []
     if report.psnr_db is not None:
         each = report.psnr_db.per_view
@@ -212,7 +212,7 @@ def _per_view(report: Report) -> Markup:
         return Markup()
     views = list(range(1, report.views + 1))
     lines = [Line("recovered", views, report.psnr_db.per_view, "accent")]
-    # Whichever of the two was taken as the result is there already.
+    # If one of these two is the result, it is already drawn.
     others: tuple[tuple[str, Scores, str, Colour], ...] = (
         ("scene", report.scene, "scene alone", "third"),
         ("decode", report.decode, "decode", "muted"),
@@ -381,7 +381,7 @@ def _simulation_lead(plan: Simulation) -> str:
 
 
 def _measurement(report: Report) -> Markup:
-    """Say what was measured and what was known of the bench: what the file states, nothing else."""
+    """Return what was measured and what was known about the bench, only as stated in the file."""
     height, width = report.size
     colours = f"{report.cfa} mosaic" if report.cfa else "RGB" if report.channels == 3 else "mono"
     sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}

@@ -1,4 +1,4 @@
-"""Which pictures of a run its page shows, and how they are coloured, all within one budget of bytes.
+"""Which pictures of a run its page shows, and their colours, all within one budget of bytes.
 
 Not here: encoding (`pictures.py`), the page (`run_page.py`).
 """
@@ -23,14 +23,14 @@ from gs2ci.evaluate.pages.run_evidence import RunEvidence
 from gs2ci.evaluate.scales import error_ceiling, inverse_depth_limits
 from gs2ci.evaluate.wording import describe_number, told_apart
 
-# More views than this make all of them small; those shown lie evenly over the exposure.
+# With more views than this, all of them would be small; the views shown are equally spaced over the exposure.
 MOST_VIEWS: Final = 16
 TICKS: Final = 5
 
 
 @dataclass(frozen=True)
 class ComparisonLayer:
-    """What the recovered views can be compared with; no pictures: the measurement, which is one for all views."""
+    """Pictures to compare the recovered views with; it has none for the measurement, which all views share."""
 
     name: str
     label: str
@@ -54,16 +54,16 @@ class RunPictures:
     """All pictures of a page.
 
     Args:
-        indices: Of the views shown.
+        indices: Indices of the views shown.
         count: How many views there are.
         start: Which of the views shown is shown first.
-        pixelated: Whether they are so small that the eye should see their pixels.
+        pixelated: Whether they are so small that they are shown pixel by pixel.
         recovered: The recovered views.
         layers: What they can be compared with, at least one.
-        measurement: Or None where the folder does not hold it.
-        depth: Or None where none was found.
-        error: Or None where the truth is not known.
-        disagreement: Or None where there was one fit.
+        measurement: The measurement, or None if the folder does not have it.
+        depth: Depth, or None if none was found.
+        error: Error, or None if the truth is not known.
+        disagreement: Difference between fits, or None if there was one fit.
     """
 
     indices: Sequence[int]
@@ -79,7 +79,7 @@ class RunPictures:
 
     @property
     def all_shown(self) -> bool:
-        """Tell whether every view is shown."""
+        """Return whether every view is shown."""
         return len(self.indices) == self.count
 
 
@@ -141,7 +141,7 @@ def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonL
         ComparisonLayer("truth", "Truth", "the true view", encoded.get("truth", ())),
     ]
     found = [layer for layer in wanted if layer.name in encoded]
-    # Where the decode is the result, there is nothing to compare it with itself for, unless it is all there is.
+    # If the decode is the result, comparing it with itself is useless, unless there is nothing else.
     rest = [layer for layer in found if layer.name != "decode"]
     return rest if verdict == "decode" and rest else found
 
@@ -174,7 +174,7 @@ def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U
 
 
 def _from_zero(values: F64, name: str) -> tuple[list[U8], list[str]]:
-    """Colour what is better the smaller it is; one scale for all views, which begins at zero."""
+    """Colour a quantity of which smaller is better; one scale for all views, which begins at zero."""
     ceiling = error_ceiling(values)
     ticks = told_apart(np.linspace(0, ceiling, TICKS).tolist(), describe_number)
     return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks

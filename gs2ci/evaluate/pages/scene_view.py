@@ -23,7 +23,7 @@ from gs2ci.render.harmonics import colours_from
 # 29 characters of the page each: about half a megabyte.
 MOST_SHOWN: Final = 16_000
 COVARIANCE_SCALE: Final = 1e4
-# Half-precision numbers end here; what lies farther away is a speck anyway.
+# Positions beyond this lose precision as half-precision numbers; objects so far away are tiny anyway.
 _FARTHEST: Final = 60.0
 _LARGEST: Final = 60_000.0
 LEAST_OPACITY: Final = 0.01
@@ -35,8 +35,8 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
     """Build the box of a scene; empty where no Gaussian can be seen.
 
     Args:
-        scene: The Gaussians; of moving ones the middle of the exposure is shown, and of colours that change with the
-            direction of sight those that the middle camera sees.
+        scene: The Gaussians; moving ones are shown at the middle of the exposure, colours that depend on the viewing
+            direction as the middle camera sees them.
         world_to_camera: [N, 4, 4].
         focal_px: Along the rows and along the columns.
         size: Height and width of the views, px.
@@ -53,7 +53,7 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
     places = (places - (0, 0, away)) / away
     covariances = COVARIANCE_SCALE * (axes @ axes.transpose(0, 2, 1)) / away**2
     seen &= np.abs(places).max(axis=1) < _FARTHEST
-    # What covers the most of the picture comes first; the others are too small to be missed.
+    # Gaussians that cover the largest areas come first; those left out are too small to be noticed.
     weight = opacity * np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 1:].prod(axis=1), 0))
     chosen = np.flatnonzero(seen)
     chosen = np.sort(chosen[np.argsort(-weight[chosen], kind="stable")[:MOST_SHOWN]])

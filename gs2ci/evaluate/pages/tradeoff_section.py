@@ -1,7 +1,7 @@
-"""What accuracy costs, as a section of a run's page: in words, as a chart with the front marked, as a table.
+"""Accuracy against time as a section of a run's page: in words, as a chart with the Pareto front, as a table.
 
-Here: the section's layout. Not here: the record and its reading (`gs2ci.evaluate.tradeoff.record`), what is said and
-tried (the rest of `gs2ci.evaluate.tradeoff`).
+Here: the section's layout. Not here: the record and its reading (`gs2ci.evaluate.tradeoff.record`), the sentences and
+the trials (the rest of `gs2ci.evaluate.tradeoff`).
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _LADDER: Final = "preset"
 
 @dataclass(frozen=True)
 class _Point:
-    """A trial in the chart: its number in the table, and how good it is."""
+    """A trial in the chart: its number in the table, and its quality."""
 
     number: int
     trial: Tried
@@ -64,7 +64,7 @@ def _chart(record: TradeoffRecord) -> Markup:
 
 
 def _cloud(label: str, points: Sequence[_Point], colour: Colour) -> Line:
-    """Return trials as dots; numbers stand only beside those of the front, where they have room."""
+    """Return trials as dots; only those of the front have numbers beside them, so that these have room."""
     return Line(
         label,
         [point.trial.seconds for point in points],
@@ -77,7 +77,7 @@ def _cloud(label: str, points: Sequence[_Point], colour: Colour) -> Line:
 
 
 def _stairs(front: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
-    """Return the corners of a staircase: what an amount of time buys stays the same until the next of the front."""
+    """Return the corners of a staircase: the quality stays constant up to the next trial of the front."""
     corners = [*front[:1]]
     for (_, before), (seconds, after) in pairwise(front):
         corners += [(seconds, before), (seconds, after)]

@@ -1,18 +1,18 @@
-"""What a reconstruction will cost in seconds on this machine: measured on a piece of the shot itself, then scaled.
+"""Predicting the seconds of a reconstruction on this machine: measured on a crop of the shot, then scaled.
 
-Here: the probe and the model. Not here: what is tried (`trials`).
+Here: the probe and the model. Not here: the trials (`trials`).
 
-Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes of what it scales
-with, so that both what is fixed and what grows are known:
+Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes, so that the fixed and
+the growing part of its time are known:
 
     decode    steps × view-pixels
-    geometry  sources asked × view-pixels × (fixed + planes of the sweep)
+    geometry  sources tried × view-pixels × (fixed + planes of the sweep)
     fit       iterations × (view-pixels + views × Gaussians)
-    a look    view-pixels
+    a look    view-pixels (an evaluation on the held-out pixels)
 
 Fits side by side share the threads that one fit was measured with, as far as an iteration uses more than one.
-Windows, and what the rasteriser may leave out (`RasterSettings`), are not in the model: settings that differ in these
-alone are predicted alike. Reusing lists of Gaussians makes an iteration up to a fifth cheaper than predicted.
+Windows, and what the rasteriser may leave out (`RasterSettings`), are not in the model: settings that differ only in
+these have the same prediction. Reusing lists of Gaussians makes an iteration up to a fifth cheaper than predicted.
 """
 
 import math
@@ -67,22 +67,22 @@ _PATCH_ITERATION: Final = 260.0
 _FINE_ITERATION: Final = 2.0
 # A population grows by about a fifth at each turn of the density rule, until it reaches its cap.
 _GROWTH_PER_TURN: Final = 1.18
-# First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
+# Initial Gaussians for each pixel of the stride's grid: the grid, and the borders that only other views see.
 _RIMS: Final = 1.1
-# Where nothing bounds a population: what `paper` came to on a simulated scene, rounded up, 9,898 Gaussians for 3,072
-# pixels (`python -m tests.benchmarks population`).
+# Without a cap on the population: the number that `paper` reached on a simulated scene, rounded up, 9,898 Gaussians for
+# 3,072 pixels (`python -m tests.benchmarks population`).
 _UNBOUNDED_PER_PIXEL: Final = 4.0
 
 
 @dataclass(frozen=True)
 class Seconds:
-    """What the parts of a reconstruction are expected to take, in seconds.
+    """The expected seconds of the parts of a reconstruction.
 
     Args:
         decode: The decode.
         geometry: Tracks, motion and depth.
-        fit: The iterations and the looks at held-out pixels, if the fit runs to its end, and the fine stage.
-        finish: What follows the last look, without the report.
+        fit: The iterations and the evaluations on held-out pixels, if the fit runs to its end, and the fine stage.
+        finish: The steps after the last evaluation, without the report.
     """
 
     decode: float
@@ -101,17 +101,17 @@ class CostModel:
     """Measured unit costs, in seconds, for one shot on this machine.
 
     Args:
-        pixels: Of one view of the shot.
+        pixels: Pixels of one view of the shot.
         views: N.
         decode_step: One GAP step on all views.
-        geometry: Of the whole shot without planes.
+        geometry: Geometry of the whole shot without planes.
         plane: One plane of the sweep on the whole shot.
-        iteration: One of the fit without Gaussians.
-        gaussian: What each Gaussian adds to that.
-        look: One look at the held-out pixels.
-        threads: With how many an iteration was measured.
-        sources: How many sources of geometry a choice by evidence asks: two where a stage reported poses. A model that
-            the user added is not priced.
+        iteration: One iteration of the fit without Gaussians.
+        gaussian: Addition to that for each Gaussian.
+        look: One evaluation on the held-out pixels.
+        threads: Number of threads with which an iteration was measured.
+        sources: How many sources of geometry are tried for a choice by evidence: two if a stage reported poses. A model
+            that the user added is not included.
     """
 
     pixels: int
@@ -126,7 +126,7 @@ class CostModel:
     sources: int = 1
 
     def predict(self, settings: Settings) -> Seconds:
-        """Predict what a reconstruction of the shot takes."""
+        """Predict the time of a reconstruction of the shot."""
         fit = settings.fit
         shares = (np.arange(32) + 0.5) / 32
         each = float(np.mean([self.iteration_s(settings, float(share)) for share in shares]))
@@ -168,7 +168,7 @@ class CostModel:
         last = max(first, bound)
         growing = max(0.0, min(share, fit.densify_until) - fit.densify_from)
         turns = growing * fit.iterations / fit.densify_every
-        # Beyond some thousand turns every population has met its cap, and powers overflow.
+        # After some thousand turns every population has reached its cap, and powers would overflow.
         return float(min(last, first * _GROWTH_PER_TURN ** min(turns, 1000.0)))
 
 
@@ -282,7 +282,7 @@ def _moving_texture(shape: tuple[int, int, int, int]) -> F32:
 
 
 def _crop(shot: Shot, view_pixels: int) -> Shot:
-    """Cut the middle out of a shot, without what the stages would go by instead of looking."""
+    """Cut the middle out of a shot, without the poses, intrinsics and truth that would spare the stages their work."""
     cropped = replace(
         middle_of(shot, view_pixels, _LEAST_SIDE),
         intrinsics=None,
@@ -303,6 +303,6 @@ def _timed(work: Callable[[], object]) -> float:
 
 
 def _slope(seconds: list[float], sizes: tuple[int, int]) -> float:
-    """Return seconds per unit of size, a hundredth of the larger's mean at least: noise may turn the slope round."""
+    """Return seconds per unit of size, at least a hundredth of the larger's mean: noise may make the slope negative."""
     rise = (seconds[1] - seconds[0]) / (sizes[1] - sizes[0])
     return max(rise, 0.01 * seconds[1] / sizes[1])

@@ -1,6 +1,6 @@
-"""Which trials no other beats, and what the next decibel costs, in words.
+"""The Pareto front of the trials, and what the next decibel costs, in words.
 
-Here: the Pareto front, its prices, how well held-out pixels tell the true order, and the sentences that say all this.
+Here: the front, its prices, how well held-out pixels predict the true order, and the sentences about all this.
 Not here: the trials (`trials.py`), files (`pages.py`).
 """
 
@@ -15,18 +15,18 @@ from gs2ci.core.durations import spoken_duration
 from gs2ci.evaluate.tradeoff.record import Measure
 from gs2ci.evaluate.tradeoff.trials import BASELINE, Row
 
-# Less than the spread over seeds: not worth a sentence of its own.
+# Smaller than the spread over seeds: not mentioned.
 NEGLIGIBLE_DB: Final = 0.05
 _LEAST_TO_ORDER: Final = 3
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well held-out pixels tell the true order of trials.
+    """How well held-out pixels predict the true order of trials.
 
     Args:
-        tau: Kendall's rank correlation of both, −1 to 1; None where all are alike.
-        regret_db: What is lost by taking the trial that the held-out pixels prefer instead of the truly best.
+        tau: Kendall's rank correlation of both, −1 to 1; None if all are equal.
+        regret_db: The loss if the trial that the held-out pixels prefer is taken instead of the truly best.
         trials: How many were compared.
     """
 
@@ -36,7 +36,7 @@ class Agreement:
 
 
 def measure_of(rows: Sequence[Row]) -> Measure | None:
-    """Choose what quality is measured by: the truth where it is known, else held-out pixels; None without either."""
+    """Choose the measure of quality: the truth if it is known, otherwise held-out pixels; None without either."""
     measures: tuple[Measure, ...] = ("psnr_db", "heldout_db")
     for measure in measures:
         if any(row.get(measure) is not None for row in rows):
@@ -45,7 +45,7 @@ def measure_of(rows: Sequence[Row]) -> Measure | None:
 
 
 def pareto(rows: Sequence[Row], measure: Measure) -> list[Row]:
-    """Return the rows that no other beats in both time and quality, from the quickest."""
+    """Return the Pareto front: the rows that no other beats in both time and quality, from the quickest."""
     front: list[Row] = []
     known = [row for row in rows if row.get(measure) is not None]
     for row in sorted(known, key=lambda row: (row["seconds"], -row[measure])):
@@ -55,7 +55,7 @@ def pareto(rows: Sequence[Row], measure: Measure) -> list[Row]:
 
 
 def agreement(rows: Sequence[Row]) -> Agreement | None:
-    """Compare the order by held-out pixels with the true one; None with fewer than three trials that know both."""
+    """Compare the order by held-out pixels with the true one; None with fewer than three trials that have both."""
     both = [row for row in rows if row.get("psnr_db") is not None and row.get("heldout_db") is not None]
     if len(both) < _LEAST_TO_ORDER:
         return None
@@ -66,7 +66,7 @@ def agreement(rows: Sequence[Row]) -> Agreement | None:
 
 
 def sentences(rows: Sequence[Row]) -> list[str]:
-    """Say what quality costs and what the next decibel would, from the rows of all trials."""
+    """Return sentences on what quality costs and what the next decibel would cost, from the rows of all trials."""
     measure = measure_of(rows)
     if measure is None:
         return ["Neither a truth nor a held-out pixel tells how good anything is; only the seconds can be compared."]
@@ -89,7 +89,7 @@ def _step(before: Row, after: Row, measure: Measure) -> str:
 
 
 def _next_decibel(rows: Sequence[Row], front: Sequence[Row], measure: Measure) -> str:
-    """Say what more than the standard costs; where it was not tried, more than the best."""
+    """Return a sentence on what more than the standard costs; if that was not tried, more than the best."""
     base = next((row for row in rows if row["trial"] == BASELINE and row.get(measure) is not None), front[-1])
     better = [row for row in front if row[measure] - base[measure] >= NEGLIGIBLE_DB]
     if not better:
@@ -114,7 +114,7 @@ def _next_decibel(rows: Sequence[Row], front: Sequence[Row], measure: Measure) -
 
 
 def _trust(rows: Sequence[Row], measure: Measure) -> list[str]:
-    """Say how well decibels of held-out pixels agree with those of the truth."""
+    """Return a sentence on how well decibels of held-out pixels agree with those of the truth."""
     if measure == "heldout_db":
         return [
             "The truth is not known: decibels are those by which pixels of the measurement are predicted that no trial "

@@ -1,6 +1,6 @@
-"""The trials of a shot as CSV, as a picture, as a section in markdown, and as the record of which a page is made.
+"""The trials of a shot as CSV, as a picture, as a section in markdown, and as the record for a run's page.
 
-Here: the layout. Not here: what is said (`front.py`), what was tried (`trials.py`), the section of a run's page
+Here: the layout. Not here: the sentences (`front.py`), the trials (`trials.py`), the section of a run's page
 (`gs2ci.evaluate.pages.tradeoff_section`).
 """
 
@@ -25,22 +25,22 @@ COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
     "stopped", "error",
 )  # fmt: skip
-# Told apart by those who see no red and green, too (Okabe and Ito 2008); the ladder is black.
+# Distinguishable also with red-green blindness (Okabe and Ito 2008); the ladder is black.
 _COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
-# One for each time that the colours have been through.
+# The next marker is used each time that all colours have been used.
 _MARKERS: Final = ("D", "s", "^")
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """What was found for one shot.
+    """The results for one shot.
 
     Args:
-        name: Of the shot.
-        rows: Of the trials, in their order; one that failed holds `error`.
+        name: Name of the shot.
+        rows: Rows of the trials, in their order; one that failed holds `error`.
         left_out: Trials that would have taken too long, with their predicted seconds.
-        command: That makes this again.
+        command: The command that repeats this.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Tradeoff:
 
 
 def write_pages(folder: Path, found: Tradeoff) -> list[Path]:
-    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`, each whole or not at all; return their paths.
+    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`, each completely or not at all; return their paths.
 
     Raises:
         StorageError: The disk refuses.
@@ -76,7 +76,7 @@ def as_csv(rows: Sequence[Row]) -> str:
 
 
 def record_of(found: Tradeoff) -> TradeoffRecord:
-    """Return what a page needs of it, in plain values, with the machine on which the trials ran."""
+    """Return the values that a page needs, in plain form, with the machine on which the trials ran."""
     measure = measure_of(found.good)
     front = [] if measure is None else [row["trial"] for row in pareto(found.good, measure)]
     return TradeoffRecord(
@@ -96,7 +96,7 @@ def _tried(row: Row, *, unbeaten: bool) -> Tried:
 
 
 def markdown(found: Tradeoff) -> str:
-    """Write the section: what it costs in words, then the table, the front in bold."""
+    """Return the section: the costs in words, then the table with the front in bold."""
     record = record_of(found)
     made = f"{record.machine['processor']}, {record.machine['usable_cores']} cores, gs2ci {record.versions['gs2ci']}"
     parts = [f"## What accuracy costs: {record.name}", "", *record.sentences, "", f"`{record.command}`; {made}.", ""]
@@ -108,7 +108,7 @@ def markdown(found: Tradeoff) -> str:
 
 
 def spoken(found: Tradeoff) -> list[str]:
-    """Say what was found, what failed and what was left out, a sentence each."""
+    """Return sentences on what was found, what failed and what was left out."""
     said = sentences(found.good) if found.good else []
     said += [f"{row['trial']} failed: {row['error']}" for row in found.rows if "error" in row]
     said += [f"{name} was left out: it would take about {spoken_duration(s)}." for name, s in found.left_out.items()]

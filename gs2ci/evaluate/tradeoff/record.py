@@ -1,9 +1,9 @@
-"""What a trade-off leaves for the page of a run: `tradeoff.json`, schema `gs2ci.tradeoff/1`.
+"""The record of a trade-off for the page of a run: `tradeoff.json`, schema `gs2ci.tradeoff/1`.
 
 Here: the record, its writing, and its reading as untrusted input. Not here: making it of trials (`pages.py`), its
 section (`gs2ci.evaluate.pages.tradeoff_section`).
 
-What was said is kept in words, so that a page made years later needs neither the solver nor the version that tried.
+The sentences are stored as text, so that a page made years later needs neither the solver nor the trials' version.
 """
 
 from collections.abc import Mapping
@@ -22,16 +22,16 @@ SCHEMA: Final = "gs2ci.tradeoff/1"
 RECORD_NAME: Final = "tradeoff.json"
 TITLES: Final[dict[Measure, str]] = {"psnr_db": "PSNR, dB", "heldout_db": "held-out pixels, dB"}
 HEADINGS: Final = ("", "s", "PSNR, dB", "SSIM", "nATE", "held-out, dB", "iterations", "Gaussians")
-# A record of ours takes some ten thousand bytes.
+# A record takes some ten thousand bytes.
 LIMIT_BYTES: Final = 2**20
-# No figure of a trial comes near; axes that reach further would leave the floating-point numbers.
+# Far beyond any figure of a trial; axes with larger values could overflow.
 LARGEST: Final = 1e12
 LEAST_S: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Tried:
-    """One trial and its figures; None where nothing tells.
+    """One trial and its figures; None if they are not known.
 
     Args:
         trial: Its name.
@@ -41,8 +41,8 @@ class Tried:
         ssim: Against the truth.
         nate: Error of the camera path.
         heldout_db: By pixels of the measurement that no trial saw.
-        iterations: Of the fit.
-        gaussians: At its end.
+        iterations: Iterations of the fit.
+        gaussians: Number of Gaussians at its end.
         unbeaten: Whether no other is both quicker and better.
     """
 
@@ -67,16 +67,16 @@ class Tried:
 
 @dataclass(frozen=True)
 class TradeoffRecord:
-    """What accuracy costs, for one shot on one machine.
+    """Accuracy against time, for one shot on one machine.
 
     Args:
-        name: Of the shot.
-        measure: By which trials are compared; None where nothing tells how good they are.
-        sentences: What was found, in words.
+        name: Name of the shot.
+        measure: The measure by which trials are compared; None if their quality is not known.
+        sentences: The results in words.
         trials: Those that succeeded, in their order.
-        command: That makes this again.
-        machine: Where the seconds passed.
-        versions: Of the programs.
+        command: The command that repeats this.
+        machine: The machine on which the trials ran.
+        versions: Versions of the programs.
     """
 
     name: str
@@ -89,7 +89,7 @@ class TradeoffRecord:
 
 
 def write_record(folder: Path, record: TradeoffRecord) -> Path:
-    """Write the record into a folder, whole or not at all; return its path.
+    """Write the record into a folder, completely or not at all; return its path.
 
     Raises:
         StorageError: The disk refuses.
@@ -99,10 +99,10 @@ def write_record(folder: Path, record: TradeoffRecord) -> Path:
 
 
 def read_record(folder: Path) -> TradeoffRecord | None:
-    """Read the record of a folder, or None where it holds none.
+    """Read the record of a folder, or None if it has none.
 
     Raises:
-        StorageError: It is cut short, too large, of another schema, or its values are none of ours.
+        StorageError: It is truncated, too large, of another schema, or its values are invalid.
     """
     path = Path(folder) / RECORD_NAME
     if not path.exists():

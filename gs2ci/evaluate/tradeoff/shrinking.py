@@ -18,7 +18,7 @@ def shrunk(shot: Shot, factor: int) -> Shot:
     """Average a shot over blocks of `factor` × `factor` samples of one colour.
 
     A mosaic keeps its pattern: each of its four phases is averaged by itself. Rows and columns beyond the last whole
-    block are left out. Saturated samples make their block saturated. The truth stays behind.
+    block are left out. Saturated samples make their block saturated. The truth is not included.
 
     Raises:
         InputError: The factor is below 1, or no whole block fits.
@@ -45,7 +45,7 @@ def shrunk(shot: Shot, factor: int) -> Shot:
 
 
 def enlarged(views: F32, factor: int, size: tuple[int, int]) -> F32:
-    """Bring views [N, h, w, C] of a shrunk shot to [N, H, W, C], by cubic interpolation; borders repeat the last row.
+    """Enlarge views [N, h, w, C] of a shrunk shot to [N, H, W, C], by cubic interpolation; borders repeat the last row.
 
     Args:
         views: Of `shrunk(shot, factor)`.

@@ -1,11 +1,11 @@
-"""What is tried on a shot, and trying it: the ladder of presets, and the standard with one setting changed at a time.
+"""The trials on a shot: the ladder of presets, and the standard with one setting changed at a time.
 
-Here: `TRIALS`, their prices before they are paid, and the row of figures that one leaves. Not here: what the rows say
-together (`front.py`). Rows hold plain values, so that they can be kept and travel between processes.
+Here: `TRIALS`, their predicted times, and the row of figures of each trial. Not here: the comparison of rows
+(`front.py`). Rows hold plain values, so that they can be stored and sent between processes.
 
-Every trial is judged by the same pixels of the measurement, which it did not see: two hundredths, drawn before the
-trial begins and besides those that the reconstruction holds out for itself. So trials with and without a truth, with
-and without held-out pixels of their own, compare.
+Every trial is judged by the same pixels of the measurement, which it did not see: two percent, drawn before the trial
+begins and in addition to those that the reconstruction holds out for itself. So trials can be compared with and without
+a truth, and with and without held-out pixels of their own.
 """
 
 import math
@@ -36,7 +36,7 @@ Row = dict[str, Any]
 
 BASELINE: Final = "standard"
 JUDGED_SHARE: Final = 0.02
-# Keeps the judges apart from the pixels that a run of the same seed holds out itself.
+# Makes the judging pixels differ from those that a run of the same seed holds out itself.
 _JUDGES: Final = 0x7D0FF
 _RMS_FLOOR: Final = 1e-5  # of full scale: 100 dB, as for images
 
@@ -46,10 +46,10 @@ class TradeoffTrial:
     """One way to treat a shot.
 
     Args:
-        name: In tables.
+        name: Name in tables.
         knob: Which setting differs from the standard; "preset" for the ladder.
-        settings: Of every stage.
-        fits: Whether a scene is fitted; otherwise the decode is all.
+        settings: Settings of every stage.
+        fits: Whether a scene is fitted; otherwise the shot is only decoded.
         shrink: The resolution is divided by this.
     """
 
@@ -148,9 +148,9 @@ def chosen_trials(knobs: tuple[str, ...]) -> list[TradeoffTrial]:
 
 
 def predicted_seconds(trial: TradeoffTrial, model: CostModel) -> float:
-    """Predict what a trial takes by the unit costs of its shot; held-out pixels may end it earlier.
+    """Predict the time of a trial by the unit costs of its shot; held-out pixels may end it earlier.
 
-    Unit costs are those of the standard's windows and rasteriser: trials that change these are priced like it.
+    Unit costs are those of the standard's windows and rasteriser: trials that change these get the same prediction.
     """
     cost = model.predict(trial.settings)
     # A smaller image has fewer pixels and fewer Gaussians.
@@ -158,7 +158,7 @@ def predicted_seconds(trial: TradeoffTrial, model: CostModel) -> float:
 
 
 def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
-    """Try one way on a shot of a file; the arguments are plain values, so that the call can be kept and sent.
+    """Run one trial on a shot of a file; the arguments are plain values, so that the call can be stored and sent.
 
     Raises:
         Gs2ciError: The file cannot be read, there is no such trial, or the shot cannot be treated that way.
@@ -169,11 +169,11 @@ def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
 
 
 def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
-    """Try one way on a shot; return what it took and how good it was, None where nothing tells.
+    """Run one trial on a shot; return its time and quality, with None for figures that are not known.
 
-    `seconds` is all from the measurement to the views at full size. `heldout_db` is −20 lg of the root-mean-square
-    error of the predicted measurement on pixels that the trial did not see, in full scales of one view: it cannot rise
-    above the measurement's own noise.
+    `seconds` is the time from the measurement to the views at full size. `heldout_db` is −20 lg of the rms error of the
+    predicted measurement on pixels that the trial did not see, in full scales of one view: the measurement's own noise
+    limits it.
     """
     jury = Jury.of(shot, JUDGED_SHARE, seed ^ _JUDGES)
     began_s = clock()
@@ -192,7 +192,7 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
 
 
 def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> tuple[F32, Row]:
-    """Return the views, [N, H, W, C], and what else is worth knowing."""
+    """Return the views, [N, H, W, C], and further figures."""
     settings = replace(trial.settings, seed=seed)
     small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
     details: Row
