@@ -87,8 +87,8 @@ def fit_failed(report: Report) -> NextStep | None:
     if diverged is None:
         return None
     return NextStep(
-        "Look for pixels that are broken rather than bright",
-        f"{diverged.sentence} A few wild samples or masks do that.",
+        "Look for pixels that are defective rather than bright",
+        f"{diverged.sentence} A few extreme samples or mask values can cause that.",
         "gs2ci import MEASUREMENT --bad-pixels median -o SHOT.h5",
     )
 
@@ -101,7 +101,7 @@ def stage_knows_the_path(report: Report) -> NextStep | None:
         return None
     return NextStep(
         "Start from the stage's poses",
-        "The tracked points do not give a camera path, and this shot holds the one that the stage reported.",
+        "The tracked points do not give a camera path, but this shot contains the poses that the stage reported.",
         "gs2ci reconstruct SHOT.h5 -o RUN --geometry auto",
     )
 
@@ -113,7 +113,7 @@ def camera_did_not_translate(report: Report) -> NextStep | None:
     shift = _px(report.geometry.parallax_px)
     return NextStep(
         "Move the camera sideways while the masks change",
-        f"Near and far shifted against each other by {shift}; depth is read from that shift.",
+        f"The parallax between near and far was only {shift}; depth is estimated from it.",
     )
 
 
@@ -122,8 +122,8 @@ def too_little_to_track(report: Report) -> NextStep | None:
     if report.geometry is None or report.geometry.verdict != "unsupported":
         return None
     return NextStep(
-        "See whether the decoded views hold anything to follow",
-        f"{describe_number(report.geometry.tracks)} points could be followed, too few or too scattered for a path. "
+        "Check whether the decoded views show points that can be tracked",
+        f"{describe_number(report.geometry.tracks)} points could be tracked, too few or too scattered for a path. "
         "More light, fewer masks in one exposure or a scene with more texture help.",
         "gs2ci decode SHOT.h5 -o DECODED",
     )
@@ -136,9 +136,9 @@ def scene_lost(report: Report) -> NextStep | None:
     heldout = report.residual.heldout_rms
     figures = f"{describe_number(heldout.decode, 3)} against {describe_number(heldout.scene, 3)}"
     return NextStep(
-        "Check that nothing but the camera moved",
-        f"The decode predicts the held-out pixels better than the scene does ({figures}); one rigid scene cannot "
-        "follow what moves in it.",
+        "Check that only the camera moved",
+        f"The decode predicts the held-out pixels better than the scene does ({figures}); a static scene cannot "
+        "represent objects that move.",
     )
 
 
@@ -154,8 +154,8 @@ def still_improving(report: Report) -> NextStep | None:
         return None
     done = report.curve[-1].iteration
     return NextStep(
-        "Let it run longer",
-        f"The held-out pixels were still improving when all {describe_number(done)} iterations were done.",
+        "Use more iterations",
+        f"The residual on held-out pixels was still decreasing after all {describe_number(done)} iterations.",
         f"gs2ci reconstruct SHOT.h5 -o RUN --iterations {2 * done}",
     )
 
@@ -165,7 +165,7 @@ def nobody_judged(report: Report) -> NextStep | None:
     if not report.found(Code.UNJUDGED):
         return None
     return NextStep(
-        "Take views and scene with a grain of salt",
+        "Do not rely on views and scene without a check of your own",
         "No pixel could be held out to judge them: too few are lit and unsaturated.",
     )
 
@@ -178,7 +178,7 @@ def focal_was_assumed(report: Report) -> NextStep | None:
     how = "assumed" if geometry.focal_source == "default" else "estimated from the tracks"
     return NextStep(
         "Give the focal length, if you know it",
-        f"It was {how}: {_px(geometry.focal_px)}. Depths are true up to a stretch until it is known.",
+        f"It was {how}: {_px(geometry.focal_px)}. A wrong focal length stretches all depths.",
         "gs2ci reconstruct SHOT.h5 -o RUN --focal-px FOCAL",
     )
 
@@ -190,7 +190,7 @@ def too_bright(report: Report) -> NextStep | None:
         return None
     return NextStep(
         "Use less light, or a shorter exposure",
-        f"{share:.1%} of the pixels are saturated and say only «at least».",
+        f"{share:.1%} of the pixels are saturated: their readings are only lower bounds.",
     )
 
 
@@ -201,7 +201,7 @@ def closed_pixels(report: Report) -> NextStep | None:
         return None
     return NextStep(
         "Draw masks that open every pixel at least once",
-        f"{share:.0%} of the pixels were never open; there the views follow from their surroundings.",
+        f"{share:.0%} of the pixels were never open; there the views are interpolated from their surroundings.",
     )
 
 
@@ -211,8 +211,8 @@ def loose_tracks(report: Report) -> NextStep | None:
     if error <= REPROJECTION_PX:
         return None
     return NextStep(
-        "Doubt the camera matrix, or the stillness of the scene",
-        f"The camera path explains the tracked points to {_px(error)} only; about one is usual.",
+        "Check the camera matrix, and whether something in the scene moved",
+        f"The reprojection error of the tracked points is {_px(error)}; about one pixel is usual.",
     )
 
 
@@ -221,9 +221,8 @@ def uncertain_path(report: Report) -> NextStep | None:
     if report.found(Code.UNIFORM_MOTION):
         return NextStep(
             "Do not rely on the camera path",
-            "Too few points could be followed to find it, so that it began as the uniform motion by which the "
-            "measurement is explained best. More light, fewer masks in one exposure, or a stage that reports its poses "
-            "helps.",
+            "Too few points could be tracked to find it, so the fit started from the uniform motion that explains the "
+            "measurement best. More light, fewer masks in one exposure, or a stage that reports its poses helps.",
         )
     geometry = report.geometry
     if not report.found(Code.PATH_UNCERTAIN) or geometry is None or geometry.path_error_expected is None:
@@ -231,8 +230,9 @@ def uncertain_path(report: Report) -> NextStep | None:
     count, error = describe_number(geometry.tracks), geometry.path_error_expected
     return NextStep(
         "Do not rely on the camera path",
-        f"Halves of the {count} tracked points disagree about it: the first path is expected to err by {error:.0%} of "
-        "its extent. More sideways motion, texture over more of the frame, or a stage that reports its poses helps.",
+        f"Two halves of the {count} tracked points give different paths: the expected error of the first path is "
+        f"{error:.0%} of its extent. More sideways motion, texture over more of the frame, or a stage that reports its "
+        "poses helps.",
     )
 
 
@@ -245,8 +245,8 @@ def little_parallax(report: Report) -> NextStep | None:
         return None
     return NextStep(
         "Move the camera further while the masks change",
-        f"Its translation shifted the tracked points by {_px(shift)} rms, and they scatter by {_px(scatter)} anyway: "
-        "camera path and depth are the looser for it.",
+        f"Its translation shifted the tracked points by {_px(shift)} rms, and their own scatter is {_px(scatter)}: "
+        "camera path and depth are therefore uncertain.",
     )
 
 
@@ -257,7 +257,7 @@ def simulation_was_coarse(report: Report) -> NextStep | None:
         return None
     return NextStep(
         "Read these figures as those of a coarser simulation",
-        f"Its effects were simulated to {plan.error_dn:.2g} DN rms, {plan.tolerance_dn:.2g} had been asked for.",
+        f"The error of the simulated effects is {plan.error_dn:.2g} DN rms; {plan.tolerance_dn:.2g} was requested.",
         "gs2ci plan RIG.toml",
     )
 
@@ -270,7 +270,8 @@ def average_more(report: Report) -> NextStep | None:
     differ = "" if ensemble.spread is None else f" They differ by {ensemble.spread:.2g} of a view's full scale."
     return NextStep(
         "Average more fits",
-        f"The views come from {ensemble.fits}: what one measurement leaves open, each fills in differently.{differ}",
+        f"The views come from {ensemble.fits}: where the measurement is ambiguous, fits differ, and their mean has a "
+        f"smaller error.{differ}",
         "gs2ci reconstruct SHOT.h5 -o RUN --preset fine",
     )
 
@@ -280,7 +281,7 @@ def look_at_it(report: Report) -> NextStep | None:
     if report.verdict == "decode" or not _has_path(report):
         return None
     count = describe_number(report.gaussians)
-    return NextStep("Walk around the scene", f"It is there in 3D: {count} Gaussians, in scene.ply.", "gs2ci view RUN")
+    return NextStep("View the scene in 3D", f"It has {count} Gaussians, in scene.ply.", "gs2ci view RUN")
 
 
 Rule = Callable[[Report], NextStep | None]

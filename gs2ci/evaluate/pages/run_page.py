@@ -32,13 +32,13 @@ FILES: Final = (
     ("report.json", "every figure of this page and more"),
     ("views.npy, views/", "the recovered views, exact and as pictures"),
     ("scene.ply", "the Gaussians, for any 3DGS viewer"),
-    ("motion.npy, displacement.npy, motion.png", "where things move: how, for each Gaussian and each pixel"),
-    ("moments/", "where asked for with --moments: pictures spread over the exposure"),
+    ("motion.npy, displacement.npy, motion.png", "if things move: the motion of each Gaussian and each pixel"),
+    ("moments/", "if requested with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in the unit of the path"),
-    ("disagreement.npy", "where several fits differ, full scale 1"),
-    ("decode.npy, scene_views.npy", "the two candidates: without a scene, and the scene alone"),
-    ("overview.png", "one picture of all this"),
+    ("disagreement.npy", "difference between several fits, full scale 1"),
+    ("decode.npy, scene_views.npy", "the two candidates: the decode without a scene, and the scene alone"),
+    ("overview.png", "the run in one picture"),
 )
 
 
@@ -86,13 +86,13 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         first.append(
             PageSection("Simulated effects", _simulation(report.simulation), _simulation_lead(report.simulation))
         )
-    files = FILES if tradeoff is None else (*FILES, (RECORD_NAME, "what accuracy costs, the figures"))
+    files = FILES if tradeoff is None else (*FILES, (RECORD_NAME, "accuracy against time, the figures"))
     last = [
         PageSection("Notes and doubts", _notes(report)),
         PageSection("Measurement and calibration", _measurement(report)),
         PageSection("Settings", pieces.facts([*flat_rows(report.settings), ("seed", report.seed)]), folded=True),
         PageSection("Environment", _environment(report), folded=True),
-        PageSection("Files", pieces.facts(files), "What else lies in this run's folder."),
+        PageSection("Files", pieces.facts(files), "Other files in this run's folder."),
     ]
     shown = [section for section in (*first, *last) if section.body]
     return page(report.name, shown, masthead=_masthead(report), eyebrow=f"{report.name} · gs2ci run")
@@ -122,8 +122,8 @@ def _how_good(report: Report) -> list[str]:
     own, others = report.heldout_rms, report.residual.heldout_rms.decode
     if own is not None and others is not None and report.verdict != "decode":
         said.append(
-            f"On the pixels that no stage had seen, the prediction is off by {own:.3f} of a view's full scale; "
-            f"the decode's by {others:.3f}."
+            f"On the held-out pixels, which no stage has used, the residual of the prediction is {own:.3f} of a view's "
+            f"full scale; that of the decode is {others:.3f}."
         )
     said.append(_where_from(report))
     return said
@@ -132,15 +132,15 @@ def _how_good(report: Report) -> list[str]:
 def _where_from(report: Report) -> str:
     """Return from which stage the views are, and how far several fits agree on them."""
     if report.verdict == "scene":
-        return "The views are the scene's own."
+        return "The views are rendered from the scene."
     if report.verdict == "decode":
-        return "The views are the decode's: held-out pixels favour it over the scene."
+        return "The views are those of the decode: its residual on the held-out pixels is smaller than the scene's."
     ensemble = report.ensemble
     if ensemble is None or ensemble.averaged == 1 or ensemble.spread is None:
-        return "The views are the scene's, refined by what it left unexplained."
+        return "The views are rendered from the scene and refined by its residual."
     return (
-        f"The views are the mean of {ensemble.averaged} fits, refined by what it left unexplained; the fits are "
-        f"{ensemble.spread:.3f} of a view's full scale from it. The scene is that of the best of them."
+        f"The views are the mean of {ensemble.averaged} fits, refined by its residual; the fits differ from the mean "
+        f"by {ensemble.spread:.3f} of a view's full scale. The scene is that of the best fit."
     )
 
 
@@ -261,7 +261,7 @@ def _motion_lead(report: Report) -> str:
     if found is None or not (found.tried or found.moves):
         return ""
     if not found.moves:
-        return "Scenes in which things move were fitted as well, and explain the measurement no better: nothing moves."
+        return "Moving scenes were fitted as well and do not explain the measurement better: nothing moves."
     return (
         f"{found.pixels_share or 0:.0%} of the picture moves by itself by half a pixel or more over the exposure, "
         f"{found.median_px or 0:.1f} px in the median."
@@ -304,9 +304,9 @@ def _path(evidence: RunEvidence) -> Markup:
 
 def _path_lead(evidence: RunEvidence) -> str:
     if evidence.true_world_to_camera is not None:
-        return "The recovered path, brought onto the true one by the similarity that no image can reveal."
+        return "The recovered path, aligned with the true one by a similarity, which no image can determine."
     if evidence.stage_world_to_camera is not None:
-        return "The recovered path, brought onto the stage's by the similarity that no image can reveal."
+        return "The recovered path, aligned with the stage's by a similarity, which no image can determine."
     return "The recovered path; its unit is the scene's own."
 
 
@@ -336,7 +336,7 @@ def _curve(report: Report) -> Markup:
                 )
             )
         )
-    return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no course to show.")
+    return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no curve to show.")
 
 
 def _decode_psnr(report: Report) -> float | None:
@@ -356,7 +356,7 @@ def _cost(report: Report) -> Markup:
     height, width = report.size
     per_view = 1e6 * seconds["total"] / max(height * width * report.views, 1)
     rows = [
-        ("in all", spoken_duration(seconds["total"])),
+        ("total", spoken_duration(seconds["total"])),
         ("per recovered megapixel", f"{per_view:.0f} s"),
         ("peak memory", f"{report.peak_mib:.0f} MiB"),
     ]
@@ -375,8 +375,8 @@ def _simulation(plan: Simulation) -> Markup:
 def _simulation_lead(plan: Simulation) -> str:
     error, tolerance = describe_number(plan.error_dn, 2), describe_number(plan.tolerance_dn, 2)
     return (
-        f"This exposure was simulated to within {error} DN rms of everything (asked for: {tolerance}), from "
-        f"{describe_number(plan.views)} rendered views. At stake is what leaving an effect out would change."
+        f"This exposure differs from a simulation of every effect by at most {error} DN rms (requested: {tolerance}). "
+        f"It uses {describe_number(plan.views)} rendered views. At stake: the change if an effect is left out."
     )
 
 
@@ -404,7 +404,7 @@ def _measurement(report: Report) -> Markup:
     rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured.weights)))
     rows.append(("stage telemetry", measured.telemetry))
     told = list(spoken_rows(report.provenance))
-    origins = piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else Markup()
+    origins = piece("heading", text="From the shot file") + pieces.facts(told) if told else Markup()
     return pieces.facts(rows) + origins
 
 

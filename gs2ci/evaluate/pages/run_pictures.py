@@ -124,12 +124,12 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
 
 
 _DEPTH: Final = (
-    "Depth along the optical axis, in the unit of the path, evenly coloured in its inverse; grey: nothing is seen."
+    "Depth along the optical axis, in the unit of the path, colours linear in inverse depth; grey: no depth."
 )
 _ERROR: Final = "Error: mean over the colours of |recovered − true|, full scale 1."
 _DISAGREEMENT: Final = (
-    "How far the fits' views are from their mean, full scale 1: where it is high the measurement leaves more open, and "
-    "the error is larger than elsewhere; it says little of how large."
+    "Difference between the fits' views and their mean, full scale 1: where it is high, the measurement is ambiguous "
+    "and the error is larger than elsewhere; it does not measure the error itself."
 )
 
 

@@ -69,7 +69,7 @@ def sentences(rows: Sequence[Row]) -> list[str]:
     """Return sentences on what quality costs and what the next decibel would cost, from the rows of all trials."""
     measure = measure_of(rows)
     if measure is None:
-        return ["Neither a truth nor a held-out pixel tells how good anything is; only the seconds can be compared."]
+        return ["Without a truth and without held-out pixels the quality is unknown; only times can be compared."]
     front = pareto(rows, measure)
     spoken = [_quickest_sentence(front[0], measure), *(_step(a, b, measure) for a, b in pairwise(front))]
     return [*spoken, _next_decibel(rows, front, measure), *_trust(rows, measure)]
@@ -93,7 +93,7 @@ def _next_decibel(rows: Sequence[Row], front: Sequence[Row], measure: Measure) -
     base = next((row for row in rows if row["trial"] == BASELINE and row.get(measure) is not None), front[-1])
     better = [row for row in front if row[measure] - base[measure] >= NEGLIGIBLE_DB]
     if not better:
-        return f"Nothing tried buys the next decibel after {base['trial']}, {base[measure]:.2f} dB."
+        return f"No trial is noticeably better than {base['trial']}, {base[measure]:.2f} dB."
     dearer = [row for row in better if row["seconds"] > base["seconds"]]
     if not dearer:
         cheapest = better[0]
@@ -106,7 +106,7 @@ def _next_decibel(rows: Sequence[Row], front: Sequence[Row], measure: Measure) -
     chosen = min(dearer, key=lambda row: (row["seconds"] - base["seconds"]) / (row[measure] - base[measure]))
     gain, seconds = chosen[measure] - base[measure], chosen["seconds"] - base["seconds"]
     most = max(row[measure] for row in better) - base[measure]
-    whole = "" if most >= 1 else f"; nothing that was tried gives a whole one, the most is {most:.2f} dB"
+    whole = "" if most >= 1 else f"; no trial gains a whole decibel, the largest gain is {most:.2f} dB"
     return (
         f"The next decibel after {base['trial']} costs {spoken_duration(seconds / gain)} at the rate of "
         f"{chosen['trial']}, which gives {gain:.2f} dB for {spoken_duration(seconds)}{whole}."
@@ -117,8 +117,8 @@ def _trust(rows: Sequence[Row], measure: Measure) -> list[str]:
     """Return a sentence on how well decibels of held-out pixels agree with those of the truth."""
     if measure == "heldout_db":
         return [
-            "The truth is not known: decibels are those by which pixels of the measurement are predicted that no trial "
-            "saw. They cannot rise above the measurement's noise, and they order trials better than they tell "
+            "The truth is not known: decibels measure how well the measurement is predicted at pixels that no trial "
+            "saw. The measurement's noise limits them, and their order of trials is more reliable than their "
             "differences."
         ]
     found = agreement(rows)

@@ -72,10 +72,10 @@ def test_a_rule_that_finds_no_evidence_is_silent(name):
 def test_what_is_told_is_read_from_the_report():
     assert "20.0%" in module.too_bright(CASES["too_bright"]).because
     assert "30%" in module.closed_pixels(CASES["closed_pixels"]).because
-    assert "by 1.2 px rms, and they scatter by 1.1 px" in module.little_parallax(CASES["little_parallax"]).because
+    assert "by 1.2 px rms, and their own scatter is 1.1 px" in module.little_parallax(CASES["little_parallax"]).because
     assert "4 px" in module.loose_tracks(CASES["loose_tracks"]).because
     assert "98 tracked points" in module.uncertain_path(CASES["uncertain_path"]).because
-    assert "err by 12%" in module.uncertain_path(CASES["uncertain_path"]).because
+    assert "error of the first path is 12%" in module.uncertain_path(CASES["uncertain_path"]).because
     assert "--iterations 1000" in module.still_improving(CASES["still_improving"]).command
     assert "(0.05 against 0.021)" in module.scene_lost(CASES["scene_lost"]).because
     assert "come from 2" in module.average_more(CASES["average_more"]).because
@@ -86,7 +86,7 @@ def test_what_is_told_is_read_from_the_report():
 def test_a_path_is_doubted_where_its_run_doubted_it():
     assert module.uncertain_path(a_report(geometry__path_error_expected=0.5)) is None
     untracked = module.uncertain_path(a_report(UNIFORM, geometry__path_error_expected=None))
-    assert "Too few points could be followed" in untracked.because
+    assert "Too few points could be tracked" in untracked.because
 
 
 def test_commands_are_ours():

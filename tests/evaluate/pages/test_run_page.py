@@ -73,7 +73,7 @@ def test_it_tells_notes_settings_and_what_the_shot_was_simulated_with(text):
     assert "The focal length was estimated from the tracks: 70 px" in text
     assert "shot noise" in text
     assert "exceeds its share" in text
-    assert "to within 0.8 DN rms" in text
+    assert "by at most 0.8 DN rms" in text
     assert "simulated rig" in text
     assert "preset" in text
 
@@ -82,10 +82,10 @@ def test_it_tells_notes_settings_and_what_the_shot_was_simulated_with(text):
     ("verdict", "ensemble", "sentence"),
     [
         ("refined", {"fits": 3, "averaged": 3, "spread": 0.0123}, "mean of 3 fits, refined .* 0.012 of a view"),
-        ("refined", {"fits": 2, "averaged": 1, "spread": 0.0123}, "The views are the scene's, refined"),
-        ("refined", None, "The views are the scene's, refined"),
-        ("scene", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are the scene's own"),
-        ("decode", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are the decode's"),
+        ("refined", {"fits": 2, "averaged": 1, "spread": 0.0123}, "The views are rendered from the scene and refined"),
+        ("refined", None, "The views are rendered from the scene and refined"),
+        ("scene", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are rendered from the scene[.]"),
+        ("decode", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are those of the decode"),
     ],
 )
 def test_it_says_whose_views_are_shown(evidence, verdict, ensemble, sentence):
@@ -140,7 +140,7 @@ def test_what_the_run_does_not_know_is_left_out(evidence):
 def test_a_decode_that_won_is_compared_with_the_others_and_said_to_have_won(evidence):
     page = run_page(changed(evidence, verdict="decode"))
     assert "Views only" in page
-    assert "held-out pixels favour it" in page
+    assert "its residual on the held-out pixels is smaller" in page
     assert 'value="decode"' not in page
     assert 'value="truth"' in page
 

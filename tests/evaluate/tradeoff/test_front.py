@@ -29,7 +29,7 @@ def test_the_truth_counts_where_it_is_known_and_held_out_pixels_where_not():
     assert measure_of(LADDER) == "psnr_db"
     assert measure_of([row("a", 1, None, 20.0)]) == "heldout_db"
     assert measure_of([row("a", 1)]) is None
-    assert "only the seconds" in sentences([row("a", 1)])[0]
+    assert "only times" in sentences([row("a", 1)])[0]
 
 
 def test_the_words_give_each_step_its_price_and_the_next_decibel_its():
@@ -38,7 +38,7 @@ def test_the_words_give_each_step_its_price_and_the_next_decibel_its():
     assert said[1] == "Draft: 4.00 dB more than decode for 19 s more, 4.8 s for each decibel (28.00 dB in 20 s)."
     assert said[4] == (
         "The next decibel after standard costs 4 min 00 s at the rate of fine, which gives 0.50 dB for 2 min 00 s; "
-        "nothing that was tried gives a whole one, the most is 0.50 dB."
+        "no trial gains a whole decibel, the largest gain is 0.50 dB."
     )
 
 
@@ -48,7 +48,7 @@ def test_a_step_of_nearly_nothing_gets_no_price():
 
 def test_where_nothing_beats_the_standard_the_words_say_so():
     said = sentences(LADDER[:3])
-    assert said[3] == "Nothing tried buys the next decibel after standard, 31.00 dB."
+    assert said[3] == "No trial is noticeably better than standard, 31.00 dB."
 
 
 def test_where_something_quicker_beats_the_standard_the_words_say_so():
