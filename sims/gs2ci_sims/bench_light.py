@@ -1,9 +1,9 @@
 """The light of a simulated rig: a scene rendered under the masks that the modulator twin really showed.
 
-It joins the world of the twins (`world`) to the light path (`exposure`, `light_path`): the masks come from the
+It connects the world of the twins (`world`) with the light path (`exposure`, `light_path`): the masks come from the
 modulator's own pixels through the registration, the poses from the stage twin's motion, the times from the sensor
-twin's shutter. For calibration, something else can be put before the camera (`look_at_*`); of a scene the planner
-chooses what is simulated, of such targets everything is. Not here: effects, rendering, protocols.
+twin's shutter. For calibration, other targets can be put before the camera (`look_at_*`). For a scene the planner
+chooses which effects are simulated; for such targets all are. Not here: effects, rendering, protocols.
 """
 
 import hashlib
@@ -35,22 +35,22 @@ from gs2ci_sims.simulation_plan import DEFAULT_TOLERANCE_DN, Plan, PlanChoice, S
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
 from gs2ci_sims.world import BOOT_S, Exposure
 
-# Moments at which the camera's pose is asked for during an exposure; between them it is interpolated.
+# Number of moments of an exposure at which the camera's pose is read; between them it is interpolated.
 POSES_FOLLOWED: Final = 257
 
 PLANS_KEPT = 16
-"""Plans of exposures before a camera at rest that are kept; the oldest is forgotten first."""
+"""Number of plans kept for exposures with a camera at rest; the oldest is deleted first."""
 
 
 @dataclass(frozen=True)
 class _FollowedPath:
-    """The world's camera during one exposure, as the light path knows one: poses at `times_s`, linear between."""
+    """The world's camera during one exposure, as a camera path: poses at `times_s`, linear in between."""
 
     times_s: F64
     poses: F64
 
     def world_to_camera(self, time_s: F64) -> F64:
-        """Return poses, [T, 4, 4]; before the exposure its first, after it its last."""
+        """Return poses, [T, 4, 4]; before the exposure the first pose, after it the last."""
         entries = self.poses.reshape(len(self.times_s), 16)
         between = [np.interp(time_s, self.times_s, column) for column in entries.T]
         return np.stack(between, axis=-1).reshape(-1, 4, 4)
@@ -63,13 +63,13 @@ class _FollowedPath:
 
 @dataclass(frozen=True)
 class _Sight:
-    """What is before the camera.
+    """The target before the camera.
 
     Args:
-        scene: It, or for a target the camera alone.
-        renderer: Draws it.
-        target: Whether it is there for calibration: then all effects are simulated, and nothing moves but the stage.
-        lit: Whether any light comes in; not with the lens cap on.
+        scene: The scene; for a calibration target only its camera is used.
+        renderer: Renders it.
+        target: Whether it is for calibration: then all effects are simulated, and nothing moves except the stage.
+        lit: Whether light comes in; it does not with the lens cap on.
     """
 
     scene: Scene
@@ -82,17 +82,18 @@ class BenchLight:
     """A `gs2ci_sims.world.LightPath` that renders a scene, as exactly as a plan says (`planner`).
 
     Args:
-        scene: What the camera looks at; its suggested size is the sensor's.
+        scene: The scene before the camera; its suggested size is the sensor's.
         sensor: The sensor's data sheet.
-        registration: Which modulator pixels a sensor pixel sees, in truth.
+        registration: The true map between sensor pixels and modulator pixels.
         full_scale_e_per_s: Electrons per second in a pixel that sees radiance 1 through an open mask.
-        seed: Of all noise.
+        seed: Seed of all noise.
         cfa: Colour filter array ("RGGB"), or None for a mono sensor, which sees the mean of the three colours.
         noise: Whether the sensor's noises are on; off leaves full well and quantisation.
-        effects: What else the rig has; one of the sensor's kinds (shot noise, read noise, ...) replaces that.
+        effects: Further effects of the rig; an effect of a kind that every sensor has (shot noise, read noise, ...)
+            replaces that one.
         lamp_drift_per_min: Relative change of the light per minute of the world's time.
-        tolerance_dn: Of the plans.
-        renderer: Draws the scene.
+        tolerance_dn: Tolerance of the plans.
+        renderer: Renders the scene.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class BenchLight:
         self.scene = scene
         self.sensor = sensor
         self.plans: dict[int, Plan] = {}
-        """What was simulated in each exposure, by its index."""
+        """The plan of each exposure, by its index."""
         self.registration = registration
         self._photons_per_s = full_scale_e_per_s / sensor.quantum_efficiency
         self._seed = seed
@@ -127,7 +128,7 @@ class BenchLight:
         self._sight = _Sight(scene, self._renderer, target=False)
 
     def look_at_scene(self) -> None:
-        """Put the scene before the camera, as it is at first."""
+        """Put the scene before the camera, as at the start."""
         self._sight = _Sight(self.scene, self._renderer, target=False)
 
     def look_at_nothing(self) -> None:
@@ -139,14 +140,14 @@ class BenchLight:
         self._sight = _Sight(self.scene, EvenLight(radiance=radiance))
 
     def look_at_board(self, plane: BoardPlane, index: int, *, fixed: bool = False) -> None:
-        """Hold a ChArUco board before the camera in the pose that belongs to an index, or fix it on a stand."""
+        """Put a ChArUco board before the camera, in the pose of an index, or fixed on a stand."""
         self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, self.lens, fixed=fixed))
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels, [H, W] uint16.
 
         Raises:
-            InputError: The sensor has another size than the scene's camera, or looks beyond the modulator.
+            InputError: The sensor's size differs from that of the scene's camera, or it sees beyond the modulator.
         """
         height, width = exposure.height, exposure.width
         if (height, width) != self.scene.size:
@@ -169,14 +170,14 @@ class BenchLight:
         return np.clip(np.rint(reading), 0, 2**exposure.bits - 1).astype(np.uint16)
 
     def truth(self, exposure: Exposure) -> tuple[F32, F64]:
-        """Return what was really there at the centre of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
+        """Return the truth at the central time of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
         centres = [(interval.start_s + interval.end_s) / 2 for interval in exposure.masks]
         poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
         views = self._shown(poses)
         return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
 
     def true_depth(self, exposure: Exposure) -> F32:
-        """Return the depth of what was really there at the centre of each mask, [N, H, W]; 0 where nothing is."""
+        """Return the true depth at the central time of each mask, [N, H, W]; 0 at pixels without a surface."""
         scene, lens = self._sight.scene, self.lens
         sampling = None if lens is None else lens.sampling(scene.size, scene.intrinsics)
         poses = [exposure.world_to_camera_at((mask.start_s + mask.end_s) / 2) for mask in exposure.masks]
@@ -184,8 +185,8 @@ class BenchLight:
         return np.nan_to_num(np.stack(depths), nan=0.0).astype(np.float32)
 
     def _shown(self, poses: F64) -> F32:
-        """Render what is before the camera from poses, [N, 4, 4], all things where the lens shows them."""
-        # Targets draw distortion themselves.
+        """Render the target from poses, [N, 4, 4], with the lens's distortion."""
+        # Calibration targets include the distortion themselves.
         scene, lens = self._sight.scene, None if self._sight.target else self.lens
         (height, width), intrinsics = scene.size, scene.intrinsics
         if lens is None:
@@ -196,10 +197,10 @@ class BenchLight:
         return shown[:, margin : margin + height, margin : margin + width].astype(np.float32)
 
     def true_masks(self, levels: NDArray[np.integer], top: int = 1) -> F32:
-        """Return patterns as a noiseless calibration before an even light measures them, [N, H, W] in [0, 1].
+        """Return patterns as a noiseless calibration on a flat field measures them, [N, H, W] in [0, 1].
 
         Args:
-            levels: On the modulator's own pixels, [N, Hm, Wm].
+            levels: Levels on the modulator's own pixels, [N, Hm, Wm].
             top: The level of a fully open pixel.
         """
         height, width = self.scene.size
@@ -228,28 +229,28 @@ class BenchLight:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Get what the rig has beyond what every sensor does."""
+        """Get the rig's effects in addition to those of every sensor."""
         return self._extra
 
     def foresee(self, exposure: Exposure) -> Plan:
-        """Plan an exposure to the scene without exposing anything.
+        """Plan an exposure to the scene without exposing.
 
         Raises:
-            InputError: It looks beyond the modulator.
+            InputError: The sensor sees beyond the modulator.
         """
         rig = self._rig(exposure)
         path, masks, slices = self._laid_out(exposure)
         return self._plan(path, masks, rig, self._effects(rig.sensor), slices, self._seed_of(exposure))
 
     def _seed_of(self, exposure: Exposure) -> int:
-        """Return what every exposure draws anew from."""
+        """Return the seed of an exposure's own draws."""
         return int(np.random.SeedSequence((self._seed, exposure.index)).generate_state(1)[0])
 
     def _laid_out(self, exposure: Exposure) -> tuple[_FollowedPath, F32, Slices]:
-        """Return the camera's path during an exposure, its masks on the sensor, [N, H, W], and when each is on show."""
+        """Return the camera's path during an exposure, its masks on the sensor, [N, H, W], and when each is shown."""
         masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
-        # An even light looks the same from everywhere.
+        # Even light looks the same from every pose.
         followed = 2 if isinstance(self._sight.renderer, EvenLight) else POSES_FOLLOWED
         times_s = np.linspace(exposure.start_s, exposure.end_s, followed)
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
@@ -260,10 +261,10 @@ class BenchLight:
     def _photons(
         self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
     ) -> tuple[F64, tuple[Effect, ...]]:
-        """Integrate over all masks on show, [H, W, 3], and say which effects are simulated."""
+        """Integrate over all masks shown, [H, W, 3]; return also which effects are simulated."""
         path, masks, slices = self._laid_out(exposure)
         if self._sight.target:
-            # Targets draw distortion themselves: an even light has none, a board is bent before its pixels are made.
+            # Targets include distortion themselves: even light has none, a board is distorted before it is sampled.
             absent = MotionBlur | Defocus | LensDistortion
             chosen = tuple(effect for effect in effects if not isinstance(effect, absent))
         else:
@@ -277,10 +278,10 @@ class BenchLight:
     def _plan(
         self, path: _FollowedPath, masks: F32, rig: Rig, effects: tuple[Effect, ...], slices: Slices, seed: int
     ) -> Plan:
-        """Plan the exposure; before a camera at rest, the same masks at the same times share their plan.
+        """Plan the exposure; with a camera at rest, exposures with the same masks and times share a plan.
 
-        Bounds depend on every pixel of the masks, so the key is all that the plan is made from. An effect that shakes
-        the camera draws anew in each exposure, and with it each is planned anew.
+        Bounds depend on every pixel of the masks, so the key includes all inputs of the plan. An effect that shakes
+        the camera draws new numbers in each exposure, so with such an effect each exposure has a plan of its own.
         """
         steady = not path.moves and not any(effect.stage is Stage.MOTION for effect in effects)
         key = _digest(rig, path.poses[0], masks, slices.start_s, slices.stop_s)
@@ -298,11 +299,11 @@ class BenchLight:
         return decided
 
     def _rig(self, exposure: Exposure) -> Rig:
-        """Return the figures of the rig for one exposure: its masks' mean time on show and the gaps between them."""
+        """Return the figures of the rig for one exposure: the mean time of its masks and the gaps between them."""
         count = max(len(exposure.masks), 1)
         shown_s = sum(m.end_s - m.start_s for m in exposure.masks) or exposure.end_s - exposure.start_s
         span_s = exposure.masks[-1].end_s - exposure.masks[0].start_s if exposure.masks else shown_s
-        # Clock times carry rounding errors; a nanosecond is no gap.
+        # Clock times have rounding errors; a nanosecond is no gap.
         interval_s = round(shown_s / count, 9) or shown_s / count
         gap_s = max(round((span_s - shown_s) / max(count - 1, 1), 9), 0.0)
         return Rig(
@@ -314,7 +315,7 @@ class BenchLight:
         )
 
     def _sensor_of(self, bits: int) -> Sensor:
-        """Return the data sheet at another bit depth: the same well over fewer or more steps."""
+        """Return the data sheet at another bit depth: the same full well with fewer or more steps."""
         steps = 2.0 ** (self.sensor.bits - bits)
         return replace(
             self.sensor,
@@ -333,7 +334,7 @@ class BenchLight:
 
 
 def _digest(rig: Rig, *arrays: NDArray[Any]) -> bytes:
-    """Return what tells one set of figures and arrays from another; the effects are always the same ones."""
+    """Return a hash of all figures and arrays; the effects are always the same objects."""
     digest = hashlib.blake2b(repr(rig).encode())
     for array in arrays:
         digest.update(f"{array.shape}{array.dtype}".encode())

@@ -1,10 +1,10 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
-Here: the integral over time, the read-out, and `expose`, which is both. Not here: effects and their order
+Here: the integral over time, the read-out, and `expose`, which does both. Not here: effects and their order
 (`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`).
 
-The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through
-whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
+The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through the mask
+that is shown at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ from gs2ci_sims.rig import Rig
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
 
-# From this share of closed pixels on, rendering the open ones alone is faster than rendering all.
+# From this share of closed pixels on, rendering only the open ones is faster than rendering all.
 CLOSED_SHARE_MIN: Final = 0.5
 
 
@@ -51,20 +51,19 @@ def expose(
     """Expose the sensor once to the scene behind the masks.
 
     Args:
-        scene: What is seen; its camera is the sensor's.
-        path: Where the camera is at any time; time 0 is the middle of the exposure.
+        scene: The scene; its camera is the sensor's.
+        path: The camera path; time 0 is the middle of the exposure.
         masks: Transmissions at the sensor's pixels, [N, H, W] in [0, 1], in the order shown.
         rig: The figures of light, modulator, timing and sensor.
-        effects: Those that are simulated; `planner.plan` chooses them.
-        seed: Of all draws.
-        plan: The reckoning behind `effects` (`planner.Plan.record`), to be kept with the shot.
-        renderer: Draws the views.
-        progress: Hears about each view.
+        effects: The effects that are simulated; `planner.plan` chooses them.
+        seed: Seed of all draws.
+        plan: The plan by which `effects` were chosen (`planner.Plan.record`), to be stored with the shot.
+        renderer: Renders the views.
+        progress: Is called for each view.
 
     Returns:
-        The shot, in units of one view's full scale, with true views and poses at the centre of each mask's
-        interval, with what a perfect calibration would know of camera and lens, and with the pixels that may be
-        clipped marked.
+        The shot, in units of one view's full scale, with true views and poses at the centre of each mask's interval,
+        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped.
 
     Raises:
         InputError: Masks do not fit the scene or the rig.
@@ -74,7 +73,7 @@ def expose(
     light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
     reading = read_out(light.photons, chain)
     sensor = rig.sensor
-    # Without light there is no scale; readings then stay electrons.
+    # Without light there is no scale; readings then stay in electrons.
     full_scale_e = rig.full_scale_e or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
@@ -101,18 +100,18 @@ def expose(
 
 @dataclass(frozen=True)
 class ExposureLight:
-    """What reached the sensor.
+    """The light that reached the sensor.
 
     Args:
         photons: Mean number in each pixel, [H, W, 3].
-        masks: As they fell on the sensor, [N, H, W].
-        weights: For what share of its nominal interval each mask was exposed, [N].
-        truth_views: The scene at the middle of each mask's nominal interval, as a sharp lens with this one's
-            distortion shows it, [N, H, W, 3] float32, radiance.
+        masks: The masks as imaged onto the sensor, [N, H, W].
+        weights: Share of its nominal interval during which each mask was exposed, [N].
+        truth_views: The scene at the middle of each mask's nominal interval, through a sharp lens with this one's
+            distortion, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
-        covered_share: Smallest share of pixels that see something, over these moments.
-        rendered_views: How many views it took.
-        find_depth: Finds `truth_depth`.
+        covered_share: Smallest share of pixels that see the scene, over these moments.
+        rendered_views: How many views were rendered.
+        find_depth: Computes `truth_depth`.
     """
 
     photons: F64
@@ -128,8 +127,8 @@ class ExposureLight:
     def truth_depth(self) -> F32:
         """Get the depth along the optical axis at these moments, through this lens, [N, H, W] float32.
 
-        It is 0 where less than half of the light is stopped. Sought when it is asked for: a bench integrates hundreds
-        of exposures of which nobody asks, and it took most of their time.
+        It is 0 where less than half of the light is absorbed. It is computed only on request: a bench integrates
+        hundreds of exposures whose depth is never used, and computing it took most of their time.
         """
         return self.find_depth()
 
@@ -145,17 +144,17 @@ def integrate(
     renderer: Renderer | None = None,
     progress: Progress | None = None,
 ) -> ExposureLight:
-    """Integrate light over time, behind each mask while it is on show.
+    """Integrate light over time, behind each mask while it is shown.
 
     Args:
-        scene: What is seen.
-        path: Where the camera is at any time, before effects.
-        masks: As nominally shown, [N, H, W].
+        scene: The scene.
+        path: The camera path, before effects.
+        masks: The nominal masks, [N, H, W].
         chain: Effects; all stages up to PHOTONS act here.
-        slices: When which mask is on show, before effects; as the rig's timing says if not given.
-        moments: When views are rendered, instead of what motion blur in the chain says.
-        renderer: Draws the views.
-        progress: Hears about each view.
+        slices: When which mask is shown, before effects; None takes the rig's timing.
+        moments: When views are rendered; None takes the moments of the chain's motion blur.
+        renderer: Renders the views.
+        progress: Is called for each view.
 
     Raises:
         InputError: The sensor's window misses all masks.
@@ -174,7 +173,7 @@ def integrate(
     progress = progress or Silent()
     stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
     truth_share = moments.interpolation(intervals.mean(axis=1))
-    truth_share[np.abs(truth_share) < 1e-12] = 0.0  # a moment that is a node needs no other: all but rounding
+    truth_share[np.abs(truth_share) < 1e-12] = 0.0  # a moment that is a node needs no other: the rest is rounding
     needed = np.flatnonzero(np.any(stands_for != 0, axis=1) | np.any(truth_share != 0, axis=0))
     progress.stage("exposure", len(needed))
     photons = np.zeros((*scene.size, 3))
@@ -194,7 +193,7 @@ def integrate(
         progress.step(done + 1)
     centres_s = intervals.mean(axis=1)
     return ExposureLight(
-        # Where the weights of moments cancel, rounding may leave less than no light.
+        # Where the weights of moments cancel, rounding may give negative light.
         chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
         shown,
         weights,
@@ -207,7 +206,7 @@ def integrate(
 
 
 def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
-    """Return how much of a view that stands for `weights` [S] of the slices passes at each pixel, [H, W]."""
+    """Return the share of a view with `weights` [S] in the slices that passes the masks at each pixel, [H, W]."""
     mixed = weights[:, None] * slices.mix
     if slices.shutter is None:
         return np.asarray(np.tensordot(mixed.sum(axis=0), masks, axes=1))
@@ -219,10 +218,10 @@ class Studio:
     """Renders views of a scene along a path, with the effects between scene and modulator.
 
     Args:
-        scene: What is seen.
-        path: Where the camera is at any time.
+        scene: The scene.
+        path: The camera path.
         chain: Effects; those of the stages SCENE and RADIANCE act here.
-        renderer: Draws the views.
+        renderer: Renders the views.
     """
 
     def __init__(self, scene: Scene, path: CameraPath, chain: EffectChain, renderer: Renderer) -> None:
@@ -239,7 +238,7 @@ class Studio:
     def view(self, time_s: float) -> tuple[F64, F64, F64]:
         """Return the scene's radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator.
 
-        The first two are what is there to be seen, at the places where the lens shows it.
+        The first two are without blur and fall-off, at the places where the lens images them.
         """
         scene, margin = self._scene, self._margin
         pose = self._path.world_to_camera(np.array([time_s]))
@@ -258,9 +257,9 @@ class Studio:
         return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
 
     def depths(self, times_s: F64) -> F32:
-        """Return the depth of what is seen through the lens at some times, [T, H, W]; 0 where nothing is.
+        """Return the depth seen through the lens at some times, [T, H, W]; 0 at pixels without a surface.
 
-        It costs several times what a view does, so where neither camera nor scene has moved it is found once.
+        It takes several times as long as a view, so it is computed once if neither camera nor scene has moved.
         """
         found: list[F32] = []
         poses = self._path.world_to_camera(times_s)
@@ -271,7 +270,7 @@ class Studio:
         return np.stack(found)
 
     def depth(self, time_s: float) -> F32:
-        """Return the depth of what is seen through the lens, [H, W]; 0 where nothing is."""
+        """Return the depth seen through the lens, [H, W]; 0 at pixels without a surface."""
         scene = self._scene
         pose = self._path.world_to_camera(np.array([time_s]))[0]
         if scene.mesh is not None:
@@ -291,13 +290,13 @@ class Studio:
         return np.asarray(depth[margin : margin + scene.size[0], margin : margin + scene.size[1]])
 
     def can_skip(self, open_share: F64) -> bool:
-        """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""
+        """Return whether skipping the closed pixels [H, W] gives the same light and saves work."""
         plain = not self._chain.at(Stage.RADIANCE) and self._renderer.skips
         plain = plain and self._scene.mesh is None
         return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
 
     def behind(self, open_share: F64, time_s: float) -> F64:
-        """Return the view behind a mask, [H, W, 3], of which only the open pixels are rendered."""
+        """Return the view behind a mask, [H, W, 3], with only the open pixels rendered."""
         pose = self._path.world_to_camera(np.array([time_s]))
         return self._renderer.masked(self._scene, pose, open_share, gaussians=self._moving(time_s))
 
@@ -308,7 +307,7 @@ def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
 
 
 def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
-    """Return the masks as a noiseless calibration measures them: each alone, before an even light, [N, H, W]."""
+    """Return the masks as a noiseless calibration measures them: each alone, on a flat field, [N, H, W]."""
     if not chain.at(Stage.PHOTONS):
         return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
     seen = [chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks]

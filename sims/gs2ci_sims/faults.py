@@ -1,7 +1,7 @@
-"""Named faults that twins can be told to have, and the record of those that struck.
+"""Named faults that can be injected into twins, and the record of those that occurred.
 
-A twin's module declares the faults it knows with `declare`; a test or a rig file injects them by name into the
-`FaultSet` that the twin was given; the twin calls `take` wherever the fault could strike.
+A twin's module declares the faults that it supports with `declare`; a test or a rig file injects them by name into the
+twin's `FaultSet`; the twin calls `take` at every place where the fault could occur.
 
 Here: names, counting, the record. Not here: what a fault does (each twin in `gs2ci_sims.wires`).
 """
@@ -15,7 +15,7 @@ from gs2ci.core.errors import InputError
 
 @dataclass(frozen=True)
 class FaultKind:
-    """A fault that some twin knows.
+    """A fault that some twin supports.
 
     Args:
         name: Its name, "<family>.<what>" ("serial.reply_lost").
@@ -30,7 +30,7 @@ _KINDS: dict[str, FaultKind] = {}
 
 
 def declare(name: str, summary: str) -> FaultKind:
-    """Make a fault known; for use at the top level of a twin's module.
+    """Register a fault; for use at the top level of a twin's module.
 
     Raises:
         InputError: Another summary is declared under this name already.
@@ -50,7 +50,7 @@ def find(name: str) -> FaultKind:
     """Return the fault of this name.
 
     Raises:
-        InputError: No such fault; names the nearest.
+        InputError: No such fault; the message gives the most similar name.
     """
     if name not in _KINDS:
         near = get_close_matches(name, _KINDS, n=1)
@@ -64,14 +64,14 @@ def find(name: str) -> FaultKind:
 
 @dataclass
 class Injected:
-    """A fault waiting for its moment.
+    """A fault that is injected and has not occurred yet.
 
     Args:
-        kind: Which.
-        skip: Opportunities to let pass first.
-        times: How often it strikes, then never again.
+        kind: The fault.
+        skip: Number of opportunities to skip first.
+        times: How often it occurs.
         value: A number that the fault needs (seconds late, position of a stall, ...).
-        about: It strikes only where this text is part of what the twin says of the opportunity.
+        about: It occurs only if this text is part of the twin's description of the opportunity.
     """
 
     kind: FaultKind
@@ -89,7 +89,7 @@ class FaultSet:
         self.struck: list[tuple[str, str]] = []
 
     def inject(self, name: str, *, skip: int = 0, times: int = 1, value: float = 0.0, about: str = "") -> Injected:
-        """Let a fault strike at its next opportunity, or later; see `Injected` for the arguments.
+        """Let a fault occur at its next opportunity, or later; see `Injected` for the arguments.
 
         Raises:
             InputError: No such fault.
@@ -99,11 +99,11 @@ class FaultSet:
         return injected
 
     def take(self, kind: FaultKind, about: str = "") -> Injected | None:
-        """Return the fault if it strikes at this opportunity, else None.
+        """Return the fault if it occurs at this opportunity, otherwise None.
 
         Args:
-            kind: The fault that could strike here.
-            about: What is going on: a command's text, a message's name.
+            kind: The fault that could occur here.
+            about: Description of the opportunity: a command's text, a message's name.
         """
         for injected in self._matching(kind, about):
             if injected.skip > 0:
@@ -115,7 +115,7 @@ class FaultSet:
         return None
 
     def clear(self) -> None:
-        """Forget all that still waits."""
+        """Delete all faults that have not occurred yet."""
         self.waiting.clear()
 
     def _matching(self, kind: FaultKind, about: str) -> Iterator[Injected]:

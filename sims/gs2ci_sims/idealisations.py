@@ -1,7 +1,7 @@
-"""What the twins leave out: every idealisation of a simulated bench, what real devices do, and what switches it.
+"""What the twins leave out: every idealisation of a simulated bench, real devices' behaviour, and the switch for it.
 
-Here: the list (docs/idealisations.md is made from it) and the choice of those that a bench's devices have. Not here:
-what a switch does (each twin in `gs2ci_sims.wires`, each effect), the rig file (`gs2ci.rig.config`).
+Here: the list (docs/idealisations.md is made from it) and the selection for a bench's devices. Not here: the effect of
+a switch (each twin in `gs2ci_sims.wires`, each effect), the rig file (`gs2ci.rig.config`).
 """
 
 from collections.abc import Collection, Iterator
@@ -11,17 +11,17 @@ from typing import Any, Final
 
 @dataclass(frozen=True)
 class Idealisation:
-    """One thing that a twin does better than a device.
+    """One property in which a twin is better than a device.
 
     Args:
-        device: Whose twin, in words.
-        twin: What it does unless told otherwise.
-        real: What devices do.
-        source: Who says so.
-        key: What switches it below [world] of a rig file: a key, or "effects.NAME"; "" if nothing does.
-        ideal: The key's default; an effect that is not there is None.
-        typical: What `devices = "typical"` sets; None where no figure suits most devices.
-        kinds: Kinds of modulator, sensor or stage that it is for; empty: all.
+        device: The kind of device, in words.
+        twin: The twin's behaviour by default.
+        real: Real devices' behaviour.
+        source: The source for that.
+        key: The switch below [world] of a rig file: a key, or "effects.NAME"; "" if there is none.
+        ideal: The key's default; None for an effect that is off.
+        typical: The value set by `devices = "typical"`; None if no figure suits most devices.
+        kinds: Kinds of modulator, sensor or stage that it applies to; empty: all.
     """
 
     device: str
@@ -190,7 +190,7 @@ IDEALISATIONS: Final = (
 
 
 def typical(kinds: Collection[str]) -> Iterator[Idealisation]:
-    """List what devices of these kinds do otherwise than their twins, where a figure suits most of them."""
+    """List the idealisations of these kinds of devices for which a figure suits most real devices."""
     for one in IDEALISATIONS:
         if one.typical is not None and (not one.kinds or one.kinds & set(kinds)):
             yield one

@@ -1,7 +1,7 @@
-"""The one physical order of effects, and the generators that keep them apart.
+"""The physical order of effects, and a separate random generator for each.
 
-Here: `LIGHT_PATH`, from the scene to the file, and the chain of those effects that are switched on. Not here:
-what an effect does (`effects`), which ones a measurement needs (`planner`), the exposure itself (`exposure`).
+Here: `LIGHT_PATH`, from the scene to the file, and the chain of the effects that are switched on. Not here: the effects
+themselves (`effects`), which ones a measurement needs (`planner`), the exposure itself (`exposure`).
 """
 
 import zlib
@@ -59,11 +59,11 @@ from gs2ci_sims.sensor import Sensor
 Signal = TypeVar("Signal")
 EFFECT_GROUP: Final = "gs2ci.effects"
 
-# THE physical order: scene radiance -> optics -> modulator -> exposure integration -> sensor -> readout.
-# Each effect acts at its own stage, stage after stage; within one, in the order given here. What changes the times at
-# which light is collected comes before what depends on them.
+# The physical order: scene radiance -> optics -> modulator -> exposure integration -> sensor -> readout.
+# Each effect acts at its own stage, stage after stage; within a stage, in the order given here. Effects that change the
+# times at which light is collected come before effects that depend on these times.
 LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
-    # scene radiance: what is where, and how it is lit
+    # scene radiance: positions and illumination
     StageRipple,
     StageBacklash,
     StageVibration,
@@ -144,7 +144,7 @@ def _plugged(name: str) -> type[Effect]:
 def generator(seed: int, name: str) -> np.random.Generator:
     """Get the generator that belongs to `name` alone under this seed.
 
-    Names, not turns, tell generators apart: switching one effect on or off changes no other's draws.
+    Generators depend on the name, not on the order: switching one effect on or off does not change others' draws.
 
     Raises:
         InputError: The seed is negative.
@@ -155,7 +155,7 @@ def generator(seed: int, name: str) -> np.random.Generator:
 
 
 def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
-    """List what every sensor does to the light, with this one's figures."""
+    """List the effects that every sensor has, with this one's figures."""
     return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
 
 
@@ -163,9 +163,9 @@ class EffectChain:
     """The effects that are switched on, in their physical order, with their generators.
 
     Args:
-        effects: In any order; those left out are off: they cost nothing and draw nothing.
-        seed: Same seed, same draws.
-        rig: Whose figures the effects work with.
+        effects: Effects in any order; all others are off: they take no time and draw no random numbers.
+        seed: Seed of the draws.
+        rig: The rig whose figures the effects use.
 
     Raises:
         InputError: An effect occurs twice or has no place in `LIGHT_PATH`, or the seed is negative.
@@ -190,14 +190,14 @@ class EffectChain:
         return tuple(effect for effect in self.effects if effect.stage is stage)
 
     def margin_px(self, size: tuple[int, int], intrinsics: F64) -> int:
-        """Return how many pixels beyond the rim of an image of this size the effects on views look."""
+        """Return how many pixels beyond the border of an image of this size the effects on views need."""
         looking = [effect for effect in self.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
         return sum(effect.margin_px(self.rig, size, intrinsics) for effect in looking)
 
     def through(self, stage: Stage, signal: Signal) -> Signal:
-        """Pass the signal through the effects of one stage; without any it comes back as it is, bit for bit.
+        """Pass the signal through the effects of one stage; without effects it is returned unchanged, bit for bit.
 
-        Passing it again draws the same again.
+        A second call draws the same random numbers.
         """
         result: Any = signal
         for effect in self.at(stage):

@@ -1,4 +1,4 @@
-"""What light a scene sends to the camera: linear radiance images, integrated over each pixel's area.
+"""The light that a scene sends to the camera: linear radiance images, integrated over each pixel's area.
 
 Here: the renderer with supersampling, and depth maps. Not here: time, masks, electrons (`exposure`).
 """
@@ -19,8 +19,8 @@ from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.rays.meshes import trace_mesh
 from gs2ci_sims.scene import Scene
 
-# Sharp edges of triangles between few rays make a moving image grainier than Gaussians do: 1.8e-3 to 3.8e-3 of full
-# scale on `blocks` with two rays per pixel side, 2.3e-3 with four, 1.7e-3 with eight.
+# With few rays, sharp edges of triangles make a moving image grainier than Gaussians do: 1.8e-3 to 3.8e-3 of full scale
+# on `blocks` with two rays per pixel side, 2.3e-3 with four, 1.7e-3 with eight.
 MESH_GRAIN: Final = 4e-3
 # Poses per call of the rasteriser: bounds the memory of supersampled views.
 VIEWS_AT_ONCE: Final = 8
@@ -37,12 +37,12 @@ class Renderer:
     """
 
     grain: ClassVar[float] = 8e-5
-    """By how much views of a moving image differ without reason, rms, of full scale: on planes, 4e-5 to 8e-5 about a
-    polynomial through a pixel of motion."""
+    """Rms variation of a moving image's views that is an artefact of rendering, as a share of full scale: on planes,
+    4e-5 to 8e-5 about a polynomial through a pixel of motion."""
     skips: ClassVar[bool] = True
-    """Whether pixels behind a closed mask can be left out."""
+    """Whether pixels behind a closed mask can be skipped."""
     sample_filter_px2: ClassVar[float] = DILATION_PX2
-    """By how much each sample is blurred: a variance, in samples squared."""
+    """Variance of the blur of each sample, in samples squared."""
 
     supersampling: int = 2
     backend: str = "cpu"
@@ -53,9 +53,9 @@ class Renderer:
             raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
 
     def finer(self, scene: Scene) -> "Renderer":
-        """Return a renderer that resolves what this one's samples cannot, though they show it: twice as many samples.
+        """Return a renderer with twice as many samples, which resolves detail that this one's samples alias.
 
-        Of meshes it is this one: their grain counts what lies between rays.
+        For meshes it is this one: their grain includes the detail between rays.
         """
         return self if scene.mesh is not None else replace(self, supersampling=2 * self.supersampling)
 
@@ -69,9 +69,9 @@ class Renderer:
         """Render the scene from each pose.
 
         Args:
-            scene: What is seen, and by which camera.
+            scene: The scene and its camera.
             world_to_camera: Poses, [V, 4, 4].
-            gaussians: What is there instead of the scene's own, where something moves.
+            gaussians: Gaussians in place of the scene's own, if something moves.
             margin: Pixels to add on each side; H and W below grow by twice that.
 
         Returns:
@@ -82,7 +82,7 @@ class Renderer:
         for images, alphas in self._large_views(scene, world_to_camera, gaussians, margin):
             radiance.append(binned(images, factor))
             coverage.append(binned(alphas[..., None], factor)[..., 0])
-        # Spherical harmonics of a fitted scene may dip below zero; light does not.
+        # Spherical harmonics of a fitted scene may be negative; light is not.
         return (
             np.maximum(np.concatenate(radiance), 0).astype(np.float32, copy=False),
             np.concatenate(coverage).astype(np.float32, copy=False),
@@ -94,7 +94,7 @@ class Renderer:
         return np.asarray(np.maximum(np.concatenate(images), 0), dtype=np.float32)
 
     def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
-        """Render the depth (z) of what the pixels see from one pose [4, 4], [H, W]; NaN where less than half is there.
+        """Render the depth (z) from one pose [4, 4], [H, W]; NaN at pixels with less than half coverage.
 
         Arguments as in `views`.
         """
@@ -106,13 +106,13 @@ class Renderer:
         return rendered_depth(scene.gaussians if gaussians is None else gaussians, world_to_camera, intrinsics, size)
 
     def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
-        """Render one view times a mask, where the mask is not zero; pixels at zero are not rendered at all.
+        """Render one view times a mask; pixels where the mask is zero are not rendered.
 
         Args:
-            scene: What is seen, and by which camera.
+            scene: The scene and its camera.
             world_to_camera: The pose, [1, 4, 4].
             mask: [H, W], at least 0.
-            gaussians: What is there instead of the scene's own.
+            gaussians: Gaussians in place of the scene's own.
 
         Returns:
             [H, W, 3].
@@ -121,7 +121,7 @@ class Renderer:
             return np.asarray(self.views(scene, world_to_camera)[0][0] * mask[..., None], dtype=np.float64)
         factor = self.supersampling
         backend = load_backend(self.backend)
-        # The backend's masks are transmissions; larger ones are scaled to that, and back.
+        # The backend takes masks up to 1; larger ones are scaled down, and the result back.
         scale = float(mask.max())
         if scale == 0:
             return np.zeros((*scene.size, 3))
@@ -139,7 +139,7 @@ class Renderer:
     def _large_views(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Draw images and coverage before averaging; the last single view is remembered, for cameras at rest."""
+        """Render images and coverage before averaging; the last single view is cached, for cameras at rest."""
         gaussians = scene.gaussians if gaussians is None else gaussians
         draw = self._drawn if scene.mesh is None else self._drawn_mesh
         if len(world_to_camera) != 1:
@@ -160,7 +160,7 @@ class Renderer:
     def _drawn_mesh(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Draw a mesh by rays: there is no other way, whichever renderer it is."""
+        """Render a mesh by rays, which every renderer does."""
         assert scene.mesh is not None
         factor = self.supersampling
         enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
@@ -198,14 +198,14 @@ def rendered_depth(
     size: tuple[int, int],
     sampling: CanvasSampling | None = None,
 ) -> F64:
-    """Render the depth (z) at which light is stopped, [H, W]; NaN where less than half of it is.
+    """Render the depth (z) at which light is absorbed, [H, W]; NaN at pixels where less than half of it is.
 
     Args:
-        gaussians: What is there.
+        gaussians: The Gaussians.
         world_to_camera: The pose, [4, 4].
         intrinsics: [3, 3], px.
         size: Height and width, px.
-        sampling: Where the pixels look, behind a lens that distorts.
+        sampling: The pixels' viewing directions, for a lens with distortion.
     """
     found = load_backend("cpu").depths(
         gaussians.detach(),

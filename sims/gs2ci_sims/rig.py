@@ -1,4 +1,4 @@
-"""The rig as the simulator knows it: the figures of its parts, in electrons, photons and seconds.
+"""The rig for the simulator: the figures of its parts, in electrons, photons and seconds.
 
 Here: one frozen record per part and `Rig`, which holds them. Each is a table of a rig file (`rig_file` reads it).
 Not here: imperfections (`effects`; their tables are `[effects.*]`), devices and drivers (`gs2ci.rig`), the scene.
@@ -15,7 +15,7 @@ from gs2ci_sims.sensor import Sensor
 
 @dataclass(frozen=True)
 class Timing:
-    """When the masks are on show: equal intervals, back to back or with dark gaps, centred on time 0.
+    """When the masks are shown: equal intervals, back to back or with dark gaps, centred on time 0.
 
     Args:
         interval_s: Time that each mask is exposed, more than 0.
@@ -44,7 +44,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Light:
-    """How bright it is.
+    """The brightness of the light.
 
     Args:
         full_scale_photons: Photons that a pixel receives from radiance 1 through an open mask during one interval.
@@ -63,7 +63,7 @@ class Optics:
 
     Args:
         f_number: Focal length over aperture, more than 0.
-        wavelength_nm: Of the light, for diffraction.
+        wavelength_nm: Wavelength of the light, for diffraction.
     """
 
     f_number: float = 8.0
@@ -82,7 +82,7 @@ class Modulator:
         masks: How many are shown during one exposure, at least 1.
         open_share: Share of a random mask's elements that are open, in (0, 1].
         feature_px: Side of one mask element in sensor pixels, at least 1.
-        pitch_um: Between two mirrors or cells (7.56 um: the DLP6500 chip).
+        pitch_um: Distance between two mirrors or cells (7.56 um: the DLP6500 chip).
     """
 
     masks: int = 8
@@ -104,12 +104,12 @@ class Rig:
     """All figures that the light path and the bounds of its effects need.
 
     Args:
-        light: How bright it is.
+        light: The brightness of the light.
         optics: The lens.
         modulator: The masks.
-        timing: When they are on show.
-        sensor: Its data sheet.
-        device_seed: Which individual this is: seeds fixed patterns (PRNU, hot pixels, contrast maps).
+        timing: When the masks are shown.
+        sensor: The sensor's data sheet.
+        device_seed: Identifies the individual device: seeds fixed patterns (PRNU, hot pixels, contrast maps).
     """
 
     light: Light = field(default_factory=Light)

@@ -1,11 +1,11 @@
-"""The one world that all twins of a rig share: its clock, its trigger lines, the camera's pose, the mask on show.
+"""The world that all twins of a rig share: its clock, its trigger lines, the camera's pose, the mask that is shown.
 
-Time is virtual and passes only while somebody waits on the clock; what twins have scheduled happens on the way,
-in order of time. The stage twin tells where the axes are at any time past, the modulator twin which mask it
-shows, and the sensor twin asks `World.integrate` what light a pixel array collects between two times.
+Time is virtual and passes only while a caller waits on the clock; actions scheduled by twins run meanwhile, in order of
+time. The stage twin returns the positions of the axes at any past time, the modulator twin sets the mask that it shows,
+and the sensor twin calls `World.integrate` for the light that a pixel array collects between two times.
 
 Here: the clock, the bus, the histories, the record of one exposure. Not here: light (`gs2ci_sims.light_path` behind the
-`LightPath` interface), protocols (`gs2ci_sims.wires`). drivers never do.
+`LightPath` interface), protocols (`gs2ci_sims.wires`). Drivers never use this module.
 """
 
 import heapq
@@ -22,12 +22,12 @@ from gs2ci.core.arrays import F64, U8, U16
 from gs2ci.core.errors import InputError
 
 BOOT_S = 1000.0
-"""What the clock shows when a world begins: an uptime, so that times before it are positive too."""
+"""Time of the clock when a world begins: not 0, so that earlier times are positive, too."""
 
 
 @dataclass(order=True)
 class Event:
-    """Something that will happen; ordered by time, then by when it was scheduled."""
+    """A scheduled action; ordered by time, then by the order of scheduling."""
 
     when_s: float
     order: int
@@ -35,7 +35,7 @@ class Event:
     cancelled: bool = field(default=False, compare=False)
 
     def cancel(self) -> None:
-        """Let it not happen; allowed any number of times, also afterwards."""
+        """Cancel it; allowed any number of times, also afterwards."""
         self.cancelled = True
 
 
@@ -57,7 +57,7 @@ class VirtualClock:
         return round(self._now_s * 1e9)
 
     def at(self, when_s: float, action: Callable[[], None]) -> Event:
-        """Schedule `action`; a time past counts as now. Actions must not wait."""
+        """Schedule `action`; a past time counts as now. Actions must not wait."""
         event = Event(max(when_s, self._now_s), next(self._order), action)
         heapq.heappush(self._events, event)
         return event
@@ -67,16 +67,16 @@ class VirtualClock:
         return self.at(self._now_s + delay_s, action)
 
     def sleep_s(self, duration_s: float) -> None:
-        """Let time pass; everything scheduled meanwhile happens."""
+        """Let time pass; all actions scheduled in it run."""
         self.wait_until(lambda: False, duration_s)
 
     def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Let time pass until `done()` holds or `timeout_s` is over; return whether it holds.
 
-        Time stops at the event that made it hold, so a wait costs no more virtual time than it needs.
+        Time stops at the event that made it hold, so a wait takes no more virtual time than needed.
 
         Raises:
-            RuntimeError: Called from inside a scheduled action: firmware does not wait on the world.
+            RuntimeError: Called from inside a scheduled action, which must not wait.
         """
         if self._inside:
             raise RuntimeError("a scheduled action waited on the clock; schedule a later action instead")
@@ -125,7 +125,7 @@ class TriggerBus:
         return self._levels[line]
 
     def drive(self, line: str, level: bool) -> None:
-        """Set a line now; listeners hear of it if this changes it."""
+        """Set a line now; listeners are called if that changes it."""
         if self._levels[line] == level:
             return
         self._levels[line] = level
@@ -144,7 +144,7 @@ class TriggerBus:
         self._listeners[line].append(listener)
 
     def forget_before(self, when_s: float) -> None:
-        """Forget changes that happened before."""
+        """Delete changes before a time."""
         kept = bisect_right(self.edges, when_s, key=lambda edge: edge.when_s)
         del self.edges[:kept]
 
@@ -155,10 +155,10 @@ class TriggerBus:
 
 @dataclass(frozen=True)
 class MaskInterval:
-    """A mask that was on show during a part of an exposure.
+    """A mask that was shown during a part of an exposure.
 
     Args:
-        levels: What the modulator's pixels were set to, [Hm, Wm] uint8 or uint16.
+        levels: Levels of the modulator's pixels, [Hm, Wm] uint8 or uint16.
         top: The level of a fully open pixel.
         start_s: Begin on the world's clock, cut to the exposure.
         end_s: End on the world's clock, cut to the exposure.
@@ -172,13 +172,13 @@ class MaskInterval:
 
 @dataclass(frozen=True)
 class Exposure:
-    """All that decides what a sensor collects in one exposure.
+    """All that determines the light that a sensor collects in one exposure.
 
     Args:
-        index: How many exposures this world has integrated before, to seed noise.
+        index: How many exposures this world has integrated before, used to seed noise.
         start_s: Begin on the world's clock.
         end_s: End on the world's clock.
-        masks: The masks on show, in order of time; between them the modulator is dark.
+        masks: The masks shown, in order of time; between them the modulator is dark.
         world_to_camera_at: The camera's pose, [4, 4], at a time on the world's clock.
         height: Rows of the sensor.
         width: Columns of the sensor.
@@ -196,14 +196,14 @@ class Exposure:
 
 
 class LightPath(Protocol):
-    """From light to numbers: what the twins need of a simulator of optics and sensor."""
+    """From light to numbers: the interface of a simulator of optics and sensor for the twins."""
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels after an exposure, [H, W] uint16 in 0 to 2**bits − 1."""
 
 
 class Darkness:
-    """A light path without light, for twins whose pictures nobody looks at."""
+    """A light path without light, for twins whose pictures are not used."""
 
     def collect(self, exposure: Exposure) -> U16:
         """Return zeros; see `LightPath`."""
@@ -211,20 +211,20 @@ class Darkness:
 
 
 class Motion(Protocol):
-    """Something that knows where its axes were: a stage twin."""
+    """An object with the history of its axes' positions: a stage twin."""
 
     def positions_mm_at(self, when_s: float) -> Mapping[str, float]:
-        """Return where the axes truly were at a time up to now."""
+        """Return the true positions of the axes at a time up to now."""
 
 
 @dataclass(frozen=True)
 class Mount:
-    """How the stage carries the camera.
+    """How the stage moves the camera.
 
     Args:
         rest_world_to_camera: The camera's pose when all axes are at `rest_mm`, [4, 4], OpenCV axes.
         directions: For each axis, the camera's motion per mm in its own rest frame, [3], in the scene's unit.
-        rest_mm: Where the axes are in the rest pose; an axis not named rests at 0.
+        rest_mm: Positions of the axes in the rest pose; an axis that is not named rests at 0.
     """
 
     rest_world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
@@ -252,11 +252,11 @@ class _Shown:
 
 
 class World:
-    """One rig's surroundings; twins are given it, drivers never are.
+    """The surroundings of one rig; twins have access to it, drivers never do.
 
     Args:
-        light: What turns an exposure into pixels; None: darkness.
-        mount: How the stage carries the camera.
+        light: Turns an exposure into pixels; None: darkness.
+        mount: How the stage moves the camera.
     """
 
     def __init__(self, light: LightPath | None = None, mount: Mount | None = None) -> None:
@@ -270,7 +270,7 @@ class World:
         self._shown: list[_Shown] = [_Shown(float("-inf"), None, 1)]
 
     def carry_camera(self, motion: Motion) -> None:
-        """Let a stage twin carry the camera."""
+        """Attach the camera to a stage twin."""
         self._motion = motion
 
     def world_to_camera_at(self, when_s: float) -> F64:
@@ -278,9 +278,9 @@ class World:
         return self.mount.world_to_camera(self._motion.positions_mm_at(when_s) if self._motion else {})
 
     def forget_before(self, when_s: float) -> list[int]:
-        """Forget exposures, masks and changes of lines of before a time; return the exposures' indices.
+        """Delete exposures, masks and changes of lines before a time; return the exposures' indices.
 
-        What was on show at that time is kept, and exposures go on being counted.
+        The mask shown at that time is kept, and the count of exposures goes on.
         """
         done = bisect_right(self.exposures, when_s, key=lambda exposure: exposure.end_s)
         forgotten = [exposure.index for exposure in self.exposures[:done]]
@@ -305,7 +305,7 @@ class World:
         self._shown.append(_Shown(now_s, levels, top))
 
     def masks_between(self, start_s: float, end_s: float) -> tuple[MaskInterval, ...]:
-        """Return the masks on show between two times, cut to them; dark stretches are left out."""
+        """Return the masks shown between two times, cut to these; dark times are left out."""
         first = bisect_right(self._shown, start_s, key=lambda shown: shown.start_s) - 1
         intervals = []
         for i in range(max(first, 0), len(self._shown)):
@@ -319,7 +319,7 @@ class World:
         return tuple(intervals)
 
     def integrate(self, start_s: float, end_s: float, *, height: int, width: int, bits: int) -> U16:
-        """Return what the sensor collects between two times up to now, [H, W] uint16.
+        """Return the sensor's pixels for the light between two times up to now, [H, W] uint16.
 
         Raises:
             InputError: The exposure ends in the future or has no length.

@@ -1,9 +1,9 @@
-"""What an effect is: its parameters, what leaving it out would change, and what it does.
+"""The interface of effects: parameters, a bound on the change if an effect is left out, and its application.
 
 An effect is a frozen dataclass of its physical parameters, in electrons and seconds; its table in a rig file,
-`[effects.name]`, holds exactly these. Its presence in a light path switches it on; there is no flag. Off, it is the
-identity bit for bit, costs nothing and draws nothing. Not here: the order of effects (`light_path`), which of them
-a measurement needs (`planner`), what the signals are made of (`signals`).
+`[effects.name]`, holds exactly these. An effect is on if it is in the light path; there is no flag. If it is off, the
+result is bit-identical to a light path without it, it takes no time and draws no random numbers. Not here: the order of
+effects (`light_path`), which of them a measurement needs (`planner`), the types of signals (`signals`).
 """
 
 import enum
@@ -19,7 +19,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.rig import Rig
 
-if TYPE_CHECKING:  # scenes take torch, which a bench's computer need not have
+if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
     from gs2ci_sims.path import CameraPath
     from gs2ci_sims.scene import Scene
     from gs2ci_sims.spectrum import MovingSpectrum
@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # scenes take torch, which a bench's computer need not have
 
 @enum.unique
 class Stage(enum.Enum):
-    """Where along the light path an effect acts, and what the signal is there."""
+    """The place in the light path where an effect acts, and the signal there."""
 
     MOTION = "where the camera is at any time, CameraPath"
     SCENE = "what is seen at any time, MovingScene"
@@ -42,14 +42,14 @@ class Stage(enum.Enum):
 
 @dataclass(frozen=True)
 class BoundStep:
-    """One step of a bound's derivation, with this rig's numbers in it.
+    """One step of a bound's derivation, with this rig's numbers.
 
     Args:
-        symbol: Stands for the value in the laws of later steps.
-        value: In `unit`.
-        unit: "" for a pure number.
-        what: What it is.
-        law: How it follows from the symbols before it, as a formula in Python's notation, with numpy's functions and
+        symbol: Symbol of the value in the laws of later steps.
+        value: The value, in `unit`.
+        unit: Its unit; "" for a pure number.
+        what: Description.
+        law: How it follows from earlier symbols, as a formula in Python's notation, with numpy's functions and
             J1 for the Bessel function; "" for a figure of the rig file or one that is measured on images.
     """
 
@@ -67,16 +67,17 @@ def gain_step(rig: Rig) -> BoundStep:
 
 @dataclass(frozen=True)
 class Bound:
-    """At most so much would change in the readings if the effect were left out, or sampled no finer.
+    """A bound on the change of the readings if the effect is left out, or sampled no finer.
 
-    It limits the change that the effect makes to the reading that a pixel has before counting and rounding
-    (a noise: the deviations that it adds).
+    It limits the effect's change of a pixel's reading before photons are counted and readings are rounded (for a noise:
+    the deviations that it adds).
 
     Args:
         rms_dn: Root mean square over the pixels, DN, at least 0. Infinite: it cannot be left out.
         peak_dn: Largest over the pixels, DN; for a noise, six standard deviations of the noisiest pixel.
-        random: Deviations of mean zero, independent of everything else: they add in quadrature.
-        steps: How `rms_dn` came about; its own step is the last.
+        random: Whether it consists of deviations with mean zero that are independent of all others: these add in
+            quadrature.
+        steps: The derivation of `rms_dn`; its own step is the last.
     """
 
     rms_dn: float
@@ -89,11 +90,11 @@ class Bound:
             raise InputError(f"bound of {self.rms_dn} DN rms, {self.peak_dn} DN peak", allowed="0 or more, or infinite")
 
     def after(self, *steps: BoundStep) -> "Bound":
-        """Return the same bound, of which these steps come first."""
+        """Return the same bound, with these steps in front of its own."""
         return replace(self, steps=(*steps, *self.steps))
 
     def by(self, law: str, *steps: BoundStep) -> "Bound":
-        """Return the same bound as it follows by a law from these steps."""
+        """Return the same bound, derived from these steps by a law."""
         return replace(self, steps=(*steps, *self.steps, BoundStep("bound", self.rms_dn, "DN", "rms", law)))
 
 
@@ -102,18 +103,18 @@ UNAVOIDABLE = Bound(math.inf, math.inf)
 
 
 class ViewPreview(Protocol):
-    """What an effect may know of a preview that itself says how it changes light, views or motion.
+    """The part of a preview that is available to effects which state how they change light, views or motion.
 
-    No charge and no scale of readings: these follow from what the effects say.
+    It contains no charge and no scale of readings, because these follow from the effects' statements.
     """
 
     @property
     def scene(self) -> "Scene":
-        """Get what is seen."""
+        """Get the scene."""
 
     @property
     def path(self) -> "CameraPath":
-        """Get where the camera is at any time, before effects."""
+        """Get the camera path, before effects."""
 
     @property
     def masks(self) -> F32:
@@ -121,7 +122,7 @@ class ViewPreview(Protocol):
 
     @property
     def rig(self) -> Rig:
-        """Get the figures."""
+        """Get the figures of the rig."""
 
     @property
     def intervals_s(self) -> F64:
@@ -132,22 +133,22 @@ class ViewPreview(Protocol):
         """Get the masks with all effects on masks, [N, H, W]."""
 
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
-        """Return rms and peak, radiance, of what a linear filter changes in a view."""
+        """Return rms and peak, radiance, of a linear filter's change of a view."""
 
     @property
     def spectrum(self) -> "MovingSpectrum":
-        """Get the power of a view by frequency and direction, as it turns in phase while the image moves."""
+        """Get the power of a view by the frequency and direction with which its phase changes in a moving image."""
 
     def shifted(self, shift_px: float) -> tuple[float, float]:
-        """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
+        """Return rms and peak of the change of a view by a shift of up to `shift_px` in any direction."""
 
 
 class Previewed(ViewPreview, Protocol):
-    """What a bound may know of a measurement (`gs2ci_sims.preview.Preview`, where each is explained)."""
+    """The data on a measurement that bounds may use (`gs2ci_sims.preview.Preview` explains each)."""
 
     @property
     def most_open(self) -> NDArray[Any]:
-        """Get the larger of the nominal masks and those shown, [N, H, W]."""
+        """Get the maximum of the nominal masks and those shown, [N, H, W]."""
 
     @property
     def full_scale_dn(self) -> float:
@@ -155,11 +156,11 @@ class Previewed(ViewPreview, Protocol):
 
     @property
     def motion_px(self) -> F64:
-        """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
+        """Get the largest motion in the image within each mask interval, [N] pixels."""
 
     @property
     def object_px_per_s(self) -> float:
-        """Get how fast objects move across the image by themselves, at most."""
+        """Get the largest speed in the image of objects that move by themselves."""
 
     @property
     def charge_e(self) -> F64:
@@ -167,7 +168,7 @@ class Previewed(ViewPreview, Protocol):
 
     @property
     def charge_error_e(self) -> float:
-        """Get how far the charge may be from `charge_e`, rms over the pixels."""
+        """Get a bound on the rms difference of the charge from `charge_e` over the pixels."""
 
     @property
     def most_e(self) -> F64:
@@ -175,40 +176,40 @@ class Previewed(ViewPreview, Protocol):
 
     @property
     def charge_rms_e(self) -> float:
-        """Get a bound of the rms over the pixels of the charge."""
+        """Get a bound on the rms of the charge over the pixels."""
 
     @property
     def charge_mean_e(self) -> float:
-        """Get a bound of the mean over the pixels of the charge."""
+        """Get a bound on the mean of the charge over the pixels."""
 
     @property
     def added_e(self) -> tuple[float, float]:
-        """Get the charge that comes in the dark, its mean over the pixels and its largest."""
+        """Get the charge that is added in the dark, its mean over the pixels and its largest value."""
 
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
-        """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons."""
+        """Bound the pixels' charge beyond a capacity: mean, rms and peak over the pixels, electrons."""
 
     def of_views(self, rms: float | F64, peak: float) -> Bound:
-        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
+        """Bound the readings by fields of this rms (of each, [N], or of all) and peak, radiance, behind the masks."""
 
     def of_masks(self, effect: "Effect", change: NDArray[Any]) -> Bound:
-        """Bound what a change of the masks, [N, H, W], makes of the readings."""
+        """Bound the change of the readings by a change of the masks, [N, H, W]."""
 
     def of_mask_effect(self, effect: "Effect") -> Bound:
-        """Bound what an effect on masks changes: applied to the masks that it meets."""
+        """Bound the change by an effect on masks, applied to the masks that reach it."""
 
     def of_photon_effect(self, effect: "Effect", most: float) -> Bound:
-        """Bound what a linear effect on the photons changes: at most the share `most` of what it acts on, rms."""
+        """Bound the change by a linear effect on the photons: at most the share `most` of its input, rms."""
 
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
-        """Bound what changing the light behind each mask by a share, [N], makes of the readings."""
+        """Bound the change of the readings if the light behind each mask changes by a share, [N]."""
 
 
 class Effect(Protocol):
     """One physical effect.
 
-    `cost_ns` is roughly what it costs per pixel of its stage's signal (of each view at RADIANCE, of each mask at
-    MASKS), in nanoseconds on one core; the planner weighs it against the bound.
+    `cost_ns` is its approximate time per pixel of its stage's signal (of each view at RADIANCE, of each mask at MASKS),
+    in nanoseconds on one core; the planner compares it with the bound.
     `fixed_pattern` effects draw from the device's generator: the same pattern in every exposure of one device.
     """
 
@@ -218,7 +219,7 @@ class Effect(Protocol):
     fixed_pattern: ClassVar[bool]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Return an upper bound of what leaving the effect out would change. Cheap: nothing is rendered."""
+        """Return an upper bound on the change if the effect is left out. Cheap: nothing is rendered."""
 
     def apply(self, signal: Any, rig: Rig, rng: np.random.Generator) -> Any:
         """Return the signal with the effect; never changes its argument. `rng` belongs to this effect alone."""
@@ -226,17 +227,17 @@ class Effect(Protocol):
 
 @runtime_checkable
 class KernelEffect(Effect, Protocol):
-    """An effect that is a convolution: how wide its kernel reaches is the planner's choice.
+    """An effect that is a convolution, whose kernel's size is chosen by the planner.
 
-    Such an effect has a field `reach`: where the kernel is cut off, in its standard deviations.
+    Such an effect has a field `reach`: where the kernel is truncated, in its standard deviations.
     """
 
     @property
     def reach(self) -> float:
-        """Get where the kernel is cut off now, in standard deviations."""
+        """Get where the kernel is truncated now, in standard deviations."""
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
-        """Return an upper bound of what a kernel without end would change, against one of this reach."""
+        """Return an upper bound on the difference between the full kernel and one of this reach."""
 
 
 @runtime_checkable
@@ -252,7 +253,7 @@ class Charging(Effect, Protocol):
     """An effect that fills pixels in the dark."""
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
-        """Return how many electrons at most it adds, in the mean over the pixels and in the fullest one."""
+        """Return an upper bound on the electrons added, in the mean over the pixels and in the fullest one."""
 
 
 @runtime_checkable
@@ -260,7 +261,7 @@ class Modulating(Effect, Protocol):
     """An effect that changes the light of some masks more than that of others."""
 
     def modulation(self, scene: ViewPreview) -> float:
-        """Return the largest share of a mask's light that it takes away, adds, or collects at another time."""
+        """Return the largest share of a mask's light that it removes, adds, or shifts to another time."""
 
 
 @runtime_checkable
@@ -268,22 +269,22 @@ class Moving(Effect, Protocol):
     """An effect that moves parts of the scene."""
 
     def image_px_per_s(self, scene: ViewPreview) -> float:
-        """Return how fast they cross the image, at most."""
+        """Return their largest speed in the image."""
 
 
 @runtime_checkable
 class ViewChange(Effect, Protocol):
-    """An effect on views that puts light elsewhere; one that only dims them is none."""
+    """An effect on views that moves light to other pixels; an effect that only dims views is not one."""
 
     def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak, radiance, of what it changes in a view."""
+        """Return rms and peak, radiance, of its change of a view."""
 
 
 @runtime_checkable
 class ViewEffect(Effect, Protocol):
-    """An effect on views that looks beyond the sensor's rim, or at depth."""
+    """An effect on views that needs pixels beyond the sensor's border, or depth."""
 
     needs_depth: ClassVar[bool]
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
-        """Return how many pixels beyond the rim of an image of this size the effect looks."""
+        """Return how many pixels beyond the border of an image of this size the effect needs."""

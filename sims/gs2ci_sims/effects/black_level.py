@@ -16,8 +16,8 @@ class BlackLevel:
     """Shift all readings: the clamp's drift since the dark frames were taken.
 
     The offset mu_y.dark of EMVA Standard 1288, Release 3.1, section 2.1, is a figure of the data sheet
-    (`Sensor.black_level_dn`) and always there; this is how far the truth lies from it. A shift down clips dark
-    readings at 0 where the data sheet's level is too low to hold it.
+    (`Sensor.black_level_dn`) and always present; this effect is the difference of the true level from it. A shift down
+    clips dark readings at 0 if the data sheet's level is too low for it.
 
     Args:
         shift_dn: True black level minus the data sheet's, DN.

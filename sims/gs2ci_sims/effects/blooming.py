@@ -20,7 +20,7 @@ class Blooming:
     (2001)). Acts before `full_well`, which clips what stays.
 
     Args:
-        share: Of the excess charge that spills, 0 to 1.
+        share: Share of the excess charge that spills, 0 to 1.
     """
 
     name: ClassVar[str] = "blooming"
@@ -35,7 +35,7 @@ class Blooming:
             raise InputError(f"blooming of {self.share} of the excess charge", allowed="0 to 1")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Excess S in all, spilled into pixels that take at most the well's charge W each.
+        """The total excess S spills into pixels that take at most the well's charge W each.
 
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
         W^2 per pixel. Givers read W with and without it.

@@ -1,4 +1,4 @@
-"""What noises that add to the charge share: a standard deviation in electrons, and the bound that follows from it."""
+"""The base of noises that add to the charge: a standard deviation in electrons, and the bound that follows from it."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Clock drift: modulator and sensor count seconds of different length."""
+"""Clock drift: the clocks of modulator and sensor run at different rates."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -15,7 +15,7 @@ from gs2ci_sims.signals import Slices
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """Stretch the masks' schedule from the first mask on; the sensor closes when its own clock says so.
+    """Stretch the masks' schedule from the first mask on; the sensor closes by its own clock.
 
     Args:
         ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
@@ -33,9 +33,9 @@ class ClockDrift:
             raise InputError(f"clock drift of {self.ppm} ppm", allowed="finite, above -1e6")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Each mask's weight changes by the stretch, the last one's by what is cut off, and its light is of later.
+        """Each mask's weight changes by the stretch, the last one's by the part cut off, and its light comes later.
 
-        What is taken from its own time and what is added after it are at most twice the delay.
+        The time removed from its own interval and the time added after it are together at most twice the delay.
         """
         change, swing, taken_s = self._changes(scene, rig)
         return scene.of_shares(self, change, swing, taken_s).after(
@@ -48,11 +48,11 @@ class ClockDrift:
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """What the last mask's light changes by, or moves."""
+        """The share of the last mask's light that changes, or moves in time."""
         return float(self._changes(scene, scene.rig)[1].max())
 
     def _changes(self, scene: ViewPreview, rig: Rig) -> tuple[F64, F64, F64]:
-        """Return the change of each mask's light, its magnitude in time [N], and over what time it goes on [N, 2]."""
+        """Return the change of each mask's light, its magnitude in time [N], and the interval of the change [N, 2]."""
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
         stretched = begin + (scene.intervals_s - begin) * (1 + stretch)

@@ -25,7 +25,7 @@ class DarkCurrent:
 
     Args:
         current_e_per_s: mu_I.ref, electrons per pixel and second at 25 degrees Celsius, at least 0.
-        temperature_c: Of the sensor, degrees Celsius, -100 to 100.
+        temperature_c: Temperature of the sensor, degrees Celsius, -100 to 100.
         doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
     """
 

@@ -1,4 +1,4 @@
-"""Defocus: what lies off the plane of focus is spread over a disc, by its depth."""
+"""Defocus: points off the plane of focus are spread over a disc, by their depth."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -13,7 +13,7 @@ from gs2ci_sims.effects.kernels import disc, disc_transfer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
-# Diameters for which the view is blurred lie this far apart; between them the blurred views are interpolated.
+# Step between the diameters for which the view is blurred; between them the blurred views are interpolated.
 LAYER_STEP_PX: Final = 0.5
 DIAMETER_MAX_PX: Final = 64.0
 
@@ -55,7 +55,7 @@ class Defocus:
         return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The spectrum times what the widest disc takes from each cosine, 1 - 2 J1(x)/x."""
+        """The spectrum times the loss of each cosine by the widest disc, 1 - 2 J1(x)/x."""
         focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), scene.scene.depth_range()
         widest = float(self._widest_px(scene.scene.intrinsics, np.array([near, far])).max())
         return scene.of_views(*self.view_change(scene)).after(
@@ -74,7 +74,7 @@ class Defocus:
         )
 
     def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak of what the blur takes from a view."""
+        """Return rms and peak of the change of a view by the blur."""
         widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
         return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))
 
@@ -90,7 +90,7 @@ class Defocus:
         """Blur the view by layers of disc diameter."""
         assert signal.depth is not None, "the exposure renders depth for effects that need it"
         diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))
-        # A disc of less than a pixel leaves a pixel alone; from there on, layers lie a step apart.
+        # A disc of less than a pixel changes nothing; for larger ones there is a layer for each step.
         layer = np.maximum(diameter - 1.0, 0.0) / LAYER_STEP_PX
         result = np.zeros_like(signal.radiance)
         for number in np.unique(np.concatenate([np.floor(layer), np.ceil(layer)]).astype(int)):

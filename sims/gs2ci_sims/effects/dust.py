@@ -1,4 +1,4 @@
-"""Dust: particles on the sensor's cover glass cast shadows that stay."""
+"""Dust: particles on the sensor's cover glass cast shadows that are the same in every exposure."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -26,9 +26,9 @@ class Dust:
     the sensor's side, both in air; where cones overlap several particles, what each lets through is multiplied.
 
     Args:
-        particles: On the glass before the sensor, in the mean; their number is drawn from Poisson's law, 0 to 10000.
-        diameter_px: Of a particle, in sensor pixels, 0 to 128.
-        cone_px: Of the cone where it crosses the glass, in sensor pixels, 0 to 128.
+        particles: Mean number on the glass before the sensor; the number is drawn from Poisson's law, 0 to 10000.
+        diameter_px: Diameter of a particle, in sensor pixels, 0 to 128.
+        cone_px: Diameter of the cone where it crosses the glass, in sensor pixels, 0 to 128.
     """
 
     name: ClassVar[str] = "dust"
@@ -49,7 +49,7 @@ class Dust:
             )
 
     def shadow(self) -> F64:
-        """Return what share of its light each pixel around a particle loses, [2 r + 1, 2 r + 1] in [0, 1]."""
+        """Return the share of its light that each pixel around a particle loses, [2 r + 1, 2 r + 1] in [0, 1]."""
         area = 0.25 * np.pi * self.diameter_px**2
         particle, cone = disc(self.diameter_px), disc(self.cone_px)
         rim = cone.shape[0] // 2
@@ -57,7 +57,7 @@ class Dust:
         return np.asarray(np.minimum(covered, 1.0))
 
     def transmission(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
-        """Draw what the glass of a sensor of this size lets through, [H, W] in [0, 1]."""
+        """Draw the transmission of the glass of a sensor of this size, [H, W] in [0, 1]."""
         shadow = self.shadow()
         reach = shadow.shape[0] // 2
         passed = np.ones((size[0] + 2 * reach, size[1] + 2 * reach))
@@ -67,7 +67,7 @@ class Dust:
         return passed[reach : reach + size[0], reach : reach + size[1]]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What this device's shadows take from the previewed measurement, and all of what that may differ by."""
+        """The loss of the previewed measurement by this device's shadows, plus the preview's possible error in full."""
         deepest = float(self.shadow().max())
         return scene.of_photon_effect(self, 1.0 if self.particles > 0 else 0.0).after(
             BoundStep("n", self.particles, "", "particles, in the mean"),

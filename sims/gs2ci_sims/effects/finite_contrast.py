@@ -24,7 +24,7 @@ class FiniteContrast:
     Args:
         contrast: On over off, median over the field, more than 1.
         spread: Standard deviation of the leakage's logarithm, 0 to 2.
-        patch_px: Over how many pixels the leakage changes, at least 0.
+        patch_px: Scale over which the leakage varies, pixels, at least 0.
     """
 
     name: ClassVar[str] = "finite_contrast"
@@ -44,7 +44,7 @@ class FiniteContrast:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What this device's map of leakage lets through behind all closed elements."""
+        """The light that passes all closed elements by this device's map of leakage."""
         return scene.of_mask_effect(self).after(
             BoundStep("C", self.contrast, "", "contrast, median over the field"),
             BoundStep("leak", 1 / self.contrast, "", "off level there; a mask M becomes leak + (1 - leak) M", "1 / C"),

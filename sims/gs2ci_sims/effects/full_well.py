@@ -33,7 +33,7 @@ class FullWell:
             raise InputError(f"full well of {self.capacity_e} electrons", allowed="more than 0")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What the charge, with six standard deviations of its noise, has beyond the capacity."""
+        """The charge beyond the capacity, with six standard deviations of its noise."""
         _, rms_e, peak_e = scene.excess_e(self.capacity_e)
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
             "K * x",

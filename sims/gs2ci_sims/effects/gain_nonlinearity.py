@@ -18,7 +18,7 @@ class GainNonlinearity:
 
     With x = charge / W, the amplifier puts out W (x + 4 d x (1 - x)): d is the largest departure from the straight
     line between the ends, as a share of the full scale. The linearity error LE of EMVA Standard 1288, Release 3.1,
-    section 6, is the like, relative to a fitted line.
+    section 6, is defined similarly, relative to a fitted line.
 
     Args:
         departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
@@ -60,10 +60,10 @@ class GainNonlinearity:
         )
 
     def brightest(self, scene: ViewPreview) -> float:
-        """The steepest slope: a change of the light before the amplifier grows by so much."""
+        """The steepest slope: it is the factor by which a change of the light before the amplifier grows."""
         return 1 + 4 * abs(self.departure)
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
-        """Bend electrons [H, W, C]; beyond the ends the response goes on without the parabola."""
+        """Bend electrons [H, W, C]; beyond the ends the response continues without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)

@@ -19,13 +19,13 @@ MOST_BLUR_PX: Final = 256.0
 class GhostReflection:
     """Add a share of the image, turned by half a turn about the middle of the sensor and spread over a disc.
 
-    Light reflected twice, by the sensor and by a surface before it, comes back as a ghost; its share is the product of
+    Light reflected twice, by the sensor and by a surface in front of it, forms a ghost; its share is the product of
     both reflectivities (Hullin, Eisemann, Seidel and Lee, ACM Trans. Graphics 30 (2011) 108). By Fresnel's law an
     uncoated surface of index n reflects ((n - 1) / (n + 1))^2, 4.3 % for glass of 1.52. A ghost between the sensor and
     the lens that forms the image is turned about the axis. The image keeps all of its own light here.
 
     Args:
-        share: Of the light that comes again, 0 to 0.5.
+        share: Share of the light in the ghost, 0 to 0.5.
         blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
     """
 
@@ -45,9 +45,9 @@ class GhostReflection:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The ghost of the previewed measurement, and its share of what that may differ by.
+        """The ghost of the previewed measurement, plus its share of the preview's possible error.
 
-        Neither the turn nor the blur makes an image's rms larger.
+        Neither the rotation nor the blur increases an image's rms.
         """
         return scene.of_photon_effect(self, self.share).after(
             BoundStep("s", self.share, "", "share of the light that comes again"),
@@ -59,7 +59,7 @@ class GhostReflection:
         return 1 + self.share
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
-        """Add the ghost to photons [H, W, C]; beyond the rim the image goes on mirrored."""
+        """Add the ghost to photons [H, W, C]; beyond the border the image is mirrored."""
         turned = np.ascontiguousarray(signal[::-1, ::-1])
         spread = cv2.filter2D(turned, cv2.CV_64F, disc(self.blur_px), borderType=cv2.BORDER_REFLECT)
         return np.asarray(signal + self.share * spread.reshape(signal.shape))

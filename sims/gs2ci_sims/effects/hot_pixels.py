@@ -1,4 +1,4 @@
-"""Hot pixels: a few leak a thousand times the dark current of the others."""
+"""Hot pixels: a few have a thousand times the dark current of the others."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -20,8 +20,8 @@ class HotPixels:
     it as the straight flank of the logarithmic histogram).
 
     Args:
-        share: Of all pixels that are hot, 0 to 1.
-        mean_e_per_s: Mean excess of those, electrons per second, at least 0.
+        share: Share of all pixels that are hot, 0 to 1.
+        mean_e_per_s: Their mean excess, electrons per second, at least 0.
     """
 
     name: ClassVar[str] = "hot_pixels"

@@ -1,4 +1,4 @@
-"""Illumination drift: a lamp that warms up or tires during the exposure."""
+"""Illumination drift: a lamp that becomes brighter or darker during the exposure."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,7 +14,7 @@ from gs2ci_sims.signals import Slices
 
 @dataclass(frozen=True)
 class IlluminationDrift:
-    """Multiply the light by 1 + rate t, with t = 0 in the middle of the exposure; never below darkness.
+    """Multiply the light by 1 + rate t, with t = 0 in the middle of the exposure; never below 0.
 
     Args:
         rate_per_s: Relative change per second.
@@ -32,7 +32,7 @@ class IlluminationDrift:
             raise InputError(f"illumination drift of {self.rate_per_s} per second", allowed="a finite number")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Each mask's light changes by the mean of the drift; where that passes through nothing, by the mean size."""
+        """Each mask's light changes by the mean of the drift; if the drift changes sign, by the mean magnitude."""
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
         change = self._factor(times_s) - 1

@@ -1,4 +1,4 @@
-"""Illumination flicker: lamps on the mains swing at twice its frequency."""
+"""Illumination flicker: the light of lamps on the mains oscillates at twice its frequency."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,13 +14,13 @@ from gs2ci_sims.signals import Slices
 
 @dataclass(frozen=True)
 class IlluminationFlicker:
-    """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is drawn: nothing waits for the mains.
+    """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is random: nothing is locked to the mains.
 
     `depth` is percent flicker / 100, (max - min) / (max + min) (IEEE 1789-2015, section 3).
 
     Args:
         depth: 0 to 1.
-        mains_hz: Of the supply; light swings at twice that.
+        mains_hz: Frequency of the supply; light oscillates at twice that.
     """
 
     name: ClassVar[str] = "illumination_flicker"
@@ -38,7 +38,7 @@ class IlluminationFlicker:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The swing that an interval's mean keeps, depth |sin x / x|, at the worst phase; the rest moves in time."""
+        """The oscillation left in an interval's mean, depth |sin x / x|, at the worst phase; the rest moves in time."""
         mains = BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains")
         light = BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
         steps = mains, *swing_left(self.depth, light, rig.timing.interval_s)
@@ -46,13 +46,13 @@ class IlluminationFlicker:
         return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
 
     def brightest(self, scene: ViewPreview) -> float:
-        """The top of the swing."""
+        """The maximum of the oscillation."""
         return 1 + self.depth
 
     def modulation(self, scene: ViewPreview) -> float:
-        """The swing."""
+        """The oscillation's depth."""
         return self.depth
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Swing the light of the slices."""
+        """Modulate the light of the slices."""
         return swinging(signal, self.depth, 2 * self.mains_hz, float(rng.uniform(0, 2 * np.pi)))

@@ -8,20 +8,20 @@ from scipy.special import ive, j1
 
 from gs2ci.core.arrays import F64
 
-# Sub-samples per pixel side when a disc is drawn: its area is then off by less than 0.1 %.
+# Sub-samples per pixel side when a disc is drawn: the error of its area is then below 0.1 %.
 DISC_OVERSAMPLING: Final = 16
 
 
 def gaussian_radius(sigma_px: float, reach: float) -> int:
-    """Return the radius of a kernel that is cut off at reach sigma: one more than that, as narrow ones fall slower."""
+    """Return the radius of a kernel truncated at reach sigma: one more, because narrow kernels decrease more slowly."""
     return int(np.ceil(reach * sigma_px)) + 1 if sigma_px > 0 else 0
 
 
 def discrete_gaussian(sigma_px: float, reach: float) -> F64:
-    """Return Lindeberg's discrete Gaussian, [2 r + 1] with r = `gaussian_radius`; it adds up to 1.
+    """Return Lindeberg's discrete Gaussian, [2 r + 1] with r = `gaussian_radius`; its sum is 1.
 
-    e^-t I_n(t) with t = sigma^2 is what a sampled Gaussian only approximates: its variance is exactly t and its
-    transfer function exactly exp(t (cos w - 1)), however small sigma is (Lindeberg, IEEE PAMI 12 (1990) 234).
+    It is e^-t I_n(t) with t = sigma^2. Unlike for a sampled Gaussian, its variance is exactly t and its transfer
+    function exactly exp(t (cos w - 1)), for any sigma (Lindeberg, IEEE PAMI 12 (1990) 234).
     """
     radius = gaussian_radius(sigma_px, reach)
     kernel = ive(np.arange(-radius, radius + 1), sigma_px**2)
@@ -35,7 +35,7 @@ def gaussian_tail(sigma_px: float, reach: float) -> float:
 
 
 def blurred(image: F64, sigma_px: float, reach: float) -> F64:
-    """Convolve an image [H, W] or [H, W, C] with the discrete Gaussian; beyond the rim it goes on mirrored."""
+    """Convolve an image [H, W] or [H, W, C] with the discrete Gaussian; beyond the border it is mirrored."""
     kernel = discrete_gaussian(sigma_px, reach)
     if kernel.size == 1:
         return image
@@ -44,7 +44,7 @@ def blurred(image: F64, sigma_px: float, reach: float) -> F64:
 
 
 def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
-    """Return an upper limit of what the discrete Gaussian takes from a cosine (cycles per pixel), as a share.
+    """Return an upper limit on the share of a cosine (cycles per pixel) that the discrete Gaussian removes.
 
     1 - exp(t (cos w_x + cos w_y - 2)) with cos w >= 1 - w^2 / 2.
     """
@@ -52,7 +52,7 @@ def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
 
 
 def disc(diameter_px: float) -> F64:
-    """Return a uniform disc as pixels see it, [2 r + 1, 2 r + 1], adding up to 1; one pixel for less than one."""
+    """Return a uniform disc integrated over pixels, [2 r + 1, 2 r + 1], with the sum 1; one pixel for less than one."""
     radius = int(np.ceil(0.5 * diameter_px - 0.5)) if diameter_px > 0 else 0
     if radius == 0:
         return np.ones((1, 1))

@@ -14,14 +14,14 @@ from gs2ci_sims.signals import Slices
 
 @dataclass(frozen=True)
 class LcosFlicker:
-    """Multiply all transmissions by 1 + depth cos(2 pi drive t), in step with the masks: drive and frame share a clock.
+    """Multiply all transmissions by 1 + depth cos(2 pi drive t), synchronous with the masks: they share a clock.
 
     The molecules follow the pulses of a digital drive (Hermerschmidt et al., Proc. SPIE 7723 (2010), on phase
     flicker); behind a polariser that is a ripple of the transmission.
 
     Args:
         depth: 0 to 1.
-        drive_hz: Of the pulse sequence.
+        drive_hz: Frequency of the pulse sequence.
     """
 
     name: ClassVar[str] = "lcos_flicker"
@@ -40,18 +40,18 @@ class LcosFlicker:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
+        """The ripple left in an interval's mean, depth |sin x / x|; the rest moves in time."""
         drive = BoundStep("f", self.drive_hz, "Hz", "frequency of the drive")
         steps = swing_left(self.depth, drive, rig.timing.interval_s)
         masks = len(scene.masks)
         return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
 
     def brightest(self, scene: ViewPreview) -> float:
-        """The top of the swing."""
+        """The maximum of the ripple."""
         return 1 + self.depth
 
     def modulation(self, scene: ViewPreview) -> float:
-        """The swing."""
+        """The ripple's depth."""
         return self.depth
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:

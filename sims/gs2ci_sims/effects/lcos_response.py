@@ -20,8 +20,7 @@ class LcosResponse:
     """Let the transmission relax from the old state to the new with a time constant.
 
     First-order relaxation of the director (Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3), the same for
-    both directions; before the first mask the modulator is dark. What is left of older masks is carried on, in dark
-    gaps too.
+    both directions; before the first mask the modulator is dark. The rest of older masks persists, also in dark gaps.
 
     Args:
         tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
@@ -39,7 +38,7 @@ class LcosResponse:
             raise InputError(f"LCoS time constant of {self.tau_s} s", allowed="finite, 0 or more")
 
     def states(self, masks: int, rig: Rig) -> F64:
-        """Return what is on the modulator at the switch to each mask, as shares of all masks, [N, N]."""
+        """Return the modulator's state at the switch to each mask, as shares of all masks, [N, N]."""
         on = -np.expm1(-rig.timing.interval_s / self.tau_s)
         off = float(np.exp(-rig.timing.dark_s / self.tau_s))
         states = np.zeros((masks, masks))
@@ -50,7 +49,7 @@ class LcosResponse:
         return states
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
+        """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times its difference from the mask."""
         if self.tau_s == 0:
             return NOTHING.by("0")
         weight = self._weight(rig)
@@ -62,7 +61,7 @@ class LcosResponse:
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """What goes to older masks."""
+        """The share that belongs to older masks."""
         return self._weight(scene.rig) if self.tau_s > 0 else 0.0
 
     def _weight(self, rig: Rig) -> float:
@@ -71,7 +70,7 @@ class LcosResponse:
         return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Mix what is left of older masks into each mask's time."""
+        """Mix the rest of older masks into each mask's time."""
         if self.tau_s == 0:
             return signal
         pieces = signal.split_at(signal.since_s[:, None] + self.tau_s * CUTS)

@@ -1,4 +1,4 @@
-"""Lens distortion: straight lines bend towards the rim."""
+"""Lens distortion: straight lines are bent towards the border."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -13,20 +13,20 @@ from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPrev
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
-# Newton steps that invert the polynomial: quadratic convergence makes this plenty.
+# Newton steps that invert the polynomial: more than enough with quadratic convergence.
 INVERSION_STEPS: Final = 20
 
 
 @dataclass(frozen=True)
 class LensDistortion:
-    """Shift what is seen at radius r from the axis (tangent of the field angle) to r (1 + k1 r^2 + k2 r^4).
+    """Shift points at radius r from the axis (tangent of the field angle) to r (1 + k1 r^2 + k2 r^4).
 
     The radial model of Brown (Photogrammetric Engineering 32 (1966) 444), with the signs of OpenCV: k1 < 0 is a
     barrel.
 
     Args:
-        k1: Of r^2.
-        k2: Of r^4.
+        k1: Coefficient of r^2.
+        k2: Coefficient of r^4.
     """
 
     name: ClassVar[str] = "lens_distortion"
@@ -46,7 +46,7 @@ class LensDistortion:
         """Invert r (1 + k1 r^2 + k2 r^4) by Newton's method.
 
         Raises:
-            InputError: The polynomial turns back within these radii: it maps two field angles to one place.
+            InputError: The polynomial is not monotonic within these radii: it maps two field angles to one place.
         """
         bare = np.array(radius, dtype=np.float64)
         for _ in range(INVERSION_STEPS):
@@ -72,16 +72,16 @@ class LensDistortion:
         )
 
     def sampling(self, size: tuple[int, int], intrinsics: F64) -> CanvasSampling:
-        """Return where the pixels of an image look, for a renderer that takes it."""
+        """Return the viewing directions of an image's pixels, for a renderer that accepts them."""
         return CanvasSampling.around(np.moveaxis(self.sources_px(size, intrinsics)[::-1], 0, -1))
 
     @property
     def coefficients(self) -> F64:
-        """Get what a perfect calibration would find: OpenCV's k1 k2 p1 p2 k3, [5]."""
+        """Get the coefficients that a perfect calibration would find: OpenCV's k1 k2 p1 p2 k3, [5]."""
         return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What moving each pixel's light by its displacement changes."""
+        """The change if each pixel's light is moved by its displacement."""
         return scene.of_views(*self.view_change(scene)).after(
             BoundStep("k1", self.k1, "", "r becomes r (1 + k1 r^2 + k2 r^4)"),
             BoundStep("k2", self.k2, "", "as above"),
@@ -94,7 +94,7 @@ class LensDistortion:
         )
 
     def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak of what the lens changes in a view: what a shift by the rms displacement does.
+        """Return rms and peak of the lens's change of a view: that of a shift by the rms displacement.
 
         The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
         its value at the mean of d^2 (Jensen).
@@ -115,7 +115,7 @@ class LensDistortion:
         return int(np.ceil(np.abs(moved).max())) + 2
 
     def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
-        """Resample the view with cubic splines where its light comes from; beyond the margin the rim repeats."""
+        """Resample the view with cubic splines at its light's origin; beyond the margin the border is repeated."""
         return View(self.bent(signal.radiance, signal.intrinsics), signal.intrinsics, signal.margin, signal.depth)
 
     def bent(self, picture: F64, intrinsics: F64) -> F64:

@@ -1,4 +1,4 @@
-"""Mask edges: an element's transmission does not jump at its rim, it slopes."""
+"""Mask edges: an element's transmission changes gradually at its edge."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -39,14 +39,14 @@ class MaskEdges:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What the masks that it meets lose and gain by the blur."""
+        """The change by the blur of the masks that reach it."""
         sigma = BoundStep("sigma", self.sigma_px, "px", "standard deviation of the blur of the masks")
         return scene.of_mask_effect(self).after(sigma)
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
-        """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction.
+        """The masks' deviation from their mean, times twice the truncated share of the kernel, per direction.
 
-        Each mask's change counts at the brightest light there is, and none cancels another's.
+        Each mask's change counts at the brightest light, and changes of different masks do not cancel.
         """
         tail = gaussian_tail(self.sigma_px, reach)
         deviation = float(scene.masks.std(axis=(1, 2), dtype=np.float64).sum())

@@ -1,4 +1,4 @@
-"""Mirror transition: mirrors take a while to flip, so each mask begins as a mixture with the one before."""
+"""Mirror transition: mirrors need time to flip, so each mask begins as a mixture with the previous one."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -36,7 +36,7 @@ class MirrorTransition:
             raise InputError(f"mirror transition of {self.transition_s} s", allowed="finite, 0 or more")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Half of the transition's share of the interval goes to the mask before."""
+        """Half of the transition's share of the interval belongs to the previous mask."""
         share = 0.5 * self._share(rig)
         return scene.of_masks(self, share * (_masks_before(scene.shown, rig) - scene.shown)).after(
             BoundStep("t", self.transition_s, "s", "transition of the mirrors"),
@@ -45,11 +45,11 @@ class MirrorTransition:
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """What goes to the mask before."""
+        """The share that belongs to the previous mask."""
         return 0.5 * self._share(scene.rig)
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Mix the mask before into the begin of each mask's time."""
+        """Mix the previous mask into the start of each mask's time."""
         if self._share(rig) == 0:
             return signal
         pieces = signal.split_at((signal.since_s + self.transition_s)[:, None])

@@ -18,13 +18,13 @@ class Misregistration:
     """Move the masks by an affine map about the middle of the sensor.
 
     Elements and pixels are squares of one pitch: the overlap of a shifted element with a pixel is bilinear in the
-    shift, so bilinear interpolation is exact for it. Beyond its rim the modulator goes on as at the rim.
+    shift, so bilinear interpolation is exact for it. Beyond its border the modulator continues as at the border.
 
     Args:
         right_px: Shift of the masks to the right, sensor pixels.
         down_px: Shift down.
-        turn_mrad: Turn, right-hand side down.
-        magnification: Of the masks on the sensor, more than 0.
+        turn_mrad: Rotation, right-hand side down.
+        magnification: Magnification of the masks on the sensor, more than 0.
     """
 
     name: ClassVar[str] = "misregistration"
@@ -46,7 +46,7 @@ class Misregistration:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What each mask that it meets changes by."""
+        """The change of each mask that reaches it."""
         return scene.of_mask_effect(self).after(
             BoundStep("x", self.right_px, "px", "shift of the masks to the right"),
             BoundStep("y", self.down_px, "px", "shift down"),

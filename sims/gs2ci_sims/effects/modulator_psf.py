@@ -1,4 +1,4 @@
-"""Modulator PSF: the relay from modulator to sensor blurs what the masks let through, by diffraction at least."""
+"""Modulator PSF: the relay from modulator to sensor blurs the light behind the masks, at least by diffraction."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
@@ -11,20 +11,20 @@ from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
 from gs2ci_sims.rig import Rig
 
-# A kernel that reaches so many standard deviations is as good as whole.
+# A kernel with this reach, in standard deviations, counts as complete.
 WHOLE_REACH: Final = 8.0
 
 
 @dataclass(frozen=True)
 class ModulatorPsf:
-    """Convolve what has passed the masks with a Gaussian; linear, so once for the sum over all masks.
+    """Convolve the light behind the masks with a Gaussian; it is linear, so once for the sum over all masks.
 
     The relay's own blur and diffraction add in quadrature. The Gaussian nearest to Airy's pattern has a standard
     deviation of 0.42 wavelength x f-number (0.21 wavelength / NA: Zhang, Zerubia and Olivo-Marin, Applied Optics 46
     (2007) 1819), on the scale of the modulator's pitch.
 
     Args:
-        sigma_px: Of the relay's aberrations, in sensor pixels, at least 0.
+        sigma_px: Standard deviation of the relay's aberrations, in sensor pixels, at least 0.
         diffraction: Whether to add diffraction, from the rig's f-number, wavelength and pitch.
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
@@ -50,9 +50,9 @@ class ModulatorPsf:
         return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What the blur makes of the previewed measurement itself: one convolution.
+        """The change of the previewed measurement by the blur: one convolution.
 
-        Of what the true measurement differs by, it takes at most what it takes of a chequerboard.
+        Of the preview's possible error, the blur removes at most the share that it removes of a chequerboard.
         """
         optics, modulator, sigma_px = rig.optics, rig.modulator, self.total_sigma_px(rig)
         taken = float(gaussian_loss(sigma_px, np.array(2**0.5 / np.pi)))
@@ -67,7 +67,7 @@ class ModulatorPsf:
         )
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
-        """The measurement times twice the share of the kernel that is cut off, in each direction."""
+        """The measurement times twice the truncated share of the kernel, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
         dn = 4 * tail * rig.dn_per_e
         return Bound(dn * scene.charge_rms_e, dn * float(scene.most_e.max()))

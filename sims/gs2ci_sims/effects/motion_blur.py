@@ -1,4 +1,4 @@
-"""Motion blur: the camera moves while a mask is on show, so what each mask passes is an integral over time."""
+"""Motion blur: the camera moves while a mask is shown, so the light behind each mask is an integral over time."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,9 +15,9 @@ from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """Sample the moving image at as many moments as its motion calls for, and integrate over all of them.
+    """Sample the moving image at as many moments as its motion requires, and integrate over all of them.
 
-    Off, each mask sees one moment: the middle of its interval.
+    Without this effect, each mask sees one moment: the middle of its interval.
 
     Args:
         nodes: Views per panel of time, at least 1; the planner chooses.
@@ -40,11 +40,11 @@ class MotionBlur:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Each view's spectrum, times what one view per mask misses of the sweep through its interval.
+        """Each view's spectrum, times the error of one view per mask instead of the sweep through its interval.
 
         A cosine of frequency f swept over d pixels keeps sin(x)/x of its amplitude, x = pi f d: the transfer
         function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2). A camera
-        that swings also has its mean place elsewhere than in the middle of the interval.
+        that oscillates also has its mean position elsewhere than in the middle of the interval.
         """
         if not scene.motion_px.any():
             return NOTHING.by("0")
@@ -67,7 +67,7 @@ class MotionBlur:
 def sampling_bound(scene: Previewed, waves: CollectedWaves, moments: Moments) -> Bound:
     """Bound the error of sampling the moving image at these moments.
 
-    Behind each mask, the image's spectrum times what the views that stand for its light get wrong of each cosine.
+    It is, behind each mask, the image's spectrum times the error of each cosine by the sampled views.
     """
     missed = waves.missed(moments, scene.rig.timing.interval_s)
     found = [scene.spectrum.missed(FREQUENCIES, shares) for shares in missed]

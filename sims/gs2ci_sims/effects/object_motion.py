@@ -15,12 +15,12 @@ from gs2ci_sims.signals import MovingScene
 
 @dataclass(frozen=True)
 class ObjectMotion:
-    """Move the Gaussians within a ball at constant velocity; at time 0, mid-exposure, they are where the scene says.
+    """Move the Gaussians within a ball at constant velocity; at time 0, mid-exposure, they are as in the scene.
 
     Args:
-        centre: Of the ball, scene units, [3].
-        radius: Of the ball, scene units, more than 0.
-        velocity: Scene units per second, along the scene's axes, [3].
+        centre: Centre of the ball, scene units, [3].
+        radius: Radius of the ball, scene units, more than 0.
+        velocity: Velocity in scene units per second, along the scene's axes, [3].
     """
 
     name: ClassVar[str] = "object_motion"
@@ -40,9 +40,9 @@ class ObjectMotion:
             )
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """What a shift by half of the way changes, but no more than the object's and its way's share of the frame.
+        """The change by a shift of half of the path, limited by the share of the frame of the object and its path.
 
-        A pixel changes by at most the range of the radiance, and only the silhouette's sweep changes at all.
+        A pixel changes by at most the range of the radiance, and only pixels crossed by the silhouette change.
         """
         half_way_px = 0.5 * rig.exposure_s * self.image_px_per_s(scene)
         if half_way_px == 0:
@@ -63,7 +63,7 @@ class ObjectMotion:
         )
 
     def image_px_per_s(self, scene: ViewPreview) -> float:
-        """Get how fast the object crosses the image, at most: as if it were at the near end of the scene."""
+        """Get the object's largest speed in the image: as if it were at the near end of the scene."""
         if not bool(self._members(scene.scene.gaussians).any()):
             return 0.0
         near = scene.scene.depth_range()[0]
@@ -73,7 +73,7 @@ class ObjectMotion:
         """Return the scene with the object in motion.
 
         Raises:
-            InputError: There are no Gaussians to move: a mesh stays where it is.
+            InputError: There are no Gaussians to move: a mesh cannot move.
         """
         if not len(signal(0.0)):
             raise InputError("object motion in a scene without Gaussians", remedy="leave [effects.object_motion] out")

@@ -47,11 +47,11 @@ class OpticsPsf:
         return scene.of_views(*self.view_change(scene)).after(sigma)
 
     def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak of what the blur takes from a view."""
+        """Return rms and peak of the change of a view by the blur."""
         return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
-        """All but the mean, times twice the share of the kernel that is cut off, in each of two directions."""
+        """The view without its mean, times twice the truncated share of the kernel, in each of two directions."""
         tail = gaussian_tail(self.sigma_px, reach)
         return scene.of_views(*scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0)))
 

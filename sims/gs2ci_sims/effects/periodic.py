@@ -1,4 +1,4 @@
-"""Light that swings periodically, integrated over slices of time."""
+"""Light that oscillates periodically, integrated over slices of time."""
 
 from typing import Final
 
@@ -7,8 +7,8 @@ import numpy as np
 from gs2ci_sims.effects.base import BoundStep
 from gs2ci_sims.signals import Slices
 
-# Pieces per period, so that a swing is followed within a mask; of swings much faster than the masks only the mean
-# over each piece matters, and that is exact.
+# Pieces per period, so that an oscillation is followed within a mask; for oscillations much faster than the masks only
+# the mean over each piece matters, and that is exact.
 PIECES_PER_PERIOD: Final = 12
 PIECES_MAX: Final = 96
 
@@ -27,9 +27,9 @@ def swing_left(depth: float, frequency: BoundStep, interval_s: float) -> tuple[B
     """Return how far the mean over an interval can be from 1, depth |sin x / x|, x = pi f interval, as the last step.
 
     Args:
-        depth: Of the swing.
+        depth: Depth of the oscillation.
         frequency: The step that gives f, Hz.
-        interval_s: Over which the light is averaged.
+        interval_s: The interval over which the light is averaged.
     """
     left = float(depth * np.abs(np.sinc(frequency.value * interval_s)))
     return (

@@ -1,4 +1,4 @@
-"""Persistence: charge that the exposure before left in traps comes out in this one."""
+"""Persistence: charge trapped in the previous exposure is released in this one."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,15 +14,15 @@ from gs2ci_sims.rig import Rig
 
 @dataclass(frozen=True)
 class Persistence:
-    """Add what traps release during this exposure of the charge that the exposure before filled them with.
+    """Add the charge that traps release during this exposure, after the previous exposure has filled them.
 
-    A share of each pixel's earlier charge is caught and freed at a rate that decays exponentially, so an exposure
+    A share of each pixel's earlier charge is trapped and released at a rate that decays exponentially, so an exposure
     of length T that begins a time g after the earlier one's end collects share x earlier charge x
     (exp(-g / tau) - exp(-(g + T) / tau)). One trap species of Smith et al., Proc. SPIE 7021 (2008); for the lag of
     pinned photodiodes see Fossum and Hondongwa, IEEE J. Electron Devices Soc. 2 (2014).
 
     Args:
-        share: Of the earlier charge that is caught, 0 to 1.
+        share: Share of the earlier charge that is trapped, 0 to 1.
         decay_s: tau, more than 0.
         gap_s: g, at least 0.
         earlier_e: Electrons of the earlier exposure: one number for a flat field, or an image that broadcasts to
@@ -50,7 +50,7 @@ class Persistence:
             raise InputError("persistence of an exposure with charges that no pixel holds", allowed="0 or more, finite")
 
     def released_share(self, exposure_s: float) -> float:
-        """Get the share of the earlier charge that comes out during an exposure."""
+        """Get the share of the earlier charge that is released during an exposure."""
         started = np.exp(-self.gap_s / self.decay_s)
         return float(-self.share * started * np.expm1(-exposure_s / self.decay_s))
 

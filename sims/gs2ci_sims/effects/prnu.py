@@ -1,4 +1,4 @@
-"""Photo response non-uniformity: some pixels turn more of their light into charge than others."""
+"""Photo response non-uniformity: pixels convert different shares of their light into charge."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -35,7 +35,7 @@ class Prnu:
             raise InputError(f"PRNU of {self.spread}", allowed="0 to 0.5, a share of the signal")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Spread times charge, times K; what is beyond the full well is clipped with and without it.
+        """Spread times charge, times K; charge beyond the full well is clipped with and without the effect.
 
         A pixel above the well loses at most (1 - factor) of the well's charge to it, one below its share of its own.
         """

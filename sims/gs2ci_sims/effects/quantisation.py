@@ -15,11 +15,11 @@ from gs2ci_sims.rig import Rig
 class Quantisation:
     """Round readings to whole DN and clip them to the converter's range.
 
-    Adds a variance of 1/12 DN² where the signal varies by more than a step (EMVA Standard 1288, Release 3.1,
-    section 2.2).
+    It adds a variance of 1/12 DN² if the signal varies by more than a step (EMVA Standard 1288, Release 3.1, section
+    2.2).
 
     Args:
-        bits: The converter's, 1 to 32.
+        bits: Bits of the converter, 1 to 32.
     """
 
     name: ClassVar[str] = "quantisation"
@@ -39,7 +39,7 @@ class Quantisation:
         return int(2**self.bits - 1)
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Rounding moves a reading by at most half a step; what is beyond the range is cut off."""
+        """Rounding changes a reading by at most half a step; readings beyond the range are clipped."""
         _, rms_e, peak_e = scene.excess_e((self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
         return Bound(float(np.hypot(0.5, rig.dn_per_e * rms_e)), 0.5 + rig.dn_per_e * peak_e).by(
             "hypot(0.5, K * x)",

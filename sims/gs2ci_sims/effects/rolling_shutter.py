@@ -11,21 +11,21 @@ from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPrev
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
 
-# A row that opens within a slice of time collects the slice's mean light for its share of it. So the slices are cut
-# into parts that are short against what moves within one; cutting them costs no rendering.
+# A row that opens within a slice of time collects the slice's mean light times its share of the slice. So slices are
+# cut into parts within which little moves; cutting them needs no further rendering.
 PARTS: Final = 16
 
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """Open row y by y line delays later than row 0, which keeps to the nominal exposure, and close it so too.
+    """Open and close row y by y line delays later than row 0, which has the nominal exposure.
 
     All rows expose for the same time; the modulator does not wait for them: rows that open late miss light of the
     first masks, and are still open in the dark after the last. For the timing see any data sheet of a CMOS sensor
     with electronic rolling shutter; Liang, Chang and Chen, IEEE Trans. Image Processing 17 (2008), section II.
 
     Args:
-        line_delay_s: From each row to the next, finite, at least 0.
+        line_delay_s: Delay from each row to the next, finite, at least 0.
     """
 
     name: ClassVar[str] = "rolling_shutter"
@@ -57,16 +57,16 @@ class RollingShutter:
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """What the last row misses."""
+        """The share that the last row misses."""
         return float(self._missed(scene).max())
 
     def _missed(self, scene: ViewPreview) -> F64:
-        """Return which share of each mask's light each row misses, [N, H]."""
+        """Return the share of each mask's light that each row misses, [N, H]."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Give the slices a shutter that row 0 does not notice."""
+        """Add the shutter to the slices; row 0 is not affected."""
         shutter = Shutter(float(signal.start_s.min()), float(signal.stop_s.max()), self.line_delay_s)
         return replace(signal.split(PARTS), shutter=shutter)

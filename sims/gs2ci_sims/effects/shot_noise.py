@@ -11,8 +11,8 @@ from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_ste
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
-# Above this mean the third-order expansion of the quantile is off by less than a tenth of an electron anywhere within
-# eight standard deviations, so its rounding alone is used.
+# Above this mean the error of the quantile's third-order expansion is below a tenth of an electron within eight
+# standard deviations, so the rounded expansion is used without a correction.
 EXACT_MAX_E: Final = 1e4
 
 
@@ -24,8 +24,8 @@ class ShotNoise:
     Release 3.1, section 2.2). Saturation comes later along the path.
 
     One uniform number per pixel is drawn and sent through the quantile function of its Poisson law. Two simulations
-    whose means differ by a little thus differ by a little (the monotone coupling), where rejection samplers draw
-    anew: that is what makes a plan comparable with the brute-force simulation of the same seed.
+    with slightly different means therefore give slightly different counts (the monotone coupling), whereas rejection
+    samplers would draw again: this makes a plan comparable with the brute-force simulation of the same seed.
     """
 
     name: ClassVar[str] = "shot_noise"
