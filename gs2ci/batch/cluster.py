@@ -1,4 +1,4 @@
-"""Dask: connecting to a cluster that exists, or starting workers on this machine.
+"""Dask: connecting to an existing cluster, or starting workers on this machine.
 
 Here: `connected`, `local_workers`. Not here: what is sent to them (`crew`; `gs2ci.tables.workers`).
 """
@@ -18,20 +18,20 @@ from gs2ci.core.errors import DeviceError, InputError
 
 CONNECT_S: Final = 10
 START_S: Final = 300.0
-"""Until all workers have started: seconds on a quiet machine, a minute or more on one that does much else."""
+"""Timeout for the start of all workers: seconds on an idle machine, a minute or more on a busy one."""
 _LOOK_S: Final = 1.0
-_QUIET: Final = 50  # logging.CRITICAL: a worker that dies is told of by us
+_QUIET: Final = 50  # logging.CRITICAL: this module itself reports workers that die
 
 
 @contextmanager
 def connected(scheduler: str) -> Iterator[Any]:
-    """Give a client of a Dask scheduler, closed in the end.
+    """Provide a client of a Dask scheduler, closed at the end.
 
     Args:
         scheduler: Its address, such as "tcp://host:8786".
 
     Raises:
-        InputError: None answers there, or dask.distributed is not installed.
+        InputError: No scheduler answers there, or dask.distributed is not installed.
     """
     distributed = _distributed(f"--scheduler {scheduler}")
     try:
@@ -48,10 +48,10 @@ def connected(scheduler: str) -> Iterator[Any]:
 
 @contextmanager
 def local_workers(processes: int) -> Iterator[Any]:
-    """Start worker processes on this machine, one thread each; give a client of them; end both.
+    """Start worker processes on this machine, one thread each; provide a client of them; end both.
 
-    A worker that dies is replaced, and so is one that dies while it starts: Dask's own nannies give that up, or are
-    given up themselves by a busy machine. Nothing listens beyond this machine.
+    A worker that dies is replaced, also one that dies while it starts: Dask's own nannies give up in that case, or time
+    out on a busy machine. Nothing listens beyond this machine.
 
     Raises:
         InputError: dask.distributed is not installed.
@@ -60,7 +60,7 @@ def local_workers(processes: int) -> Iterator[Any]:
     distributed = _distributed(f"--processes {processes}")
     import dask  # noqa: PLC0415
 
-    # Workers are given one task at a time: a death is then blamed on the one that ran.
+    # Workers get one task at a time, so that a death is attributed to the task that ran.
     settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
     with (
         dask.config.set(settings),
@@ -83,14 +83,14 @@ def local_workers(processes: int) -> Iterator[Any]:
 
 @contextmanager
 def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
-    """Keep so many workers of a scheduler running, and end them in the end."""
+    """Keep `processes` workers of a scheduler running, and stop them at the end."""
     import dask  # noqa: PLC0415
 
     spawning = multiprocessing.get_context("spawn")
     over = threading.Event()
 
     def start() -> BaseProcess:
-        # Daemons, so that none outlives this process. They begin as Dask's nannies begin theirs: one thread for each.
+        # Daemons, so that none outlives this process. They are started as by Dask's nannies: one thread each.
         process = spawning.Process(target=_serve, args=(scheduler,), daemon=True)
         begun_with = {
             name: str(value) for name, value in dask.config.get("distributed.nanny.pre-spawn-environ").items()
@@ -118,7 +118,7 @@ def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
     finally:
         over.set()
         keeper.join()
-        # Idle by now, and not asked politely: libraries that workers have loaded print where a polite end found them.
+        # They are idle now and are killed: on a regular exit, libraries that they have loaded would print messages.
         for process in crew:
             process.kill()
         for process in crew:
@@ -129,12 +129,12 @@ def _serve(scheduler: str) -> None:
     """Work for a scheduler until it goes away: the body of a worker process."""
     from dask import distributed  # noqa: PLC0415
 
-    # Ctrl-C is the parent's to answer.
+    # The parent process handles Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger("distributed").setLevel(_QUIET)
 
     async def work() -> None:
-        # The system decides what happens when memory runs out; Dask would pause workers or kill them at guesses.
+        # The system handles a lack of memory; Dask would pause or kill workers by its own estimates.
         async with distributed.Worker(scheduler, nthreads=1, memory_limit=0, dashboard=False) as worker:
             await worker.finished()
 

@@ -1,6 +1,6 @@
-"""Handing exposures out to workers, and again where a worker died.
+"""Distributing exposures to workers, and again if a worker died.
 
-Here: `complete`, which yields rows as they come. Not here: what a worker does (`work`), starting workers (`cluster`).
+Here: `complete`, which yields rows as they come. Not here: the work itself (`work`), starting workers (`cluster`).
 """
 
 from collections import Counter
@@ -16,22 +16,22 @@ from gs2ci.batch.work import Task, failed, work
 from gs2ci.core.errors import DeviceError, Gs2ciError
 
 # Dask itself gives a task to another worker after a death, by default until it has cost four (its setting
-# `distributed.scheduler.allowed-failures`). A shot that is innocent of its workers' deaths is worth further rounds:
-# if half of its attempts are cut short, one in 4096 is lost. One that kills each of twelve workers is given up.
+# `distributed.scheduler.allowed-failures`). Further rounds serve shots that did not cause their workers' deaths: if
+# half of the attempts fail, one shot in 4096 is lost. A shot whose twelve workers all died is given up.
 ROUNDS: Final = 3
 
 
 class WorkersDiedError(Gs2ciError):
-    """The workers that had an exposure died, again and again."""
+    """All workers that processed an exposure died."""
 
 
 def complete(tasks: Sequence[Task], *, processes: int = 1, scheduler: str = "") -> Iterator[Row]:
     """Yield the row of each task as soon as it has ended, in any order, each once.
 
     Args:
-        tasks: What is to be done.
-        processes: On this machine; 1 works in this process, without Dask.
-        scheduler: Address of a Dask scheduler to work instead.
+        tasks: The tasks.
+        processes: Number of processes on this machine; 1 works in this process, without Dask.
+        scheduler: Address of a Dask scheduler that is used instead.
 
     Raises:
         InputError: No scheduler answers, or dask.distributed is not installed.
@@ -55,7 +55,7 @@ def _rows_from_cluster(client: Any, tasks: Sequence[Task]) -> Iterator[Row]:
     running = distributed.as_completed()
 
     def send(task: Task, round_: int) -> None:
-        # Not pure: Dask would else take two equal tasks of two commands for one, and share a stale result.
+        # Not pure: otherwise Dask would take equal tasks of two commands for one, and share a stale result.
         future = client.submit(work, replace(task, sharing=sharing), pure=False, key=f"{task.key}-{id(task)}-{round_}")
         sent[future] = task, round_
         running.add(future)

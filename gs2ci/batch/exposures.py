@@ -1,6 +1,6 @@
-"""Which exposures a list of shot files holds, and the name of each one's run folder.
+"""The exposures in a list of shot files, and the name of each one's run folder.
 
-Here: `FiledShot`, `list_exposures`. Files are opened for their counts alone. Not here: reading an exposure (`work`).
+Here: `FiledShot`, `list_exposures`. Files are opened only to count exposures. Not here: reading an exposure (`work`).
 """
 
 import os
@@ -13,7 +13,7 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import count_shots
 
-# What a folder's name may hold everywhere, spaces left out so that it can be typed.
+# Characters outside those that any file system allows in a folder's name; spaces are excluded for easier typing.
 _UNFIT: Final = re.compile(r"[^\w.+=-]+")
 
 
@@ -22,10 +22,10 @@ class FiledShot:
     """One coded exposure of a file.
 
     Args:
-        name: Of its run folder; no two of a list have the same.
+        name: Name of its run folder, unique in a list.
         file: The shot file, absolute, as every worker finds it.
         index: Which of the file's exposures, from 0.
-        stamp: Size in bytes and time of the last change, ns: by which a file that was replaced is known.
+        stamp: Size in bytes and time of the last change, ns, by which a replaced file is recognised.
     """
 
     name: str
@@ -43,7 +43,7 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
         index: Without `every`, the one of each file.
 
     Returns:
-        At least one. Each is named by its file, as far up as tells the files apart, and by its index.
+        At least one. Each is named by its file, with as many parent folders as make the names distinct, and its index.
 
     Raises:
         InputError: There is no file, a file holds no exposure, or none of that index.
@@ -70,14 +70,14 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
 
 
 def _distinct_names(paths: Sequence[Path]) -> list[str]:
-    """Name files by as many of their folders as it takes to tell them apart.
+    """Name files with as many of their parent folders as make the names distinct.
 
     Raises:
-        InputError: No number of folders does, because their names differ in nothing that a folder's name may hold.
+        InputError: They cannot be made distinct, because they differ only in characters that a name may not have.
     """
     for depth in range(1, max(len(path.parts) for path in paths) + 1):
         names = [_UNFIT.sub("_", "-".join((*path.parts[-depth:-1], path.stem)).strip("/")) for path in paths]
-        # Some file systems do not tell "A" from "a".
+        # Some file systems do not distinguish "A" from "a".
         if len({name.casefold() for name in names}) == len(names):
             return names
     raise InputError(

@@ -1,6 +1,6 @@
 """The page over many runs: a line each with a small picture and figures, sortable, linked to the runs' own pages.
 
-Here: what the page says. Not here: what it is made of (`gs2ci.evaluate.pages`), the rows (`rows`).
+Here: the page's contents. Not here: its parts (`gs2ci.evaluate.pages`), the rows (`rows`).
 """
 
 import math
@@ -52,7 +52,7 @@ def index_page(output: Path, rows: Sequence[Row]) -> str:
 
     Args:
         output: The folder of runs, from which pictures are read.
-        rows: In the order in which they are shown at first.
+        rows: Rows in their initial order.
     """
     figures = [one for one in _FIGURES if any(one[1](row) is not None for row in rows)]
     table = pieces.sortable_table(
@@ -98,7 +98,7 @@ def _link(row: Row) -> str:
 
 
 def _thumbnail(output: Path, row: Row) -> Picture | None:
-    """Return the middle view of a run, small; None where it cannot be read."""
+    """Return the middle view of a run, small; None if it cannot be read."""
     if row.state != "done":
         return None
     try:

@@ -1,6 +1,6 @@
-"""Many exposures in order: list them, leave out what is done, hand out the rest, keep CSV and page up to date.
+"""Many exposures in order: list them, skip finished ones, distribute the others, keep CSV and page up to date.
 
-Here: `reconstruct_many` and how many processes a machine bears. Not here: any of the steps.
+Here: `reconstruct_many` and the number of processes for a machine. Not here: any of the steps.
 """
 
 import hashlib
@@ -28,8 +28,8 @@ from gs2ci.evaluate.environment import machine
 from gs2ci.evaluate.whole_folder import check_destination
 from gs2ci.reconstruct.settings import Settings
 
-# What a reconstruction holds at most, beyond its arrays and for each pixel of each view: an estimate that agrees
-# with one run of 8 views of 264 × 353 px, 1,535 MiB (`peak_mib` of its report).
+# Largest memory of a reconstruction, a fixed part and a part for each pixel of each view: an estimate that agrees with
+# one run of 8 views of 264 × 353 px, 1,535 MiB (`peak_mib` of its report).
 BASE_MIB: Final = 1000
 BYTES_PER_VIEW_PIXEL: Final = 700
 
@@ -47,17 +47,17 @@ def reconstruct_many(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> list[Row]:
-    """Reconstruct exposures into one folder each; what is done already is left as it is.
+    """Reconstruct exposures into one folder each; finished ones are not repeated.
 
     Args:
-        exposures: Of `list_exposures`.
+        exposures: From `list_exposures`.
         output: The folder of runs; beside them it gets `rows/`, `runs.csv` and `index.html`.
         settings: The same for all.
         prepare: Changes each shot before it; a function of a module, or a `functools.partial` of one.
         score: Makes the curve's score from each shot, as `reconstruct` takes it; the same.
-        depends_on: Whatever else the results depend on, as a text.
-        processes: On this machine; 1 works in this process.
-        scheduler: Address of a Dask scheduler to work instead.
+        depends_on: All else that the results depend on, as a text.
+        processes: Number of processes on this machine; 1 works in this process.
+        scheduler: Address of a Dask scheduler that is used instead.
         overwrite: Replace runs that were made of other files or with other settings.
         progress: Receives every exposure that ends.
 
@@ -90,7 +90,7 @@ def reconstruct_many(
                 progress.say(f"{row.name}: {row.problem.problem}")
             progress.step(len(rows), **({"failed": failed} if failed else {}))
     finally:
-        # Whoever interrupts it finds what there is; and may go on.
+        # After an interruption the finished runs stay, and the command can be continued.
         _sweep(output, [task.exposure.name for task in tasks])
         known = read_rows(output)
         write_csv(output, known)
@@ -99,7 +99,7 @@ def reconstruct_many(
 
 
 def bearable_processes(exposure_pixels: int) -> int:
-    """Return how many reconstructions this machine bears at once: one a core, as far as its free memory goes.
+    """Return how many reconstructions this machine can run at once: one per core, as far as free memory allows.
 
     Args:
         exposure_pixels: Pixels of all views of the largest exposure.
@@ -109,13 +109,13 @@ def bearable_processes(exposure_pixels: int) -> int:
 
 
 def _key(one: FiledShot, settings: Settings, depends_on: str) -> str:
-    """Hash what a result depends on: the program's version, the file as it was last changed, the settings."""
+    """Hash all that a result depends on: the program's version, the file's last change, the settings."""
     told = as_json([__version__, str(one.file), one.index, one.stamp, settings, depends_on])
     return hashlib.sha256(told.encode()).hexdigest()[:20]
 
 
 def _finished(task: Task, *, overwrite: bool) -> Row | None:
-    """Return the row of an exposure that is done; None where it is still to be done.
+    """Return the row of a finished exposure; None if it is still to be done.
 
     Raises:
         StorageError: Another run lies at its place.
@@ -129,13 +129,13 @@ def _finished(task: Task, *, overwrite: bool) -> Row | None:
             f"{folder} was made of another file, or with other settings",
             remedy="choose another folder with -o, or add --overwrite to replace such runs",
         )
-    # A folder without a row is the work of a process that died between the two, and is done again.
+    # A folder without a row comes from a process that died between writing the two, and is done again.
     check_destination(folder, overwrite=overwrite or row is None or row.state != "done")
     return None
 
 
 def _sweep(output: Path, names: Sequence[str]) -> None:
-    """Remove what killed workers left half-written."""
+    """Remove incomplete files of killed workers."""
     ours = re.compile(rf"\.(?:{'|'.join(map(re.escape, names))})\.\d+\.(?:partial|old)")
     for path in output.glob(".*.*"):
         if ours.fullmatch(path.name):

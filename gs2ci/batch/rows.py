@@ -1,4 +1,4 @@
-"""The record of an exposure that has ended: a small JSON file each in `rows/`, and one CSV of all.
+"""The result of an exposure: a small JSON file each in `rows/`, and one CSV of all.
 
 Here: `Row`, its file, `write_csv`. Not here: where the figures come from (`work`), the page (`index_page`).
 """
@@ -22,7 +22,7 @@ State = Literal["done", "failed", "lost"]
 
 
 class RowProblem(BaseModel):
-    """Why an exposure has no run: the error's class and what it says."""
+    """Why an exposure has no run: the error's class and text."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -34,7 +34,7 @@ class RowProblem(BaseModel):
 
     @classmethod
     def of(cls, error: BaseException, trace: str = "") -> "RowProblem":
-        """Take over what an error says."""
+        """Make it from an error."""
         kind = type(error).__name__
         if isinstance(error, Gs2ciError):
             return cls(kind=kind, problem=error.problem, allowed=error.allowed, remedy=error.remedy)
@@ -44,8 +44,8 @@ class RowProblem(BaseModel):
 class Row(BaseModel):
     """How one exposure ended.
 
-    `done`: its run folder is there. `failed`: it cannot be reconstructed, `problem` says why. `lost`: the workers that
-    had it died, again and again. Figures are those of its report: None where no truth tells, or where there is no run.
+    `done`: its run folder exists. `failed`: it cannot be reconstructed, `problem` says why. `lost`: all workers that
+    processed it died. Figures are those of its report: None without a truth, or without a run.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -101,7 +101,7 @@ def row_of(name: str, file: Path, index: int, key: str, report: Report, *, machi
 
 
 def read_row(output: Path, name: str) -> Row | None:
-    """Return the row of an exposure; None where there is none, or none that can be read: it is then done again."""
+    """Return the row of an exposure; None if there is none or it cannot be read: the exposure is then done again."""
     try:
         return Row.model_validate_json((output / ROWS_NAME / f"{name}.json").read_bytes())
     except (OSError, ValidationError):
@@ -109,7 +109,7 @@ def read_row(output: Path, name: str) -> Row | None:
 
 
 def write_row(output: Path, row: Row) -> None:
-    """Keep a row; its file appears whole or not at all.
+    """Store a row; its file appears completely or not at all.
 
     Raises:
         StorageError: The disk refuses.
@@ -124,7 +124,7 @@ def read_rows(output: Path) -> list[Row]:
 
 
 def write_csv(output: Path, rows: Sequence[Row]) -> Path:
-    """Write all rows as one CSV, an empty cell where there is no figure; return its path.
+    """Write all rows as one CSV, with an empty cell for a missing figure; return its path.
 
     Raises:
         StorageError: The disk refuses.

@@ -1,8 +1,8 @@
-"""One exposure, from its file to its run folder and its row, on whatever machine that happens.
+"""One exposure, from its file to its run folder and its row, on any machine.
 
 Here: `Task`, which is small enough to be sent (a path, an index, settings: no arrays), and `work`, which reads the
-file where it runs. What reconstructs is imported then, so that a worker whose file cannot be read answers at once.
-Not here: who does it (`crew`).
+file where it runs. The solver is imported only after that, so that a worker whose file cannot be read answers at once.
+Not here: the distribution of tasks (`crew`).
 """
 
 import socket
@@ -46,10 +46,10 @@ class Task:
     """All that a worker needs.
 
     Args:
-        exposure: Which.
-        output: The folder of runs, absolute, as every worker finds it.
-        key: Of what the result depends on.
-        settings: Of the reconstruction.
+        exposure: The exposure.
+        output: The folder of runs, absolute, valid on every worker.
+        key: Hash of all that the result depends on.
+        settings: Settings of the reconstruction.
         prepare: Changes the shot before it; a function of a module, or a `functools.partial` of one.
         score: As `reconstruct` takes it, made from the shot; the same.
         sharing: How many workers there are on each machine, by host name: they share its processors evenly.
@@ -67,10 +67,10 @@ class Task:
 def work(task: Task) -> Row:
     """Reconstruct one exposure and write its run folder and its row; a failure becomes a row as well.
 
-    What has been finished meanwhile, by a worker that was thought dead, is not done again.
+    An exposure that a worker considered dead has finished meanwhile is not done again.
 
     Returns:
-        The row. It is on the disk, but for a failure where the output folder is not to be seen.
+        The row. It is also on the disk, except for a failure if the output folder cannot be reached.
     """
     with _TURN:
         kept = read_row(task.output, task.exposure.name)
@@ -80,7 +80,7 @@ def work(task: Task) -> Row:
             row = _done(task)
         except (Gs2ciError, MemoryError, OSError) as error:
             row = failed(task, RowProblem.of(error))
-        except Exception as error:  # one exposure's fault must not cost the others
+        except Exception as error:  # an error of one exposure must not stop the others
             row = failed(task, RowProblem.of(error, traceback.format_exc()))
         if (task.output / ROWS_NAME).is_dir():
             write_row(task.output, row)
@@ -102,7 +102,7 @@ def failed(task: Task, problem: RowProblem, *, lost: bool = False) -> Row:
 
 
 def _done(task: Task) -> Row:
-    """Do it.
+    """Reconstruct the exposure and write its run folder.
 
     Raises:
         Gs2ciError: The file or the folder cannot be seen from here, or the exposure cannot be reconstructed.
@@ -126,7 +126,7 @@ def _done(task: Task) -> Row:
 
 
 def _take_share(workers: int) -> None:
-    """Take no more than this worker's share of its machine's processors."""
+    """Limit the process to this worker's share of its machine's processors."""
     import numba  # noqa: PLC0415
     import torch  # noqa: PLC0415
 

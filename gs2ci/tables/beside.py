@@ -1,7 +1,7 @@
-"""What a measurement's scene looks like from beside its path, where somebody knows: as a file says it, and the scores.
+"""True views of a measurement's scene from poses beside its path, read from a file, and the scores against them.
 
-Here: `NAME.beside.npz`, which stands beside a measurement `NAME.npz`, and the figures of a scene seen from there. Not
-here: where these places are (`gs2ci.evaluate.novel_views.beside_path`), what the simulator shows from them (`cases`).
+Here: `NAME.beside.npz`, a file beside a measurement `NAME.npz`, and the figures of a scene seen from these poses. Not
+here: the poses (`gs2ci.evaluate.novel_views.beside_path`), the simulator's views from them (`cases`).
 """
 
 from dataclasses import dataclass
@@ -28,9 +28,9 @@ class BesideViews:
     """True views from the places of `beside_path`, in their order.
 
     Args:
-        views: [M, H, W, C] float32, full scale 1; M = 1 where nobody knows what lies beyond the path.
-        depth: From the first of them, along the optical axis, in any unit, [H, W] float32; 0 where nobody knows; None
-            where it is not known at all, or is scored at the recorded views.
+        views: [M, H, W, C] float32, full scale 1; M = 1 if the view beyond the path is not known.
+        depth: Depth from the first pose, along the optical axis, in any unit, [H, W] float32; 0 at pixels where it is
+            unknown; None if it is not known at all, or is scored at the recorded views.
     """
 
     views: F32
@@ -38,20 +38,20 @@ class BesideViews:
 
 
 def beside_file(file: str) -> Path:
-    """Return where the views from beside a measurement's path would be told."""
+    """Return the path of the file with the views beside a measurement's path."""
     return Path(file).with_name(Path(file).stem + _ENDING)
 
 
 def tells_beside(file: Path) -> bool:
-    """Tell whether a file is no measurement but tells the views from beside another's path."""
+    """Return whether a file is no measurement, but holds the views beside another measurement's path."""
     return file.name.endswith(_ENDING)
 
 
 def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
-    """Read what a measurement's scene looks like from beside its path; None where no file tells.
+    """Read the true views beside a measurement's path; None if there is no such file.
 
     Args:
-        file: The measurement's.
+        file: The measurement's file.
         size: Height and width of the middle that is kept, px; None for all of it.
 
     Raises:
@@ -80,7 +80,8 @@ def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
 
 
 def scores_beside(images: F32, true: BesideViews | None) -> Row:
-    """Score images from beside the path, [2, H, W, 3], in dB; None where nobody knows. Grey truth meets their mean."""
+    """Score images from beside the path, [2, H, W, 3], in dB; None without a truth. A grey truth is compared with the
+    images' mean over colours."""
     row: Row = {f"{place}_psnr_db": None for place in PLACES}
     if true is None:
         return row
@@ -91,7 +92,7 @@ def scores_beside(images: F32, true: BesideViews | None) -> Row:
 
 
 def depth_beside(surface: F32, true: BesideViews, shot: Shot, intrinsics: F64) -> DepthErrors | None:
-    """Score the depth of the scene's surface from between the middle poses, [H, W]; None where nobody knows it."""
+    """Score the depth of the scene's surface from between the middle poses, [H, W]; None if it is not known."""
     if true.depth is None:
         return None
     path = shot.truth.world_to_camera

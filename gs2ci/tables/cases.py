@@ -1,12 +1,12 @@
-"""The measurements that tables are made of, each said in a few words that can travel to another process.
+"""The measurements for tables, each described by a few plain values that can be sent to another process.
 
-Here: `Case`, how it becomes a shot, and what would be seen from beside its path. Not here: the reconstruction
+Here: `Case`, how it becomes a shot, and the true views from beside its path. Not here: the reconstruction
 (`works`), which cases there are and a table uses (`case_sets`, `catalogue`).
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
-planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
-other masks, as the tables of the literature are made. Requested noise comes last: in a simulated scene, on top
-of what light and sensor make by themselves.
+planned light path of `gs2ci_sims`, never by the solver's forward model. A file's true views may be coded again with
+other masks, as in the tables of the literature. Requested noise comes last: in a simulated scene, in addition to the
+noise of light and sensor.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 TOLERANCE_DN: Final = 1.0
 # Of simulated measurements, px, unless another is requested.
 SIZE: Final = (192, 256)
-# As many masks are open at a pixel on average where the library's scenes are lit for the sensor's well: 8, a quarter.
+# Mean number of open masks at a pixel for which the library's scenes fill the sensor's well: 8 masks, a quarter open.
 LIT_FOR_OPEN_MASKS: Final = 2.0
 
 
@@ -55,17 +55,17 @@ class Case:
         views: How many masks; None leaves a file's or scene's own number. A file's true views are thinned to it.
         open_share: Probability that a mask's pixel is open; None leaves a file's own masks (0.25 for scenes).
         noise: Standard deviation of white noise that is added to the measurement, in full scales of one view. A
-            file's is coded anew for it; a simulated scene's clipped readings stay as they are.
+            file's views are coded again for it; a simulated scene's clipped readings stay as they are.
         grey_masks: Draw masks of every grey between closed and open (`random_grey_masks`), of the same mean:
             `open_share`, or that of a file's own masks.
-        weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a
-            factor drawn evenly from 1 ± this.
-        focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
-        stage_off: Tell where the camera was, as a stage reports it: each place off by this share of the path's extent,
-            root mean square, directions as they were. None tells nothing.
-        stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
-            is as full as with 8 masks, a quarter open. Else many masks clip many readings.
-        full_scale_photons: Light of a simulated scene; None as its file says.
+        weights_off: Error of the measurement's stated weights, as by a lamp that flickers: each is multiplied by a
+            factor drawn uniformly from 1 ± this.
+        focal_known: Whether the measurement contains its camera matrix; without it the solver estimates one.
+        stage_off: Rms error of the camera positions that a stage reports, as a share of the path's extent; directions
+            have no error. None reports no poses.
+        stopped_down: Reduce the light of a simulated scene with the number of open masks, so that the sensor's well
+            is as full as with 8 masks, a quarter open. Otherwise many masks clip many readings.
+        full_scale_photons: Light of a simulated scene; None takes its file's.
         feature_px: Side of a mask's element, px.
     """
 
@@ -95,7 +95,7 @@ class Case:
 
         Raises:
             InputError: Not exactly one of file and scene is named, the file cannot be read, it cannot be recoded, it
-                is smaller than asked for, it holds no camera matrix to leave out or no true path to tell, or a value is
+                is smaller than requested, it has no camera matrix to leave out or no true path to report, or a value is
                 out of range.
         """
         self._check()
@@ -117,13 +117,13 @@ class Case:
         return (self.file, str(told)) if told.is_file() else (self.file,)
 
     def novel_views(self, shot: Shot) -> BesideViews | None:
-        """Return what the scene looks like beside the path of a shot of it (`beside_path`), without noise.
+        """Return the true views beside the path of a shot (`beside_path`), without noise.
 
-        None where nobody knows: of files beside which no file tells (`beside`), or whose views are thinned to another
-        path; where something moves by itself; and of a single view.
+        None if they are not known: for a file without such views (`beside`), or with views thinned to another path; if
+        something moves by itself; and for a single view.
 
         Raises:
-            InputError: A file that tells cannot be read.
+            InputError: The file of these views cannot be read.
         """
         true = shot.truth.world_to_camera
         if shot.views < 2:
@@ -262,7 +262,7 @@ def staged(shot: Shot, off: float, rng: np.random.Generator) -> Shot:
 def recoded(
     shot: Shot, views: int, open_share: float | None, noise: float, rng: np.random.Generator, *, grey: bool = False
 ) -> Shot:
-    """Code a shot's true views anew: y = Σ Mᵢ Xᵢ + noise.
+    """Code a shot's true views again: y = Σ Mᵢ Xᵢ + noise.
 
     Args:
         shot: With true views, [N, H, W, C].

@@ -1,4 +1,4 @@
-"""Finished cells on disk: one small JSON file each, named by what it depends on.
+"""Finished cells on disk: one small JSON file each, named by a hash of its inputs.
 
 Here: the key, reading, writing. Not here: the work (`cells`).
 """
@@ -15,7 +15,7 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import write_whole
 
-# Whatever changes in these may change a figure.
+# Packages whose sources are hashed, because any change in them may change a figure.
 _PACKAGES: Final = ("gs2ci", "gs2ci_drivers", "gs2ci_calibration", "gs2ci_sims")
 _KEY_CHARACTERS: Final = 20
 
@@ -35,7 +35,7 @@ class Store:
         self._fresh = fresh
 
     def get(self, key: str) -> Row | None:
-        """Get a finished cell; None where there is none or it was cut short (it is then done again)."""
+        """Get a finished cell; None if there is none or its file is truncated (it is then done again)."""
         if self._fresh:
             return None
         try:
@@ -45,7 +45,7 @@ class Store:
         return row if isinstance(row, dict) else None
 
     def put(self, key: str, row: Mapping[str, Any]) -> None:
-        """Keep a finished cell; it appears whole or not at all.
+        """Store a finished cell; it appears completely or not at all.
 
         Raises:
             StorageError: The disk refuses.

@@ -75,8 +75,8 @@ def _worked(missing: dict[str, Cell], processes: int, scheduler: str) -> Generat
 def _in_processes(missing: dict[str, Cell], processes: int) -> Iterator[tuple[str, Row | None]]:
     """Work in fresh processes that share this machine's processors evenly.
 
-    A process that dies takes its whole pool with it. What was not finished is tried again, each cell in a pool of its
-    own: so only the one that kills is lost.
+    A process that dies ends its whole pool. Unfinished cells are tried again, each in a pool of its own, so that only
+    the cell that kills its process is lost.
     """
     for key, row in _in_pool(missing, processes):
         del missing[key]
@@ -87,7 +87,7 @@ def _in_processes(missing: dict[str, Cell], processes: int) -> Iterator[tuple[st
 
 
 def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterator[tuple[str, Row]]:
-    """Work until all is done, a process dies, or nobody waits for the rows any more."""
+    """Work until all is done, a process dies, or the caller stops reading rows."""
     threads = max(1, (os.cpu_count() or 1) // (sharing or processes))
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
@@ -101,7 +101,7 @@ def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterat
                 continue
             yield futures[future], row
     except BaseException:
-        # Whoever ends a table (Ctrl-C, a full disk) would else wait for every cell there is.
+        # Without this, ending a table early (Ctrl-C, a full disk) would wait for all remaining cells.
         for worker in set(multiprocessing.active_children()) - others:
             worker.terminate()
         raise
@@ -120,7 +120,7 @@ def _settle(threads: int) -> None:
 def _end_with_parent() -> None:
     """End this process as soon as the one that began it is gone.
 
-    A killed parent cannot tell its pool to end, and no worker would notice: each holds the others' pipes open.
+    A killed parent cannot stop its pool, and no worker would notice: each holds the others' pipes open.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -131,8 +131,8 @@ def _end_with_parent() -> None:
 def _on_cluster(missing: dict[str, Cell], scheduler: str) -> Iterator[tuple[str, Row | None]]:
     """Work on the cluster's workers.
 
-    The scheduler blames a worker's death on all that it had been given. What was lost is tried again, each cell alone:
-    so only the one that kills is lost.
+    The scheduler attributes a worker's death to all cells that the worker had. Lost cells are tried again one by one,
+    so that only the cell that kills its worker is lost.
     """
     with connected(scheduler) as client:
         lost = {}

@@ -37,12 +37,12 @@ COUNTED_AFTER: Final = (1_000, 3_000, 7_000)
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
-    """Reconstruct a case; figures in dB, full scales and seconds, None where no truth tells.
+    """Reconstruct a case; figures in dB, full scales and seconds, None without a truth.
 
     Args:
         case: Fields of a `Case`.
         variant: A name in `variants.VARIANTS`.
-        seed: Of masks, noise and the reconstruction's own draws.
+        seed: Seed of masks, noise and the reconstruction's own draws.
 
     Raises:
         Gs2ciError: The case cannot be made, or not be reconstructed.
@@ -129,15 +129,15 @@ def _path(errors: Trajectory | None) -> Row:
 
 
 def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
-    """Find the first geometry of a case; figures against the truth are None where no truth tells.
+    """Find the first geometry of a case; figures compared with the truth are None without a truth.
 
     Args:
         case: Fields of a `Case`.
         variant: A name in `variants.VARIANTS`.
-        seed: Of masks and noise, and of the pixels that are held out.
+        seed: Seed of masks, noise and held-out pixels.
 
     Raises:
-        Gs2ciError: The case cannot be made, or no geometry be sought.
+        Gs2ciError: The case cannot be made, or its geometry cannot be estimated.
     """
     shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
     prior, lens = load_geometry_prior(settings.poses), Lens.of(shot)
