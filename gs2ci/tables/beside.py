@@ -80,8 +80,10 @@ def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
 
 
 def scores_beside(images: F32, true: BesideViews | None) -> Row:
-    """Score images from beside the path, [2, H, W, 3], in dB; None without a truth. A grey truth is compared with the
-    images' mean over colours."""
+    """Score images from beside the path, [2, H, W, 3], in dB; None without a truth.
+
+    A grey truth is compared with the images' mean over colours.
+    """
     row: Row = {f"{place}_psnr_db": None for place in PLACES}
     if true is None:
         return row
