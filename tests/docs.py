@@ -41,10 +41,11 @@ usual. A *failure* means that something that was requested could not be done, an
 _IDEALISATIONS_HEAD = """\
 # What the twins leave out
 
-A simulated bench runs the same drivers as a real one, against twins of the devices. This is what the twins do better
-than devices do, and what switches it. `devices = "typical"` in `[world]`, the default, sets all figures of the last
-column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols, errors and faults are
-not ideal in any case ([faults](faults.md)). Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
+A simulated bench runs the same drivers as a real one, against twins of the devices. This table lists what the twins do
+better than real devices, and the setting that switches it. `devices = "typical"` in `[world]`, the default, sets all
+figures of the last column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols,
+errors and faults are not ideal in any case ([faults](faults.md)).
+Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
 """
 
 

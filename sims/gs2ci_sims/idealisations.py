@@ -47,7 +47,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "camera",
-        "counts the world's seconds",
+        "has an exact clock",
         "crystals are off by 20 to 100 ppm",
         "data sheets of crystals; the GenICam twin's clock runs 40 ppm fast by default",
         "camera_clock_ppm",
@@ -66,8 +66,8 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "camera",
-        "is always equally late",
-        "that wait is evenly spread over a line: a standard deviation of 10 us / 12^(1/2)",
+        "has a constant trigger latency",
+        "that wait is uniformly distributed over a line: a standard deviation of 10 us / 12^(1/2)",
         "as above",
         "trigger_jitter_s",
         0.0,
@@ -75,7 +75,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "camera",
-        "exposes for as long as it is told",
+        "exposes exactly as long as set",
         "an IMX296 exposes for 14.26 us longer than its trigger is low",
         "Sony's data sheet, as quoted in raspberrypi/linux pull request 5560",
         "trigger_exposure_offset_s",
@@ -83,7 +83,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "sensor",
-        "has pixels that are all alike",
+        "has pixels that are all the same",
         "PRNU, DSNU, hot pixels and dark current are in each maker's EMVA 1288 report",
         "EMVA Standard 1288, Release 3.1, section 4",
         "effects.prnu",
@@ -100,7 +100,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "LCoS panel",
-        "follows its masks at once",
+        "shows each mask at once",
         "liquid crystals of display panels take 1 to 10 ms",
         "Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3",
         "panel_response_s",
@@ -110,7 +110,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "modulator",
-        "is dark where it is off",
+        "is completely dark when it is off",
         "off levels of 0.017 to 0.083 of the on level",
         "measured masks of two laboratory systems",
         "effects.finite_contrast",
@@ -119,8 +119,8 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "modulator",
-        "has sharp elements",
-        "edges as if blurred by a Gaussian of 0.5 sensor pixels",
+        "has elements with sharp edges",
+        "edges are blurred as by a Gaussian of 0.5 sensor pixels",
         "the same masks against their binarised copies",
         "effects.mask_edges",
         None,
@@ -128,8 +128,8 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "relay",
-        "images element on pixel without error",
-        "shifts, turns and magnifications are as good as somebody has adjusted them",
+        "images each element onto its pixel without error",
+        "shifts, rotations and magnifications depend on the adjustment",
         "each bench's own calibration",
         "effects.misregistration",
     ),
@@ -144,7 +144,7 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "stage",
-        "is where it says it is",
+        "reports its true position",
         "backlash, pitch error, following error and repeatability are in each maker's data sheet",
         "ISO 230-2",
         "mechanics",
@@ -152,8 +152,8 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "stage",
-        "moves without shaking the camera",
-        "motors and floors shake; how far is a matter of the table",
+        "moves without vibration of the camera",
+        "motors and floors vibrate; the amplitude depends on the optical table",
         "each bench's own accelerometer",
         "effects.stage_vibration",
     ),
@@ -167,24 +167,24 @@ IDEALISATIONS: Final = (
     ),
     Idealisation(
         "ports",
-        "answer after a time that is always the same",
-        "an operating system answers when it gets to it",
+        "answer after a constant time",
+        "the response time of an operating system varies",
         "any scheduler; late answers are among the faults (docs/faults.md)",
     ),
     Idealisation(
         "DMD",
-        "begins a sequence 500 us after it is told to",
+        "begins a sequence 500 us after the command",
         "the controller's firmware takes a time that TI does not state",
-        "DLPU018 is silent; captures wait for the first trigger and do not depend on it",
+        "DLPU018 gives no figure; captures wait for the first trigger and do not depend on it",
         "dlpc900_start_s",
         500e-6,
         kinds=frozenset({"dlpc900"}),
     ),
     Idealisation(
         "host",
-        "shares one clock with the bench, and computes in no time of it",
-        "computers lose time between any two statements",
-        "time in the simulated world passes only while somebody waits for it",
+        "shares one clock with the bench, and its computations take no time on it",
+        "computers need time for every statement",
+        "time in the simulated world passes only while a program waits on its clock",
     ),
 )
 
