@@ -277,8 +277,7 @@ class _Capture:
         if stage is not None and sweep is not None:
             stage.begin_sweep(sweep)
             fire.crossed_s = clock.now_s() + sweep.lead_s
-            # The sweep's constant part begins earlier than the travel, by the longest start latency. The modulator is
-            # expected to take only `_lead_s`, so its start waits for the difference.
+            # The constant part begins before the travel, by the longest start; the modulator takes only `_lead_s`.
             longest_s = self._devices.modulator.info.start_latency_s or 0.0
             clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
 
