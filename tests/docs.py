@@ -29,13 +29,13 @@ DOCS = Path(__file__).parents[1] / "docs"
 _HEAD = """\
 # Findings
 
-Everything that a reconstruction may find worth telling: why a fit ended, what to doubt, what it did about it.
-`report.json` holds each with its code, its sentence and its figures, under `notes` and, for the end of the fit,
-`stopped`; programs read the code. Names in braces are figures. Made from `gs2ci/core/sentences/` by
+Everything that a reconstruction may report: why a fit ended, what is doubtful, what was done about it.
+`report.json` contains each with its code, its sentence and its figures, under `notes` and, for the end of the fit,
+`stopped`; programs should read the code. Names in braces are figures. Made from `gs2ci/core/sentences/` by
 `python -m tests.docs`.
 
-A *remark* is worth knowing and asks for nothing. After a *doubt*, part of the result is not to be relied on as far as
-usual. A *failure* means that something that was requested could not be done, and the result is without it.
+A *remark* is worth knowing and needs no action. A *doubt* means that part of the result is less reliable than usual.
+A *failure* means that something that was requested could not be done, and the result lacks it.
 """
 
 _IDEALISATIONS_HEAD = """\

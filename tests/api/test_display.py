@@ -291,8 +291,8 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "scene 0.0310, decode 0.0520",
         "The fit ended because the held-out pixels stopped improving; they were best at iteration 500.",
         "The focal length is not known and [nobody] told it; a horizontal",
-        "Give it if you know it: `gs2ci reconstruct --focal-px`.",
-        "from below only. Use less light",
+        "Give the focal length if you know it: `gs2ci reconstruct --focal-px`.",
+        "bound of the light. Use less light",
         "report.html",
     ):
         assert part in " ".join(text.split())

@@ -87,7 +87,7 @@ def test_a_remedy_names_only_commands_and_options_that_exist(code):
 
 def test_a_finding_holds_its_sentence_its_figures_and_the_remedy_of_a_doubt():
     dark = finding(Code.SATURATED, share=0.25)
-    assert dark.sentence == "25% of the pixels are saturated: they bound the light from below only."
+    assert dark.sentence == "25% of the pixels are saturated: they give only a lower bound of the light."
     assert dark.figures == {"share": 0.25}
     assert dark.advice == f"{dark.sentence} {Code.SATURATED.remedy}"
 

@@ -272,7 +272,7 @@ def _camera() -> Iterator[Case]:
     yield Case("camera", "distortion of -0.2, not told", bent, changes.no_distortion, silent=BENT)
     for name, factor in (("right", 1.0), ("of another unit", 1e6), ("mirrored", -1.0), ("at rest", 0.0)):
         change = changes.telemetry(changes.translations(factor))
-        says = ("Not from stage", "The tracks were taken instead") if name in ("mirrored", "at rest") else ()
+        says = ("No geometry from stage", "The tracks are used instead") if name in ("mirrored", "at rest") else ()
         yield Case("stage", f"poses {name}", change=change, settings=stage_poses, says=says, quick=True)
     for name, way in (("right", changes.astray(0.0)), ("off by 5 %", changes.astray(0.05))):
         yield Case("stage", f"poses {name}, or tracks", change=changes.telemetry(way), says=("Geometry from",))

@@ -54,15 +54,15 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
         return _with(shot, going_on), Rim(unknown)
     flat = np.where(unknown, going_on[:, ~unknown].mean(axis=1)[:, None, None], going_on)
     guesses = {
-        "goes on as its rim": going_on,
-        "begins anew": np.where(unknown, misfit.of_masks(stated, wrapped=True), going_on),
+        "continues as at its border": going_on,
+        "repeats periodically": np.where(unknown, misfit.of_masks(stated, wrapped=True), going_on),
     }
     left = {name: _squares(shot, guess, unknown) for name, guess in guesses.items()}
     name = min(left, key=lambda one: float(left[one].mean()))
     if surely_larger(_squares(shot, flat, unknown), left[name]):
-        return _with(shot, guesses[name]), _told(unknown, f"by its readings, the pattern {name} there")
+        return _with(shot, guesses[name]), _told(unknown, f"according to the readings, the pattern {name} there")
     averaged = _averaged(shot, unknown)
-    made = "nothing is known of the masks there, and readings were averaged over some elements"
+    made = "the masks are not known there, and readings were averaged over some elements"
     return _with(replace(shot, measurement=averaged), flat), _told(unknown, made)
 
 

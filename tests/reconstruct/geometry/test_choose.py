@@ -143,7 +143,7 @@ def test_poses_that_lie_end_in_the_tracks_with_the_reason(request_for, camera_fi
     found = find(camera_file(backwards), request_for())
     assert found.source == "tracks"
     assert found.verdict == "full"
-    assert found.notes[0].sentence.startswith("Not from file: the known poses put most tracked points")
+    assert found.notes[0].sentence.startswith("No geometry from file: the known poses put most tracked points")
 
 
 def test_without_tracks_the_points_of_a_model_give_the_range_of_depths(request_for, tmp_path, scene):
@@ -204,7 +204,7 @@ def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(reques
 def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_for, scene):
     found = find("auto", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, len(found.notes)) == ("stage", 1)
-    assert found.notes[0].sentence.startswith("Geometry from stage. Left unexplained: 0.")
+    assert found.notes[0].sentence.startswith("Geometry from stage. Residual of each source that was tried: 0.")
     assert found.notes[0].sentence.endswith(" by the tracks.")
     assert same_path(found, scene.poses, 1e-6)
 

@@ -73,7 +73,7 @@ def test_a_good_prediction_is_adjusted_and_taken(make_vggt, request_for, scene):
     )
     found = find(make_vggt(scene, poses=turned), request_for())
     assert (found.source, found.verdict, found.focal_source) == ("vggt", "full", "file")
-    assert found.notes[0].sentence == "VGGT's poses were taken after adjustment, views in order."
+    assert found.notes[0].sentence == "VGGT's poses are used after adjustment, views in order."
     assert path_error(found, scene.poses) < TRACKED
     assert turn_error(found.world_to_camera, scene.poses) < 0.7 * turn_error(turned, scene.poses)
 
@@ -81,7 +81,7 @@ def test_a_good_prediction_is_adjusted_and_taken(make_vggt, request_for, scene):
 def test_before_the_adjustment_comes_after_it(make_vggt, request_for, scene, monkeypatch):
     refuse(monkeypatch, "after adjustment")
     found = find(make_vggt(scene), request_for())
-    assert found.notes[0].sentence.startswith("VGGT's poses were taken before adjustment, views in order")
+    assert found.notes[0].sentence.startswith("VGGT's poses are used before adjustment, views in order")
     assert "refused after adjustment" in found.notes[0].sentence
     assert path_error(found, scene.poses) < 1e-5
 
@@ -92,7 +92,7 @@ def test_an_adjustment_that_fails_leaves_the_prediction(make_vggt, request_for, 
 
     monkeypatch.setattr(hierarchy, "adjust_bundle", fail)
     found = find(make_vggt(scene), request_for())
-    assert found.notes[0].sentence.startswith("VGGT's poses were taken before adjustment")
+    assert found.notes[0].sentence.startswith("VGGT's poses are used before adjustment")
 
 
 def test_retries_look_for_more_tracks_in_other_orders(make_vggt, request_for, scene, monkeypatch):
@@ -126,7 +126,7 @@ def test_the_models_own_depth_is_the_last_step(make_vggt, request_for, scene, mo
     refuse(monkeypatch, "after adjustment", "before adjustment")
     found = find(make_vggt(scene), request_for())
     assert found.verdict == "full"
-    assert found.notes[0].sentence.startswith("VGGT's own cameras and depth were taken; the tracks lie 0.")
+    assert found.notes[0].sentence.startswith("VGGT's own cameras and depth are used; the tracks lie 0.")
     assert path_error(found, scene.poses) < 1e-5
     relative = found.inverse_depth / np.median(found.inverse_depth) * np.median(scene.inverse_depth)
     assert np.median(np.abs(relative / scene.inverse_depth - 1)) < 0.01
@@ -170,7 +170,7 @@ def test_a_prediction_that_lies_ends_in_the_tracks_or_is_put_right(make_vggt, re
     assert found.verdict == "full"
     assert path_error(found, scene.poses) < TRACKED
     if found.source == "tracks":
-        assert found.notes[0].sentence.startswith("Not from vggt: ")
+        assert found.notes[0].sentence.startswith("No geometry from vggt: ")
 
 
 def test_negative_depths_are_named(make_vggt, request_for, scene):
