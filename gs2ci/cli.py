@@ -38,28 +38,28 @@ if TYPE_CHECKING:
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy, .mat or pictures into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
-    "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
+    "report": ("gs2ci.commands.report", "rebuild the page of a run from its folder"),
     "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
     "export": ("gs2ci.commands.export", "write a run for other programs: spz, COLMAP, EXR, films"),
     "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
-    "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
-    "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
-    "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
+    "view": ("gs2ci.commands.view", "show the scene of a run in the browser"),
+    "decode": ("gs2ci.commands.decode", "recover only the views: GAP-TV, plug-and-play, proxies"),
+    "evaluate": ("gs2ci.commands.evaluate", "score a run against a truth, the noise model, other views"),
     "measure": ("gs2ci.commands.measure", "measure the distance between two points of a run"),
-    "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot"),
+    "tradeoff": ("gs2ci.commands.tradeoff", "measure accuracy against time for one shot"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
-    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for"),
-    "calibrate": ("gs2ci.commands.calibrate", "measure a bench: sensor, masks, geometry, timing"),
+    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation must include"),
+    "calibrate": ("gs2ci.commands.calibrate", "calibrate a bench: sensor, masks, geometry, timing"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
-    "live": ("gs2ci.commands.live", "show a bench in a browser while one aligns it"),
-    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
+    "live": ("gs2ci.commands.live", "show a bench in the browser while you align it"),
+    "doctor": ("gs2ci.commands.doctor", "check a bench: permissions, clocks, trigger line"),
     "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
     "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
-    "compile": ("gs2ci.commands.compile", "make all machine code now, which the first run else does"),
+    "compile": ("gs2ci.commands.compile", "compile all kernels now instead of in the first run"),
 }
 # Names that commands had before -> what they are called now. Refused, naming the new one.
 RENAMED: Final[dict[str, str]] = {"bench": "tables"}
@@ -79,7 +79,7 @@ def main() -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has closed the pipe, as `| head` does. The interpreter flushes once more when it ends.
+        # The reader has closed the pipe, as `| head` does. The interpreter flushes once more at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_UNREAD
 
@@ -134,7 +134,7 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        # Not every look at a path is guarded one by one: names too long, folders that may not be entered, ...
+        # Not every access to a path is checked individually: names too long, folders without permission, ...
         _print_error(Gs2ciError(str(error), remedy="check the name, the folder, its free space and its permissions"))
         return EXIT_USER_ERROR
     except MemoryError as error:
@@ -164,9 +164,9 @@ def _about(docstring: str) -> str:
 
 
 def _with_plain_help(run: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the command with help that calls places by their names, and tells of a default only where there is one.
+    """Return the command with help that names positional arguments, and shows a default only if there is one.
 
-    Where the default is none or nothing, the argument's text says what happens without it.
+    If the default is None or empty, the argument's text says what happens without it.
     """
     import tyro  # noqa: PLC0415
 
@@ -195,7 +195,7 @@ def _with_plain_help(run: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _is_place(kind: Any) -> bool:
-    """Return whether an argument is told by its place on the command line rather than by a name."""
+    """Return whether an argument is positional."""
     import tyro  # noqa: PLC0415
 
     return tyro.conf.Positional in getattr(kind, "__metadata__", ())
@@ -207,9 +207,9 @@ def _has_choices(kind: Any) -> bool:
 
 @contextmanager
 def _unwound_when_told_to_end() -> Iterator[None]:
-    """Let `kill`, or a terminal that is closed, unwind what is open, as Ctrl-C does.
+    """Make `kill`, or closing the terminal, close what is open, as Ctrl-C does.
 
-    By itself the process would die where it stands, with the lamp on and the stage on its way.
+    Otherwise the process would end at once, with the lamp on and the stage moving.
     """
 
     def end(number: int, _frame: object) -> None:
@@ -228,7 +228,7 @@ def _unwound_when_told_to_end() -> Iterator[None]:
 
 
 def _optional_values() -> "ConstructorRegistry":
-    """Make the rule by which the value of an option that may be left out is shown as PATH, not as {None}|PATH."""
+    """Make the rule that shows the value of an optional option as PATH, not as {None}|PATH."""
     from tyro.constructors import (  # noqa: PLC0415
         ConstructorRegistry,
         PrimitiveConstructorSpec,
@@ -261,7 +261,7 @@ def _interrupted() -> int:
 
 
 def _print_error(error: Gs2ciError) -> None:
-    """Print what was wrong, what is allowed and what to do, a line each."""
+    """Print what is wrong, what is allowed and what to do, one line each."""
     from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True, highlight=False)

@@ -14,17 +14,18 @@ if TYPE_CHECKING:
 
 
 def update_bundle(bundle: str | Path, shots: Sequence[str | Path]) -> "Update":
-    """Move a bundle's masks to where shots that were taken with it show them; the old bundle is kept beside it.
+    """Correct a bundle's masks from shots that were taken with it; the old bundle is kept next to it.
 
     Args:
-        bundle: The bundle, which is written anew where shots contradict it.
-        shots: Shot files; every exposure of each is looked at.
+        bundle: The bundle, which is replaced if the shots contradict it.
+        shots: Shot files; every exposure of each is used.
 
     Returns:
-        What was found, in `parameters`; what of it was `taken`; how far the masks had moved, `largest_px`.
+        The estimates, in `parameters`; those that were applied, in `taken`; the largest displacement of the masks,
+        `largest_px`.
 
     Raises:
-        DeviceError: No shot tells, or shots contradict each other (`CalibrationError`); the bundle is as it was.
+        DeviceError: No shot shows it, or shots contradict each other (`CalibrationError`); the bundle is unchanged.
         StorageError: A file cannot be read or written.
 
     Example:

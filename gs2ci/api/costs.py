@@ -1,7 +1,7 @@
-"""What accuracy costs, for one shot and in tables: `tradeoff`, `make_table`.
+"""Accuracy against time, for one shot and in tables: `tradeoff`, `make_table`.
 
-Here: the order price → try → say, and cells → rows → pages. Not here: any of these (`gs2ci.evaluate.tradeoff`,
-`gs2ci.tables`).
+Here: the order of estimating costs, running trials and reporting, and of cells, rows and pages. Not here: any of these
+(`gs2ci.evaluate.tradeoff`, `gs2ci.tables`).
 """
 
 import math
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TradeoffFound:
-    """What accuracy costs for one shot.
+    """Accuracy against time for one shot.
 
     Args:
         found: The trials' figures.
@@ -49,7 +49,7 @@ class TableMade:
     """A table of figures.
 
     Args:
-        measures: What each line has a mean and a spread of, by the names that cells use.
+        measures: Names of the measures of which each line has a mean and a spread, as in the cells.
         figures: Mean and spread of each line of each case.
         text: The same as markdown.
         pages: The files that were written.
@@ -91,27 +91,27 @@ def tradeoff(
     command: str = "",
     progress: Progress | None = None,
 ) -> TradeoffFound:
-    """Try presets and settings on one measurement, and say what the next decibel costs.
+    """Try presets and settings on one measurement, and report the seconds per decibel of each step.
 
-    Finished trials are kept in `<output>/cells`: an interrupted call goes on where it was left.
+    Finished trials are kept in `<output>/cells`: a repeated call continues where an interrupted one stopped.
 
     Args:
-        shot: A shot file; or a shot, which is kept as `<output>/shot.h5` for trials in other processes.
+        shot: A shot file; or a shot, which is saved as `<output>/shot.h5` for trials in other processes.
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
             fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
-            precision; all of them when not given.
-        most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
+            precision; by default all of them.
+        most: Skip trials that are expected to take longer than this, by costs measured on the shot in advance.
         seed: Seed of every random draw.
         report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
-            when `gs2ci report` builds it again.
-        fresh: Try everything again.
-        command: That makes this again, for the pages.
+            when `gs2ci report` rebuilds it.
+        fresh: Repeat finished trials.
+        command: The command that repeats this, for the pages.
         progress: Receives the trials.
 
     Raises:
-        InputError: A value cannot be used, or nothing can be tried in the time.
+        InputError: A value cannot be used, or no trial fits into the time.
         StorageError: A file cannot be read or written.
 
     Example:
@@ -121,7 +121,7 @@ def tradeoff(
     """
     check_seed(seed)
     most_s = parse_duration_s(most)
-    # Read before anything that takes seconds to import: a file that is missing is said at once.
+    # Read before imports that take seconds: a missing file is reported at once.
     from gs2ci.core.storage import read_shot
 
     measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
@@ -187,18 +187,18 @@ def make_table(
     """Make one table of figures: mean and spread over seeds, as markdown, CSV, a picture and an HTML page.
 
     Args:
-        table: Which one; a wrong name tells which there are.
-        output: Folder for the pages and the finished cells, which are not made again.
+        table: Which one; a wrong name lists those that exist.
+        output: Folder for the pages and the finished cells, which are not computed again.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
-        size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
-            For what would take hours.
-        cases: Only these of the cases; where they are simulated, any scene of the library may be named.
+        size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is used.
+            Makes tables affordable that would take hours.
+        cases: Only these of the cases; if they are simulated, any scene of the library may be named.
         lines: Only these lines of the table.
-        seeds: How many seeds.
-        processes: Local processes to share the work.
-        scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
+        seeds: Number of seeds.
+        processes: Number of local processes.
+        scheduler: Address of a Dask scheduler to use instead, e.g. tcp://host:8786.
         fresh: Measure everything again.
-        command: That makes this again, for the pages; the call when empty.
+        command: The command that repeats this, for the pages; the call if empty.
         progress: Receives the cells.
 
     Raises:

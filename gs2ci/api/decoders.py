@@ -1,6 +1,7 @@
-"""The decoder that the options of `gs2ci decode` name.
+"""The decoder chosen by the options of `gs2ci decode`.
 
-Here: which words go together and what they name. Not here: any decoding (`gs2ci.reconstruct.decode`, `proxies`).
+Here: valid combinations of options, and the decoder that they choose. Not here: any decoding
+(`gs2ci.reconstruct.decode`, `proxies`).
 """
 
 import time
@@ -33,7 +34,7 @@ from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import Registered
 
-# Views, what was done as plain values, and sentences about it.
+# Views, a record of the decode as plain values, and sentences about it.
 _Outcome = tuple[F32, Mapping[str, Any], tuple[str, ...]]
 Decoder = Callable[[Shot, Progress], _Outcome]
 
@@ -43,15 +44,15 @@ _GAP_TV_WEIGHT = 0.3
 
 @dataclass(frozen=True)
 class Choice:
-    """What the command line says about the decoder.
+    """Options of the command line for the decoder.
 
     Args:
         method: Its name.
         denoiser: Of plug-and-play.
-        iterations: How many steps; None: the method's own number.
+        iterations: Number of steps; None for the method's default.
         coupling: Of GAP-TV.
         seed: Seed of the draw of the held-out pixels.
-        until_s: The moment, by `time.monotonic`, before which the patch decode has to end; None: whenever it does.
+        until_s: The time, by `time.monotonic`, before which the patch decode has to end; None for no limit.
     """
 
     method: DecodeMethod
@@ -66,7 +67,7 @@ def decoder_of(choice: Choice) -> Decoder:
     """Choose the decoder; a model file is loaded now, before any work.
 
     Raises:
-        InputError: Two words contradict each other, or a denoiser is unknown or cannot be loaded.
+        InputError: Two options contradict each other, or a denoiser is unknown or cannot be loaded.
     """
     plug = choice.method in ("pnp-gap", "pnp-admm")
     if choice.denoiser is not None and not plug:
@@ -90,10 +91,10 @@ def decoder_of(choice: Choice) -> Decoder:
 
 
 def check_budget(method: DecodeMethod, iterations: int | None, *, given: bool) -> None:
-    """Accept a budget of time for a decoder that can keep to one, and has its number of steps from it alone.
+    """Check that a time budget is given only for a decoder that supports it, and without a number of steps.
 
     Raises:
-        InputError: Another method, or a number of steps, is asked for beside it.
+        InputError: Another method, or a number of steps, is given as well.
     """
     if given and method != "patches":
         raise InputError(f"--budget with --method {method}", allowed="with patches, which makes as many steps as fit")
@@ -211,7 +212,7 @@ def _denoiser(name: str) -> Denoiser:
 
 
 def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:
-    """Decode a shot, with what its views predict of the measurement and the seconds that it took."""
+    """Decode a shot; also return the prediction of the measurement from its views, and the seconds."""
     began_s, shot = time.monotonic(), registered.shot
     views, method, notes = decode(shot, progress)
     seconds = time.monotonic() - began_s

@@ -1,4 +1,4 @@
-"""Views alone, without geometry: `decode`. Not here: which words name which decoder (`decoders`), any decoding."""
+"""Only views, without geometry: `decode`. Not here: the choice of a decoder by its name (`decoders`), any decoding."""
 
 import time
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from gs2ci.reconstruct.choices import REGISTRATION_MODES, DecodeMethod, Registra
 if TYPE_CHECKING:
     from gs2ci.evaluate.decode_folder import Decoded
 
-# What follows the last step: figures, pictures and files, and the end of the process.
+# Work after the last step: figures, pictures and files, and the end of the process.
 _ENDING_S: Final = 0.25
 _WRITING_S_PER_PIXEL: Final = 4e-7
 
@@ -39,26 +39,26 @@ def decode(
 
     Args:
         shot: A shot, or a file that `load` takes.
-        method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
-            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
-            measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies that a
-            geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
+        method: gap-tv; patches, which uses groups of similar patches and is the best without trained weights, or
+            patches-quick, the same with a few steps; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
+            measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies for the
+            geometry stage: eni, amdi, or proxies, which chooses one of the two by the masks.
         denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name
             (gs2ci models add): ffdnet, ffdnet-colour, fastdvdnet.
         iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
             levels of plug-and-play (10).
-        coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
-            the measurement when not given.
-        budget: Of patches, the time that each exposure may take with everything, as in 5s or 1min: as many steps are
-            made as fit, and the result depends on the machine's speed. A command's first exposure counts from its
-            start, and some of the time is kept for writing.
-        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
-            what it surely tells; "off" takes masks and readings as stated.
+        coupling: Strength with which gap-tv couples consecutive views, from 0 (not at all); by default chosen by
+            held-out pixels of the measurement.
+        budget: Time limit for patches per exposure, everything included, such as 5s or 1min: as many steps are made
+            as fit, and the result depends on the machine's speed. The time of a command's first exposure begins at
+            the start of the command, and part of it is reserved for writing.
+        registration: "auto" first estimates from the measurement where its masks lie, how they are blurred and in
+            which unit it was read, and corrects significant errors; "off" uses masks and readings as stated.
         seed: Seed of the draw of the held-out pixels.
         progress: Receives stages and steps, as in `reconstruct`.
 
     Returns:
-        `views` [N, H, W, C], what they predict of the measurement, seconds, method and notes.
+        `views` [N, H, W, C], their prediction of the measurement, seconds, method and notes.
 
     Raises:
         InputError: A value cannot be used, or two contradict each other.
@@ -120,12 +120,12 @@ def decode_all(
 
 
 def _writing_s(shot: Shot) -> float:
-    """Return for how long an exposure's results are judged and written, on a processor of 2025 or half as fast."""
+    """Return the seconds for scoring and writing an exposure's results, on a processor of 2025 or half as fast."""
     return _ENDING_S + _WRITING_S_PER_PIXEL * shot.views * shot.size[0] * shot.size[1]
 
 
 def check_decode(iterations: int | None, coupling: float | None, budget: str | None, seed: int) -> None:
-    """Accept the numbers that are requested, before anything is read.
+    """Check the given numbers before anything is read.
 
     Raises:
         InputError: One is out of bounds, or the budget is no duration.

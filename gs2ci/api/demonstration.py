@@ -15,7 +15,7 @@ OPEN_SHARE: Final = 0.25
 FULL_WELLS_PER_VIEW: Final = 0.19
 MASK_S: Final = 0.02
 STAGE_SPEED_MM_S: Final = 12.5
-# The scene's depths are needed before the bench is built; an eighth of the picture knows them as well.
+# The scene's depths are needed before the bench is built; an eighth of the resolution is enough for them.
 PREVIEW: Final = 8
 # What the modulator holds at one bit; two pixels of the preview; and half of its own pixels along either side.
 MOST_VIEWS: Final = 400
@@ -84,14 +84,14 @@ def demo_rig(
     parallax_px: float = 12.0,
     seed: int = 0,
 ) -> Path:
-    """Write the rig file of a simulated bench before which a motorcycle stands, as `gs2ci demo` does.
+    """Write the rig file of a simulated bench in front of a motorcycle, as `gs2ci demo` does.
 
     Args:
-        path: The rig file to write; parents are made.
+        path: The rig file to write; parents are created.
         views: Masks during the exposure.
         height: Height of the measurement, in pixels, a multiple of 2.
         width: Width of the measurement, in pixels, a multiple of 4.
-        parallax_px: How far near and far shift against each other during the exposure.
+        parallax_px: Shift of near against far points during the exposure.
         seed: Seed of masks and noise.
 
     Returns:
@@ -99,7 +99,7 @@ def demo_rig(
 
     Raises:
         InputError: A number cannot be used.
-        StorageError: The disk refuses.
+        StorageError: Writing fails.
 
     Example:
         >>> with gs2ci.open_rig(gs2ci.demo_rig("demo.toml", height=64, width=96)) as rig:
@@ -111,7 +111,7 @@ def demo_rig(
 
 
 def check_demo(views: int, height: int, width: int, parallax_px: float, seed: int) -> None:
-    """Accept the numbers of a demonstration.
+    """Check the numbers of a demonstration.
 
     Raises:
         InputError: One is out of bounds.
@@ -124,7 +124,7 @@ def check_demo(views: int, height: int, width: int, parallax_px: float, seed: in
 
 
 def _check_side(option: str, length_px: int, step_px: int, most_px: int) -> None:
-    """Accept a side of the picture, which is a mosaic."""
+    """Check a side of the picture, which is a mosaic."""
     if not LEAST_PX <= length_px <= most_px or length_px % step_px:
         raise InputError(
             f"{option} {length_px}",
@@ -137,7 +137,7 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     """Write a rig file whose stage moves the camera so that near and far shift by `parallax_px`; return its path.
 
     Raises:
-        StorageError: The disk refuses.
+        StorageError: Writing fails.
     """
     import numpy as np
 

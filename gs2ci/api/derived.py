@@ -1,7 +1,7 @@
-"""Options that two functions share, declared and described by one of them alone.
+"""Options that two functions share, declared and described by only one of them.
 
 A command, or a function over many shots, takes the arguments of the function behind it. Here: `with_options_of`, which
-makes its signature and its docstring whole, for `help`, for the parser of the command line and for completion;
+adds them to its signature and its docstring, for `help`, for the parser of the command line and for completion;
 `argument_texts`. Not here: any option.
 """
 
@@ -20,12 +20,12 @@ _REST = re.compile(r"\n\n(?=Returns:|Raises:|Example:)")
 def with_options_of(function: Callable[..., Any], *, without: tuple[str, ...] = ()) -> Callable[[_Function], _Function]:
     """Give a function that ends in `**options` the arguments of another one, with their types, defaults and texts.
 
-    What the taker declares itself keeps its own type and default, and its own text where it has one: so it says
-    only what differs.
+    An argument that the taker declares itself keeps its own type and default, and its own text if it has one, so that
+    only differences need to be written.
 
     Args:
-        function: Whose arguments are taken, each as a keyword argument.
-        without: Those that are not.
+        function: The function whose arguments are taken, each as a keyword argument.
+        without: Names of arguments that are not taken.
     """
 
     def decorate(taker: _Function) -> _Function:
@@ -37,7 +37,7 @@ def with_options_of(function: Callable[..., Any], *, without: tuple[str, ...] = 
             if name not in without
         ]
         kept = [one for one in own.values() if one not in taken and one.kind is not one.VAR_KEYWORD]
-        # Places, what has to be said, what both take, what the taker alone adds.
+        # Positional arguments, required ones, those of both functions, those of the taker alone.
         places = list(own)
         whole = sorted([*taken, *kept], key=lambda one: _rank(one, lent, places))
         signature = inspect.signature(taker).replace(parameters=whole)
@@ -48,7 +48,7 @@ def with_options_of(function: Callable[..., Any], *, without: tuple[str, ...] = 
             bound.apply_defaults()
             return taker(*bound.args, **bound.kwargs)
 
-        del given_all.__wrapped__  # the parser, and whoever else looks through it, would miss what is taken
+        del given_all.__wrapped__  # otherwise the parser would see the function without the taken arguments
         given_all.__signature__ = signature  # type: ignore[attr-defined]
         given_all.__annotations__ = {one.name: one.annotation for one in whole}
         given_all.__annotations__["return"] = signature.return_annotation
@@ -72,7 +72,7 @@ def _filled(text: str) -> str:
 
 
 def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
-    """Return what a docstring says of each argument, as one line each."""
+    """Return the text of each argument in a docstring, as one line each."""
     section = _ARGUMENTS.search(inspect.cleandoc(function.__doc__ or ""))
     found = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", section[1], re.MULTILINE) if section else []
     return {name: " ".join(text.split()) for name, text in found}

@@ -1,6 +1,6 @@
-"""A run's parts as files that other programs open: `export`, `mesh`.
+"""Parts of a run as files for other programs: `export`, `mesh`.
 
-Here: which parts there are, and that a file or folder appears whole or not at all. Not here: the formats
+Here: the list of parts, and writing a file or folder completely or not at all. Not here: the formats
 (`gs2ci.evaluate.exports`, `gs2ci.render`).
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gs2ci.evaluate.points import Cameras
 
 ExportFormat = Literal["ply", "spz", "colmap", "nerfstudio", "depth-png", "depth-exr", "nexus", "gif", "mp4"]
-# What is written where no name is given, in the folder where one is.
+# Name of the output if none is given, inside the folder if one is.
 NAMES: Final[dict[ExportFormat, str]] = {
     "ply": "scene.ply",
     "spz": "scene.spz",
@@ -42,19 +42,19 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
 
     Args:
         run: A run that was saved, or its folder.
-        to: ply and spz hold the Gaussians; colmap is a folder with sparse model and images, nerfstudio one with
+        to: ply and spz contain the Gaussians; colmap is a folder with sparse model and images, nerfstudio one with
             transforms.json and images; depth-png (16 bit) and depth-exr are folders of depth maps; nexus is an HDF5
-            file with views, depth and cameras under the names of the NeXus standard; gif and mp4 a short orbit of
+            file with views, depth and cameras under the names of the NeXus standard; gif and mp4 show a short orbit of
             the scene.
-        path: The file or folder to write; one of its own name in the current folder if None.
-        overwrite: Replace what lies there; a folder is replaced as a whole.
+        path: The file or folder to write; by default one with the format's usual name in the current folder.
+        overwrite: Replace an existing output; a folder is replaced as a whole.
 
     Returns:
         The path.
 
     Raises:
         InputError: The format is unknown, the run has no such part, or a package is missing.
-        StorageError: Something lies there, or the disk refuses.
+        StorageError: The output exists already, or writing fails.
 
     Example:
         >>> gs2ci.export("run", "spz").name, gs2ci.export("run", "depth-png", "maps").is_dir()
@@ -69,22 +69,22 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
 
 
 def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 160, overwrite: bool = False) -> Path:
-    """Write a mesh of the surfaces that a run's depths show, as PLY with a colour per vertex.
+    """Write a mesh of the surfaces in a run's depth maps, as PLY with a colour per vertex.
 
-    Closed where views see a surface from all around; elsewhere it ends with what is seen.
+    The mesh is closed only if the views see a surface from all sides; otherwise it ends where they see no more.
 
     Args:
         run: A run that was saved, or its folder.
         path: The file to write.
-        voxels: How many along the longest side of what is seen: more are finer; memory grows with their cube.
-        overwrite: Replace what lies there.
+        voxels: Number along the longest side of the visible scene: more are finer; memory grows with their cube.
+        overwrite: Replace an existing file.
 
     Returns:
         The path.
 
     Raises:
-        InputError: The run has no depth that can be believed, or `voxels` is out of bounds.
-        StorageError: Something lies there, or the disk refuses.
+        InputError: The run has no reliable depth, or `voxels` is out of bounds.
+        StorageError: The output exists already, or writing fails.
 
     Example:
         >>> gs2ci.mesh("run", voxels=32).name
@@ -234,10 +234,10 @@ def _cameras(run: Run) -> "Cameras":
 
 
 def _check_free(target: Path, *, overwrite: bool) -> None:
-    """Accept a place where something may be written.
+    """Check that an output can be written.
 
     Raises:
-        StorageError: Something lies there that may not be replaced, or nothing can be written there.
+        StorageError: It exists and may not be replaced, or nothing can be written there.
     """
     check_place(target)
     if (target.exists() or target.is_symlink()) and not overwrite:
@@ -245,10 +245,10 @@ def _check_free(target: Path, *, overwrite: bool) -> None:
 
 
 def _whole(target: Path, write: _Write, *, overwrite: bool) -> Path:
-    """Write a file or a folder beside its place, and move it there.
+    """Write a file or a folder under a temporary name, and move it to its place.
 
     Raises:
-        StorageError: As `_check_free`; or the disk refuses.
+        StorageError: As `_check_free`; or writing fails.
     """
     _check_free(target, overwrite=overwrite)
     try:
@@ -256,7 +256,7 @@ def _whole(target: Path, write: _Write, *, overwrite: bool) -> Path:
             made = Path(scratch) / target.name
             write(made)
             if target.is_dir() and not target.is_symlink():
-                # It goes with the scratch folder.
+                # It is deleted with the scratch folder.
                 target.rename(Path(scratch) / "before")
             made.replace(target)
     except OSError as error:

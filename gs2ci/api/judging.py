@@ -1,4 +1,4 @@
-"""A finished run judged and measured: `evaluate`, `measure`. Not here: any figure (`gs2ci.evaluate`)."""
+"""A finished run scored and measured: `evaluate`, `measure`. Not here: computing any figure (`gs2ci.evaluate`)."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gs2ci.evaluate.evaluation import FinishedRun
     from gs2ci.evaluate.measuring import Length
 
-# Beyond what any sensor has; their squares and quotients stay numbers.
+# Larger than for any sensor; their squares and quotients remain finite.
 READ_NOISE_RANGE: Final = (1e-9, 1e3)
 ELECTRONS_RANGE: Final = (1e-3, 1e12)
 
@@ -33,21 +33,21 @@ def evaluate(
     electrons: float | None = None,
     lpips: str | None = None,
 ) -> dict[str, Any]:
-    """Judge a saved run by what is known of its shot.
+    """Score a saved run against what is known about its shot: truth, noise, other views.
 
     Args:
         run: A run that was saved, or its folder.
-        shot: The shot that was reconstructed, or one of the same measurement that holds the truth as well; or a file.
+        shot: The shot that was reconstructed, or one of the same measurement that also contains the truth; or a file.
         index: Which shot of the file.
         depth: True depth along the optical axis, [N, H, W] or its .npy file, in any unit, 0 where unknown.
-        novel: True views from other places: an .npz file of `views` and `world_to_camera` in the true path's world.
+        novel: True views from other poses: an .npz file of `views` and `world_to_camera` in the true path's world.
         read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
-        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
-            none is counted.
-        lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
+        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; if not
+            given, shot noise is not included.
+        lpips: "lpips" for the model added by `gs2ci models add lpips`, or your own ONNX file.
 
     Returns:
-        The figures as plain values, schema gs2ci.evaluation/2; None where there is no evidence.
+        The figures as plain values, schema gs2ci.evaluation/2; None if a figure cannot be computed.
 
     Raises:
         InputError: A value cannot be used, or the shot is of another measurement than the run.
@@ -80,10 +80,10 @@ def evaluate(
 
 
 def check_noise(read_noise: float | None, electrons: float | None) -> None:
-    """Accept the sensor's figures.
+    """Check the sensor's figures.
 
     Raises:
-        InputError: One is out of bounds, or stands alone where it cannot.
+        InputError: One is out of bounds, or requires another that is not given.
     """
     check_number("--read-noise", read_noise, *READ_NOISE_RANGE, remedy="leave --read-noise out, and χ² with it")
     check_number("--electrons", electrons, *ELECTRONS_RANGE, remedy="leave --electrons out, and shot noise with it")
@@ -103,10 +103,10 @@ def measure(
         view: Which view, counted from 1 as on the command line; the middle one if None.
 
     Returns:
-        `length` with its `standard_error` in `unit`, both points and how surely each depth is known.
+        `length` with its `standard_error` in `unit`, both points and the confidence of each depth.
 
     Raises:
-        InputError: The run has no depth, there is no such view or pixel, or nothing is seen there.
+        InputError: The run has no depth, there is no such view or pixel, or there is no surface.
 
     Example:
         >>> found = gs2ci.measure("run", (8, 12), (24, 12))
@@ -126,7 +126,7 @@ def middle_view(run: "FinishedRun") -> int:
 
 
 def finished_run(run: Run | str | Path) -> "FinishedRun":
-    """Read a run as the figures need it.
+    """Read a run.
 
     Raises:
         StorageError: It was not saved, or its folder is damaged.

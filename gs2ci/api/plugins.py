@@ -1,6 +1,6 @@
-"""What other packages add: `list_plugins`.
+"""Plug-ins of other packages: `list_plugins`.
 
-Here: the names of our own that no plug-in can take. Not here: finding them (`gs2ci.core.plugins`).
+Here: the built-in names, which no plug-in can take. Not here: finding plug-ins (`gs2ci.core.plugins`).
 """
 
 from gs2ci.core.plugins import Plugin, installed
@@ -9,7 +9,7 @@ from gs2ci.core.plugins import Plugin, installed
 def list_plugins() -> list[Plugin]:
     """List the plug-ins that are installed: drivers, density rules, decoders, priors, geometry, effects, scenes.
 
-    Each is imported; one that cannot be says so in `problem`, and everything else works without it.
+    Each is imported; `problem` says why one could not be, and everything else works without it.
 
     Returns:
         `name`, `group` and `target` of each, and the package that it comes from.
@@ -22,7 +22,7 @@ def list_plugins() -> list[Plugin]:
 
 
 def built_in_names() -> dict[str, tuple[str, ...]]:
-    """Return the names of our own, by group of entry points."""
+    """Return the built-in names, by group of entry points."""
     from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, RULE_NAMES
     from gs2ci_drivers.plugin import BUILT_IN
 

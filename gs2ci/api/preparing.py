@@ -1,7 +1,7 @@
-"""Machine code of all kernels, made before it is needed: `compile_kernels`.
+"""Compilation of all kernels in advance: `compile_kernels`.
 
-Here: a small reconstruction that calls them all. Not here: where machine code is kept (`gs2ci.render.cpu.compile`, and
-Numba for kernels elsewhere).
+Here: a small reconstruction that calls them all. Not here: where machine code is stored (`gs2ci.render.cpu.compile`,
+and Numba for kernels elsewhere).
 """
 
 import tempfile
@@ -12,14 +12,14 @@ from typing import Final
 SIZE: Final = (68, 100)
 VIEWS: Final = 6
 PARALLAX_PX: Final = 6.0
-# Long enough that the density rule has its turn, surfaces are sought and held-out pixels are looked at.
+# Long enough that the density rule, the search for surfaces and the check on held-out pixels all run.
 ITERATIONS: Final = 60
 
 
 def compile_kernels() -> float:
-    """Make the machine code of all kernels, for this processor, and keep it on disk.
+    """Compile all kernels for this processor, and keep the machine code on disk.
 
-    Without it the first reconstruction after an installation does so, and takes so much longer.
+    Otherwise the first reconstruction after an installation does so, and takes longer.
 
     Returns:
         The seconds that it took.

@@ -60,57 +60,57 @@ def reconstruct(
 ) -> Run:
     """Recover views, camera path and scene from one coded measurement.
 
-    An interruption (Ctrl-C, a notebook's stop button) during the fit ends it: the run holds the best found so far, and
-    says so (`run.interrupted`). Before the fit has begun, or the second time, it raises KeyboardInterrupt and leaves
-    nothing behind.
+    An interruption (Ctrl-C, a notebook's stop button) during the fit ends the fit: the run is then the best found so
+    far, and `run.interrupted` is true. Before the fit, or the second time, it raises KeyboardInterrupt and nothing is
+    written.
 
     Args:
         shot: A shot, or a file that `load` takes.
-        preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
-            ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
-            without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
-        geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
+        preset: Speed or quality: "draft" is a first look, "standard" the default, "fine" takes several times as long
+            and ends with the fine stage, "paper" uses the constants of the GS2CI paper's system: 20,000 iterations
+            without held-out pixels, and the scene's own views. Each other option changes only what it names.
+        geometry: Source of the first poses: "tracks" estimates them from the decoded views, "stage" uses those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
-            "vggt:FILE") those that a model of yours predicts, "wide" matches points between all pairs of views, in
-            whatever order, "uniform" seeks an even motion without tracks; "auto" takes the stage's where there are any
-            and the measurement does not speak against them, else the tracks', else those of "wide", else an even
-            motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
-            fit refines them in any case. "auto" unless the preset says otherwise.
-        proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
-            otherwise), the paper's proxies "eni" or "amdi", "routed", the one of these two that the masks ask
-            for, or "naive", the masked measurement, to compare with.
-        first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
-            "patches-quick", a few rounds of it. The preset's own when not given.
-        budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
-            this machine can do by then.
-        density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it,
-            by its name (in Python also an object of your own, `gs2ci.reconstruct.fit.density.base`); the preset's own
-            when not given.
-        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            "vggt:FILE") those that your model predicts, "wide" matches points between all pairs of views, in any
+            order, "uniform" searches for a uniform motion without tracks; "auto" uses the stage's if there are any
+            and the measurement does not contradict them, otherwise tracks, then "wide", then a uniform motion;
+            "vggt-or-tracks" uses VGGT's if you have added the model, otherwise tracks. The fit refines them in any
+            case. "auto" unless the preset says otherwise.
+        proxy: The views from which the geometry is estimated: "gap-tv" for the decoded ones (unless the preset says
+            otherwise), the paper's proxies "eni" or "amdi", "routed", which chooses one of these two by the masks, or
+            "naive", the masked measurement, for comparison.
+        first_look: The decoder before the fit: "gap-tv", or "patches", slower and better by decibels, or
+            "patches-quick", the same with a few steps. By default the preset's.
+        budget: Instead of a preset, the time for everything together, such as 60s or 5min: the best result that this
+            machine can deliver in that time.
+        density: The rule that adds and removes Gaussians, with its terms of the objective, by its name (in Python also
+            your own object, `gs2ci.reconstruct.fit.density.base`); by default the preset's.
+        without: Components of the method to switch off, for comparisons: points, poses, opacity-split,
             opacity-regulation, count-cap, pose-refinement.
-        iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
-        fits: How many fits run side by side; the views are their mean. More take longer and show more.
-        sh_degree: How far colours may change with the direction they are seen from: the degree of their spherical
-            harmonics, 0 (one colour whoever sees it) to 3; the preset's own when not given.
-        fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
-            Kept only where held-out pixels agree; with preset "paper", which holds none out, kept in any case.
-        prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; the usual
-            one), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
-        distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
+        iterations: Maximum number of iterations of the fit; it ends earlier when held-out pixels stop improving.
+        fits: Number of fits that run side by side; the views are their mean. More are slower and more accurate.
+        sh_degree: Degree of the spherical harmonics by which colours depend on the viewing direction, 0 (one colour
+            in all directions) to 3; by default the preset's.
+        fine: Add the fine stage: views beside the cameras are improved by an image prior and fitted. Kept only if the
+            held-out pixels improve; with preset "paper", which holds none out, kept in any case.
+        prior: Of the fine stage, which it switches on: "consistent" (detail on which several cameras agree; the
+            default), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
+        distance: Of the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
-        trust_weights: Take each mask's weight as the shot states it, whatever the measurement shows of the lamp.
-        light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
-            as under a lamp that does not flicker; "auto" is "even" where the shot tells weights that differ. The
-            preset's own when not given.
-        within_mask: "moving" where the camera goes on while a mask is on show: masks are then fitted with as many
-            moments as that calls for, and the views show the middle of each; "still" where it stops under each, or
-            where the measurement was coded in software. The preset's own when not given.
-        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
-            what it surely tells; "off" takes masks and readings as stated. The preset's own when not given.
-        motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
-            motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
-            scene alone; "off" fits none that moves. The preset's own when not given.
+        trust_weights: Use each mask's weight as the shot states it, even if the measurement shows another.
+        light: Brightness of the delivered views if it varied significantly from view to view: "as-seen"; "even", as
+            under a lamp that does not flicker; "auto" is "even" if the shot states weights that differ. By default the
+            preset's.
+        within_mask: "moving" if the camera moves while a mask is shown: each mask is then fitted with as many moments
+            as its motion requires, and the views show the middle of each; "still" if the camera stops under each, or
+            if the measurement was coded in software. By default the preset's.
+        registration: "auto" first estimates from the measurement where its masks lie, how they are blurred and in
+            which unit it was read, and corrects significant errors; "off" uses masks and readings as stated. By
+            default the preset's.
+        motion: Whether things in the scene may move: "auto" tries it if motion explains part of the residual of a
+            static scene, and uses it if held-out pixels confirm it (not with a budget); "on" always fits a moving
+            scene; "off" never. By default the preset's.
         seed: Seed of every random draw; the same seed gives the same result.
         progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
@@ -171,7 +171,7 @@ def reconstruct(
 
 
 def check_overrides(iterations: int | None, fits: int | None, focal_px: float | None, seed: int) -> None:
-    """Accept the numbers that are requested, before anything is read.
+    """Check the given numbers before anything is read.
 
     Raises:
         InputError: One is out of bounds.

@@ -1,7 +1,7 @@
-"""A bench, real or simulated: `open_rig` and what an open rig does.
+"""A bench, real or simulated: `open_rig` and the methods of an open rig.
 
-Here: `OpenRig`, which opens its devices when something first needs them and closes them at the end; `find_devices`. Not
-here: any of the work (`gs2ci.rig`, `gs2ci_calibration`).
+Here: `OpenRig`, which opens its devices when first needed and closes them at the end; `find_devices`. Not here: any of
+the work (`gs2ci.rig`, `gs2ci_calibration`).
 """
 
 import tempfile
@@ -34,10 +34,10 @@ _NEVER: Final[Callable[[Path], object]] = lambda partial: None  # noqa: E731  a 
 
 
 class OpenRig:
-    """A bench as its rig file describes it; made by `open_rig`.
+    """A bench as described by its rig file; made by `open_rig`.
 
-    Devices are opened when something first needs them, and closed with the rig. Interrupting any call leaves them at
-    rest: the sensor off, the modulator dark, the stage stopped.
+    Devices are opened when first needed, and closed with the rig. Interrupting any call leaves them at rest: the
+    sensor off, the modulator dark, the stage stopped.
 
     Args:
         path: The rig file (TOML).
@@ -66,7 +66,7 @@ class OpenRig:
 
     @property
     def name(self) -> str:
-        """Get what the rig file calls the bench."""
+        """Get the name of the bench in the rig file."""
         return self._rig.table.name
 
     @property
@@ -92,21 +92,21 @@ class OpenRig:
 
     @property
     def opened(self) -> "Devices | None":
-        """Get the devices where they are open; opens none."""
+        """Get the devices if they are open; opens none."""
         return self._devices
 
     def close(self) -> None:
-        """Close the devices; harmless where none is open. Whatever is asked next opens them again."""
+        """Close the devices, if any is open. The next call that needs them opens them again."""
         devices, self._devices = self._devices, None
         if devices is not None:
             devices.close()
 
     def trace_to(self, stem: Path | None) -> None:
-        """Keep the bytes on every wire in `<stem>.<device>.wire` where the rig file asks for it; before opening."""
+        """Log the bytes on every wire in `<stem>.<device>.wire` if the rig file requests it; before opening."""
         self._traced = stem if self._rig.table.trace else None
 
     def log_to(self, shot: Path | None) -> None:
-        """Keep a session log beside a shot file, of all from the opening of the devices on; before opening."""
+        """Keep a session log next to a shot file, from the opening of the devices on; before opening."""
         from gs2ci.rig.session import SessionLog
 
         self._session = None if shot is None else SessionLog(shot, self._rig.table.session)
@@ -122,16 +122,16 @@ class OpenRig:
         """Check a capture against the devices' limits; nothing moves and, without a probe, nothing is uploaded.
 
         Args:
-            shots: How many shots, instead of the rig file's number.
-            calibration: A bundle to take masks from, instead of the one that the rig file's [calibration] names.
-            probe: Show one mask of the bundle and look whether it still fits; needs a lit scene at rest.
+            shots: Number of shots, instead of the rig file's.
+            calibration: Bundle with the masks to use, instead of the one named in the rig file's [calibration].
+            probe: Show one mask of the bundle and check whether it still fits; needs a lit scene at rest.
             progress: Receives the stages and steps.
 
         Returns:
             `plan`, with every figure beside its limit; `codes`, the masks; `calibrated`, the bundle.
 
         Raises:
-            DeviceError: A device does not answer or refuses its set-up, or the bundle does not fit.
+            DeviceError: A device does not answer or rejects its settings, or the bundle does not fit.
             InputError: The masks do not fit on the modulator.
         """
         check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
@@ -145,7 +145,7 @@ class OpenRig:
                 calibrated = self._calibrated(calibration, probe, display)
                 return prepare(self._rig, self.devices, calibrated)
         finally:
-            self._rig.table = table  # the next plan takes the file's number again
+            self._rig.table = table  # the next plan uses the file's number again
 
     def capture(
         self,
@@ -162,7 +162,7 @@ class OpenRig:
             progress: Receives the stages and steps.
 
         Returns:
-            The shot; of a simulated bench with the truth. With `mode = "per-mask"` the first mask's.
+            The shot; with the truth if the bench is simulated. With `mode = "per-mask"`, that of the first mask.
 
         Raises:
             DeviceError: A device failed, or the plan breaks limits; all are at rest.
@@ -182,14 +182,14 @@ class OpenRig:
         progress: Progress | None = None,
         saved: Callable[[Path], object] = _NEVER,
     ) -> Path:
-        """Take coded exposures into a shot file; each survives the end of the program as soon as it is taken.
+        """Take coded exposures into a shot file; each is safe on disk as soon as it is taken.
 
         Args:
             path: The shot file, ends in .h5; while it grows it is `<path>.partial`, which `recover` reads.
             prepared: From `plan`; the rig file's own capture if None.
             overwrite: Replace a finished file of that name.
             progress: Receives upload and shots.
-            saved: Is told of the `.partial` when the capture ends early with some shots taken.
+            saved: Called with the `.partial` file if the capture ends early after some shots.
 
         Returns:
             The shot file.
@@ -207,7 +207,7 @@ class OpenRig:
             self.log_to(path)
         with shown(progress) as display:
             prepared = prepared or self.plan(probe=True, progress=display)
-            # A second capture into another file has a log of its own.
+            # A second capture into another file gets its own log.
             session, self._session = self._session, None
             if session is not None and session.shot != path:
                 session = None
@@ -237,15 +237,15 @@ class OpenRig:
             path: The bundle, ends in .h5.
             step: What to measure; "all" runs every step in order.
             fast: Predict the masks from geometry, blur and contrast instead of measuring each.
-            on_section: Called with each section once it is in the bundle.
-            progress: Receives the stages and steps; asks for lens cap, even light, board and scene on a real bench.
+            on_section: Called with each section after it is in the bundle.
+            progress: Receives the stages and steps; on a real bench it requests lens cap, even light, board and scene.
 
         Returns:
             The bundle.
 
         Raises:
             DeviceError: A device failed, or a measurement is not good enough (`CalibrationError`); the bundle keeps
-                the sections that it had.
+                its earlier sections.
             StorageError: The bundle cannot be written.
 
         Example:
@@ -275,14 +275,14 @@ class OpenRig:
         return read_bundle(path)
 
     def drift(self, path: str | Path, *, progress: Progress | None = None) -> "tuple[list[Change], tuple[str, ...]]":
-        """Measure by a few frames how far the bench has drifted since its calibration.
+        """Measure with a few frames how far the bench has drifted since its calibration.
 
         Args:
             path: The bundle.
             progress: Receives the stages and steps.
 
         Returns:
-            Each change with its standard error and limit, and what is worth knowing of how the bundle fits.
+            Each change with its standard error and limit, and remarks on how well the bundle fits.
 
         Raises:
             DeviceError: A device failed, or the bundle does not fit any more (`CalibrationError`).
@@ -303,14 +303,14 @@ class OpenRig:
             return changes, found.notes
 
     def doctor(self, *, trigger_loop: bool = True) -> "Iterator[BenchFinding]":
-        """Examine the bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
+        """Check the bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
 
         Args:
-            trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
+            trigger_loop: Show eight masks and count the frames that they trigger; replaces the patterns loaded on the
                 modulator.
 
         Yields:
-            What was looked at, the verdict, and what to do about it.
+            What was checked, the verdict, and what to do about it.
 
         Example:
             >>> with gs2ci.open_rig("rig.toml") as rig:
@@ -319,25 +319,25 @@ class OpenRig:
         """
         from gs2ci.rig.doctor import examine
 
-        self.close()  # the examination opens ports itself, to tell which of them cannot be
+        self.close()  # the check opens the ports itself, to find those that cannot be opened
         yield from examine(self._rig, trigger_loop=trigger_loop)
 
     def live(self, *, port: int = 8090, host: str = "127.0.0.1") -> LivePage:
         """Show the bench in a browser: the camera's picture, masks, focus, registration, stage, one exposure.
 
-        Nothing is shown, exposed or moved before a button is pressed. The first page holds the bench, others look on;
-        when its page goes, or serving ends, everything is disarmed.
+        Nothing is shown, exposed or moved before a button is pressed. The first page that connects controls the bench,
+        others only watch; when that page closes, or the server stops, everything is disarmed.
 
         Args:
-            port: Port of the local server; if it is taken, the next free one; 0 for any.
-            host: Who may look, and press if nobody else does: 127.0.0.1 is this machine alone.
+            port: Port of the local server; if it is in use, the next free one; 0 for any.
+            host: Who may connect, and take control if it is free: 127.0.0.1 is only this machine.
 
         Returns:
             The page, with its `address`; `stop()`, or the end of a `with` block, ends it.
 
         Raises:
             DeviceError: A device does not answer.
-            InputError: No port can be had.
+            InputError: No port is free.
 
         Example:
             >>> with gs2ci.open_rig("rig.toml") as rig, rig.live(port=0) as page:
@@ -349,7 +349,7 @@ class OpenRig:
         return LivePage(self._rig, host, port)
 
     def home(self) -> dict[str, float]:
-        """Move the stage to its reference, which must have free way; return the axes' positions, mm.
+        """Move the stage to its reference; the way must be free. Return the axes' positions, mm.
 
         Raises:
             DeviceError: The stage failed.
@@ -371,13 +371,13 @@ class OpenRig:
 
 
 def open_rig(path: str | Path) -> OpenRig:
-    """Read a rig file; the bench is used in a `with` statement, which closes its devices whatever happens.
+    """Read a rig file; use the bench in a `with` statement, which closes its devices also after an error.
 
     Args:
         path: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
 
     Raises:
-        InputError: The file cannot be read, or says something that cannot be.
+        InputError: The file cannot be read, or a value in it is invalid.
 
     Example:
         >>> with gs2ci.open_rig("rig.toml") as rig:
@@ -388,10 +388,10 @@ def open_rig(path: str | Path) -> OpenRig:
 
 
 def find_devices() -> list[tuple[str, str, str]]:
-    """Look for devices on this computer; nothing is sent to them.
+    """Look for devices on this computer, without sending anything to them.
 
     Returns:
-        Kind, port (as a rig file names it) and name of each.
+        Kind, port (as in a rig file) and name of each.
 
     Example:
         >>> all(len(found) == 3 for found in gs2ci.find_devices())
@@ -403,7 +403,7 @@ def find_devices() -> list[tuple[str, str, str]]:
 
 
 def _every_step(bench: "Bench") -> list[str]:
-    """Return all steps in order, without `stage` where there is none and without `timing` where nothing is timed."""
+    """Return all steps in order, without `stage` if there is none and without `timing` if nothing is timed."""
     from gs2ci_calibration.procedures import PROCEDURES
 
     left_out = set()

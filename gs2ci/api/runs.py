@@ -1,4 +1,4 @@
-"""A finished reconstruction as an object: its arrays, its report, and what can be done with it.
+"""A finished reconstruction as an object: its arrays, its report, and methods to save and show it.
 
 Here: `Run`, `open_run`. Not here: reconstructing (`reconstruction`), the folder's layout (`gs2ci.evaluate.run_folder`).
 """
@@ -31,21 +31,21 @@ _FRAME_PX: Final = 720
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a reconstruction found: views, camera path, scene, depth, and a report that says how far to trust them.
+    """Result of a reconstruction: views, camera path, scene, depth, and a report on their accuracy.
 
     Args:
         views: The recovered views, [N, H, W, C] float32, full scale 1, not clamped.
         path: Recovered poses, world to camera, [N, 4, 4], OpenCV axes.
         intrinsics: Camera matrix in pixels, [3, 3].
         distortion: Of the lens, [5] as in `Shot`; None for a pinhole.
-        decode: The views as decoded without a scene, as `views`.
-        scene_views: What the scene alone shows from the recovered cameras, as `views`.
-        depth: Distance along the optical axis, [N, H, W], in the unit of the path, 0 where nothing is seen; None where
-            no depth was found.
-        depth_spread: How far apart along the ray the light is stopped, as a share of depth, [N, H, W]; likewise.
-        depth_confidence: Share of a pixel's light that is stopped within 5 % of its depth, [N, H, W]; likewise.
-        folder: The run folder that it was read from or saved into; None for one that is in memory alone.
-        result: What the pipeline handed over; None for a run that was read from a folder.
+        decode: The views as decoded without a scene, like `views`.
+        scene_views: Renderings of the scene alone from the recovered cameras, like `views`.
+        depth: Distance along the optical axis, [N, H, W], in the unit of the path, 0 where there is no surface; None
+            if no depth was found.
+        depth_spread: Spread of the absorption along the ray, as a share of depth, [N, H, W]; likewise.
+        depth_confidence: Share of a pixel's light that is absorbed within 5 % of its depth, [N, H, W]; likewise.
+        folder: The run folder that it was read from or saved into; None if it is only in memory.
+        result: The result of the pipeline; None for a run that was read from a folder.
         shot: The measurement; None for a run that was read from a folder.
 
     Example:
@@ -72,7 +72,7 @@ class Run:
 
     @classmethod
     def of(cls, shot: Shot, result: RunResult, scene: "Gaussians") -> "Run":
-        """Make a run of what the pipeline handed over."""
+        """Make a run from the result of the pipeline."""
         return cls(
             views=result.views,
             path=result.world_to_camera,
@@ -99,12 +99,12 @@ class Run:
             return self._scene
         from gs2ci.render.ply import read_ply
 
-        assert self.folder is not None  # a run is either handed over with its scene, or read
+        assert self.folder is not None  # a run either has its scene in memory, or was read
         return read_ply(self.folder / "scene.ply")
 
     @cached_property
     def report(self) -> "Report":
-        """Get every figure of the run: errors where the truth is known, residuals, times, notes and doubts.
+        """Get every figure of the run: errors if the truth is known, residuals, times, notes and doubts.
 
         Raises:
             StorageError: The folder's report cannot be read.
@@ -120,7 +120,7 @@ class Run:
 
     @property
     def interrupted(self) -> bool:
-        """Get whether the reconstruction was ended early, so that this is the best found by then.
+        """Get whether the reconstruction was interrupted, so that this is the best result by then.
 
         Raises:
             StorageError: The folder's report cannot be read.
@@ -157,17 +157,17 @@ class Run:
         """Write the run folder: report, page, views, depth, scene, cameras; whole or not at all.
 
         Args:
-            folder: Where; parents are made.
+            folder: Where; parents are created.
             overwrite: Replace an earlier run at this place.
-            moments: Write so many pictures spread over the exposure as well, which show the scene alone; not of a run
-                that was read from a folder.
+            moments: Also write this many pictures spread over the exposure, which show the scene alone; not possible
+                for a run that was read from a folder.
 
         Returns:
             The folder, from which `open_run` reads it back.
 
         Raises:
-            StorageError: Something else lies there, or the disk refuses.
-            InputError: That many moments cannot be shown, or the run was read from a folder.
+            StorageError: Something else is there, or writing fails.
+            InputError: That many moments cannot be rendered, or the run was read from a folder.
         """
         from gs2ci.evaluate.run_folder import write_run
         from gs2ci.evaluate.whole_folder import check_destination, whole_folder
@@ -187,7 +187,7 @@ class Run:
         return folder
 
     def page(self, destination: str | Path | None = None) -> Path:
-        """Build the run's page, one HTML file that needs nothing else.
+        """Build the run's page, one self-contained HTML file.
 
         Args:
             destination: The file; report.html in the run folder if None.
@@ -221,21 +221,21 @@ class Run:
         if self.folder is not None:
             open_page(self.page())
             return
-        # The browser reads it after we have gone on: it stays until the system clears its temporary files.
+        # The browser reads the file after this call: it stays until the system clears its temporary files.
         open_page(self.page(Path(tempfile.mkdtemp(prefix="gs2ci-")) / "report.html"))
 
     def view(self, *, port: int = 8080, host: str = "127.0.0.1") -> Any:
         """Serve scene and cameras to a browser; needs the extra `view`.
 
         Args:
-            port: Port of the local server; if it is taken, the next free one; 0 for any.
-            host: Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 everybody who reaches it.
+            port: Port of the local server; if it is in use, the next free one; 0 for any.
+            host: Who may connect: 127.0.0.1 is only this machine, 0.0.0.0 everybody who reaches it.
 
         Returns:
-            viser's server, which `stop()` ends.
+            viser's server; `stop()` ends it.
 
         Raises:
-            InputError: viser is not installed, or no port can be had.
+            InputError: viser is not installed, or no port is free.
             StorageError: The run was not saved, or its folder is damaged.
         """
         check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
@@ -246,7 +246,7 @@ class Run:
         return viewer.serve(viewer.load_scene(self.folder), host=host, port=port)
 
     def _written(self, scratch: Path) -> Path:
-        """Return the run's folder, or one that is written for now."""
+        """Return the run's folder, or a temporary one."""
         from gs2ci.evaluate.run_folder import write_run
 
         if self.folder is not None:
@@ -255,7 +255,7 @@ class Run:
         return write_run(scratch / "run", self.shot, self.result, self.scene)
 
     def _framed_page(self) -> str:
-        """Return the page inside a frame of its own: its policy and style hold there, the notebook's elsewhere."""
+        """Return the page inside an iframe, so that its policy and style do not mix with the notebook's."""
         from markupsafe import escape
 
         with tempfile.TemporaryDirectory() as scratch:
@@ -270,7 +270,7 @@ def open_run(folder: str | Path) -> Run:
         folder: As `gs2ci reconstruct` or `Run.save` wrote it.
 
     Raises:
-        StorageError: It is none, or a part of it is missing or damaged.
+        StorageError: It is no run folder, or a part of it is missing or damaged.
 
     Example:
         >>> gs2ci.open_run("run").report.name

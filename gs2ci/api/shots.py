@@ -25,14 +25,14 @@ ArrayOrFile = Any
 def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, **known: Any) -> Shot:
     """Load one shot from a shot file, or from .npz, .npy, .mat or pictures.
 
-    What is guessed about a foreign file is said in the shot's `provenance["guesses"]`; `import_file` returns every shot
-    of a file.
+    Guesses about a foreign file are listed in the shot's `provenance["guesses"]`; `import_file` returns every shot of
+    a file.
 
     Args:
-        path: A shot file (`.h5`), or a foreign one as `gs2ci import` takes it.
-        masks: Of a foreign file whose masks lie apart: their file, or folder of pictures.
+        path: A shot file (`.h5`), or a foreign one that `gs2ci import` reads.
+        masks: File or folder of pictures with the masks, if they are not in the measurement's file.
         index: Which shot of the file, from 0.
-        known: What is known of a foreign file: any of the keyword arguments of `import_file`.
+        known: Properties of a foreign file: any of the keyword arguments of `import_file`.
 
     Returns:
         The shot, checked.
@@ -83,33 +83,34 @@ def import_file(
     cfa: CfaPattern | None = None,
     bad_pixels: Literal["refuse", "median"] = "refuse",
 ) -> "Imported":
-    """Turn a foreign file into shots; what is not said is guessed from the numbers, and every guess is returned.
+    """Turn a foreign file into shots; what is not given is inferred from the numbers, and every guess is returned.
 
     Args:
         path: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF.
-        masks: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
+        masks: Masks, if they are in a separate file, or a folder of PNG or TIFF pictures.
         truth: True views, or their file, for scoring only.
         poses: True poses, or their file, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
         intrinsics: Camera matrix: a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5); in Python an
             array as well.
         focal_px: Focal length in pixels, with the principal point at the centre.
-        distortion: Of the lens, as OpenCV states it: k1 k2 p1 p2, and k3 if it was fitted. Needs the camera matrix.
+        distortion: Coefficients of the lens in OpenCV's convention: k1 k2 p1 p2, and k3 if it was fitted. Needs the
+            camera matrix.
         meas_key: Key of the measurement in its file.
         mask_key: Key of the masks in their file.
         truth_key: Key of the true views; "none" leaves them out.
-        mask_axis: Whether the masks are counted along the first or the last axis.
+        mask_axis: Whether the masks are stacked along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
-        views: Use only the first so many masks.
+        views: Use only this many masks, from the first.
         reverse_masks: The masks were exposed in the opposite order.
         mask_scale: Reading of a fully open mask.
         scale: Reading of a white scene under one open mask, above the offset.
         offset: Reading without light.
-        saturation: Readings at or above it count as clipped; 0 says that none is.
+        saturation: Readings at or above it count as clipped; 0 means that none is.
         cfa: Colour filter array of a Bayer measurement.
-        bad_pixels: Refuse NaN in the measurement, or replace them from their neighbours.
+        bad_pixels: Refuse NaN in the measurement, or replace it by the median of its neighbours.
 
     Returns:
-        `shots`, and `guesses`, a sentence each.
+        `shots`, and `guesses`, one sentence each.
 
     Raises:
         InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
@@ -155,7 +156,7 @@ def check_imports(
     views: int | None,
     distortion: Sequence[float],
 ) -> None:
-    """Accept the numbers that are known of a foreign file.
+    """Check the numbers given for a foreign file.
 
     Raises:
         InputError: One is out of bounds.
@@ -183,7 +184,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
 
     Raises:
         InputError: A shot contradicts itself.
-        StorageError: The file exists, cannot be written, or the shots differ in what one file holds once.
+        StorageError: The file exists, cannot be written, or the shots differ in data that a file stores only once.
 
     Example:
         >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
@@ -204,14 +205,14 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
 
     Args:
         partial: The interrupted capture, NAME.h5.partial.
-        target: The shot file to write; NAME.recovered.h5 when it is not given.
+        target: The shot file to write; by default NAME.recovered.h5.
         overwrite: Replace a finished file of that name.
 
     Returns:
         The new shot file.
 
     Raises:
-        StorageError: There is nothing to save, or the new file cannot be written.
+        StorageError: There is no finished row, or the new file cannot be written.
 
     Example:
         >>> gs2ci.load(gs2ci.recover("interrupted.h5.partial")).views
@@ -227,7 +228,7 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
 
 
 def picked(shots: Sequence[Shot], index: int | None, path: Path) -> list[Shot]:
-    """Return one of a file's shots, or all of them where none is named.
+    """Return one of a file's shots, or all of them if none is selected.
 
     Raises:
         InputError: There is no such shot.

@@ -1,4 +1,4 @@
-"""The closing table of a run: `print_summary`, and its rows. Not here: any figure's computation."""
+"""The summary table of a run: `print_summary`, and its rows. Not here: any figure's computation."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 def print_summary(folder: Path, console: Console | None = None) -> None:
-    """Print the closing table of a run: how good, how long, where the pictures are.
+    """Print the summary of a run: accuracy, time, paths of the pictures.
 
     Args:
         folder: A run folder.
         console: Where to print; standard output if None.
 
     Raises:
-        StorageError: The folder holds no readable report.
+        StorageError: The folder contains no readable report.
     """
     from gs2ci.evaluate.report import read_report
 

@@ -1,4 +1,4 @@
-"""`sweep`: plans of a rig file with one figure changed step by step. Not here: plans, regimes (`gs2ci_sims`)."""
+"""`sweep`: plans of a rig file with one parameter varied. Not here: plans, regimes (`gs2ci_sims`)."""
 
 import copy
 import math
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 DEFAULT_POINTS: Final = 9
 MOST_POINTS: Final = 200
 DECADE: Final = 10.0
-"""Without a range a figure is swept from a tenth of the file's value to ten times it."""
+"""By default a parameter is swept from a tenth of the file's value to ten times it."""
 
 
 @dataclass(frozen=True)
 class _Figure:
-    """What a short name stands for in one kind of rig file: a dotted key, and its unit."""
+    """Meaning of a short name in one kind of rig file: a dotted key, and its unit."""
 
     key: str
     unit: str
@@ -55,21 +55,21 @@ def sweep(
     tolerance_dn: float | None = None,
     progress: Progress | None = None,
 ) -> "tuple[FigureSweep, ...]":
-    """Find at which value of a figure of the rig each effect begins to matter; nothing is exposed.
+    """Find the value of a rig parameter from which each effect matters; nothing is exposed.
 
     Args:
         rig: The rig file (TOML) of a simulated bench or of a simulation alone.
         quantities: Each "NAME=LOW..HIGH" or "NAME": travel, mask_s, aperture, or a dotted key of the file such as
-            effects.stage_vibration.amplitude. All others keep the file's values meanwhile.
-        points: Values per figure, 2 to 200.
-        tolerance_dn: By how much readings may be off in total, DN rms; the rig file's when not given.
+            effects.stage_vibration.amplitude. All others keep the file's values.
+        points: Values per parameter, 2 to 200.
+        tolerance_dn: Largest total error of the readings, DN rms; by default the rig file's.
         progress: Receives each plan.
 
     Returns:
-        One sweep per figure.
+        One sweep per parameter.
 
     Raises:
-        InputError: A figure is not in the file's tables, is no number or has no range, or a value cannot be planned.
+        InputError: A parameter is not in the file's tables, is no number or has no range, or a value cannot be planned.
 
     Example:
         >>> (found,) = gs2ci.sweep("rig.toml", ["mask_s=0.02..0.04"], points=2)
@@ -121,10 +121,10 @@ def _planned(read: "Callable[[float], Callable[[], Plan]]", value: float) -> "Pl
 
 
 def _whole(read: "Callable[[float], Callable[[], Plan]]", values: F64) -> bool:
-    """Return whether a figure takes whole numbers alone.
+    """Return whether a parameter takes only whole numbers.
 
     Raises:
-        InputError: It takes neither.
+        InputError: It takes no number at all.
     """
     fractional = float(values[0] + (values[-1] - values[0]) / math.e)
     try:
@@ -136,7 +136,7 @@ def _whole(read: "Callable[[float], Callable[[], Plan]]", values: F64) -> bool:
 
 
 def _span(text: str, span: str, own: float | None) -> tuple[float, float]:
-    """Read a range; without one it goes from a tenth to ten times the file's value."""
+    """Read a range; by default it goes from a tenth to ten times the file's value."""
     if not span:
         if not own or own < 0:
             raise InputError(f"a sweep of {text!r} without a range", remedy=f"give one: {text}=0.1..10")

@@ -1,7 +1,6 @@
-"""A command's answer to a program: JSON on standard output, and all else that it prints on standard error.
+"""A command's answer to a program: JSON on standard output, and all other output on standard error.
 
-Here: `answered`, the `--json` of every command that has one; `silenced`, the `--quiet` of all. Not here: what is
-answered.
+Here: `answered`, for the option `--json`; `silenced`, for the option `--quiet`. Not here: the answers' contents.
 """
 
 import contextlib
@@ -17,7 +16,7 @@ from gs2ci.core.json_text import as_json
 
 AsJson = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, and nothing else, on standard output.")]
 """The option `--json` of every command that has one."""
-# Where answers go while all else is silenced.
+# Destination of answers while all other output is silenced.
 _answers_to: Final[ContextVar[TextIO | None]] = ContextVar("answers_to", default=None)
 QUIET_VARIABLE: Final = "GS2CI_QUIET"
 """For displays, also of processes that a command starts (`gs2ci.api.display`)."""
@@ -25,7 +24,7 @@ QUIET_VARIABLE: Final = "GS2CI_QUIET"
 
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
-    """Keep a command to errors, questions and answers as JSON."""
+    """Limit a command's output to errors, questions and answers as JSON."""
     before = os.environ.get(QUIET_VARIABLE)
     os.environ[QUIET_VARIABLE] = "1"
     token = _answers_to.set(sys.stdout)
@@ -45,11 +44,11 @@ def answered(*, as_text: bool) -> Iterator[Callable[[Any], None]]:
     """Let a command give its answer.
 
     Args:
-        as_text: Whether the answer is for people: then nothing is changed, and the answer is not printed. Otherwise
-            whatever is printed meanwhile goes to standard error, so that the answer stands alone.
+        as_text: Whether the output is for people: then nothing is changed, and the answer is not printed. Otherwise
+            all other output goes to standard error, so that standard output contains only the answer.
 
     Yields:
-        Takes the answer, of plain values, records and arrays.
+        A function that takes the answer, of plain values, records and arrays.
     """
     if as_text:
         yield lambda _answer: None

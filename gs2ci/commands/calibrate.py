@@ -37,13 +37,13 @@ def run(
     fast: bool = False,
     json: AsJson = False,
 ) -> Path:
-    """Measure a bench into a calibration bundle.
+    """Calibrate a bench into a calibration bundle.
 
-    Each step asks for what it needs before the camera (lens cap, even light, board, scene), shows what it found with
-    standard errors, and adds its section to the bundle; what is not good enough is refused with the reason, and the
-    bundle stays as it was. `all` runs every step in order, `stage` if there is one; `check` takes a few frames and
-    tells the drift since. `update BUNDLE SHOT...` needs no bench: it moves a bundle's masks to where shots that were
-    taken with it show them, and keeps the old bundle beside it.
+    Each step requests what it needs in front of the camera (lens cap, even light, board, scene), shows its results with
+    standard errors, and adds its section to the bundle. A result that is not good enough is refused with the reason,
+    and the bundle is unchanged. `all` runs every step in order, `stage` if there is one; `check` takes a few frames and
+    reports the drift since. `update BUNDLE SHOT...` needs no bench: it corrects a bundle's masks from shots that were
+    taken with it, and keeps the old bundle next to it.
 
     Args:
         step: What to measure.
@@ -91,7 +91,7 @@ def run(
 
 
 def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
-    """Refine a bundle by shots that were taken with it; return which, and what they said.
+    """Correct a bundle from shots that were taken with it; return the bundle and the result.
 
     Raises:
         InputError: Less than a bundle and one shot.
@@ -123,7 +123,7 @@ def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
 
 
 def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:
-    """Tell the drift since a calibration.
+    """Report the drift since a calibration.
 
     Raises:
         CalibrationError: Something changed by more than allowed.

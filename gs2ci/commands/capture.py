@@ -1,4 +1,4 @@
-"""`gs2ci capture`: run a bench and write what it took into a shot file.
+"""`gs2ci capture`: run a bench and write its exposures into a shot file.
 
 Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.api.rigs`).
 """
@@ -34,18 +34,18 @@ def run(
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
-    The plan is checked against the devices' limits and printed before anything moves. Each shot is
-    written to NAME.partial as soon as it is taken, where it survives the end of the program and a disk that is full;
-    the file gets its name when all are.
+    The plan is checked against the devices' limits and printed before anything moves. Each shot is written to
+    NAME.partial as soon as it is taken, where it is safe if the program ends or the disk is full; the file gets its
+    final name after the last shot.
 
     Args:
         rig: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
         out: The shot file to write, ends in .h5.
         dry_run: Connect, check and print the plan; move and write nothing.
-        shots: How many shots, instead of the rig file's number.
+        shots: Number of shots, instead of the rig file's.
         overwrite: Replace a finished file of that name.
-        calibration: A bundle of `gs2ci calibrate` to take masks from, instead of the one that [calibration] names.
-        probe: Look at one mask first, to see that the bundle still fits; needs a lit scene at rest.
+        calibration: Bundle of `gs2ci calibrate` with the masks to use, instead of the one named in [calibration].
+        probe: First check with one mask that the bundle still fits; needs a lit scene at rest.
 
     Returns:
         The shot file; None for a dry run.
@@ -93,18 +93,18 @@ def run(
 
 
 def _say_what_can_be_saved(partial: Path) -> None:
-    """Tell where the shots are that were taken before a capture ended early."""
+    """Print the path of the shots that were taken before a capture ended early."""
     Console(stderr=True).print(
         f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
     )
 
 
-# Of many shots, so many are looked at, the first and the last among them.
+# Number of shots that are checked if there are many, the first and the last among them.
 _LOOKED_AT: Final = 4
 
 
 def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> None:
-    """Say of shots that were coded how far their masks had moved against the bundle, where this computer can tell."""
+    """Report how far the masks of coded shots had moved against the bundle, if reconstruction is installed here."""
     from gs2ci.core.storage import count_shots, read_shot
     from gs2ci.rig.updating import can_look, how_far_moved
     from gs2ci_drivers.plan import Mode

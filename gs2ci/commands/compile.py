@@ -1,13 +1,13 @@
-"""`gs2ci compile`: make every kernel's machine code now. Here: what is printed."""
+"""`gs2ci compile`: compile every kernel now. Here: what is printed."""
 
 from gs2ci.api.preparing import compile_kernels
 from gs2ci.commands.answers import AsJson, answered
 
 
 def run(*, json: AsJson = False) -> float:
-    """Make the machine code of all kernels, for this processor, and keep it on disk.
+    """Compile all kernels for this processor, and keep the machine code on disk.
 
-    Without it the first reconstruction after an installation does so, and takes so much longer.
+    Otherwise the first reconstruction after an installation does so, and takes longer.
 
     Returns:
         The seconds that it took.

@@ -1,6 +1,6 @@
 """`gs2ci decode`: from a shot file to views, without geometry.
 
-Here: the arguments, and the order read → decode → write → tell. Not here: any of the four (`gs2ci.api.decoding`).
+Here: the arguments, and the order read → decode → write → print. Not here: any of the four (`gs2ci.api.decoding`).
 """
 
 from pathlib import Path
@@ -33,7 +33,7 @@ def run(
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The folder to write.
-        index: Which shot of the file; the first when not given.
+        index: Which shot of the file; by default the first.
         all_shots: Decode every shot of the file.
         overwrite: Replace an earlier decode at the same place.
 

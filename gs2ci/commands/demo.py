@@ -1,4 +1,4 @@
-"""`gs2ci demo`: a simulated bench takes one exposure of a photographed scene, and what can be recovered from it.
+"""`gs2ci demo`: a simulated bench takes one exposure of a photographed scene, and the scene is recovered from it.
 
 Here: the order rig file → capture → reconstruct. Not here: the rig file (`gs2ci.api.demonstration`), the bench
 (`gs2ci.commands.capture`), the reconstruction (`gs2ci.commands.reconstruct`).
@@ -22,7 +22,7 @@ def run(
     json: AsJson = False,
     **options: Any,
 ) -> Path:
-    """Expose a simulated bench once to a motorcycle behind changing masks, and recover what it saw.
+    """Take one coded exposure of a motorcycle with a simulated bench, and recover the scene.
 
     The drivers are the real ones; the devices below their ports and the world around them are simulated.
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) -> None:
-    """Say what is connected and what it can do; nothing is changed and, without --home, nothing moves.
+    """List what is connected and what it can do; nothing is changed and, without --home, nothing moves.
 
     Args:
-        rig: Ask the devices of this rig file; without it, look for devices on this computer.
-        home: Move the stage of the rig to its reference; it must have free way.
+        rig: Query the devices of this rig file; by default, look for devices on this computer.
+        home: Move the stage of the rig to its reference; the way must be free.
     """
     console = Console()
     with answered(as_text=not json) as answer:

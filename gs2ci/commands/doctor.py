@@ -1,6 +1,6 @@
-"""`gs2ci doctor`: what may be wrong with a bench, each finding with its remedy.
+"""`gs2ci doctor`: possible faults of a bench, each with its remedy.
 
-Here: the arguments and the printing. Not here: the examination (`gs2ci.rig.doctor`).
+Here: the arguments and the printing. Not here: the checks (`gs2ci.rig.doctor`).
 """
 
 from pathlib import Path
@@ -15,11 +15,11 @@ MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BA
 
 
 def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:
-    """Examine a bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
+    """Check a bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
 
     Args:
         rig: The rig file.
-        trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
+        trigger_loop: Show eight masks and count the frames that they trigger; replaces the patterns loaded on the
             modulator.
     """
     from gs2ci.api.rigs import open_rig

@@ -1,4 +1,4 @@
-"""`gs2ci evaluate`: judge a finished run by a truth, by the sensor's noise, by views from elsewhere.
+"""`gs2ci evaluate`: score a finished run against a truth, the sensor's noise, or views from other poses.
 
 Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci.evaluate.evaluation`).
 """
@@ -28,12 +28,12 @@ def run(
     json: AsJson = False,
     **options: Any,
 ) -> Path:
-    """Judge a finished run by what is known of its shot.
+    """Score a finished run against what is known about its shot: truth, noise, other views.
 
     Args:
         folder: The run folder, as `gs2ci reconstruct` wrote it.
-        shot: The shot file that was reconstructed, or one of the same measurement that holds the truth as well.
-        output: The JSON file to write; "evaluation.json" in the run folder if not given.
+        shot: The shot file that was reconstructed, or one of the same measurement that also contains the truth.
+        output: The JSON file to write; by default "evaluation.json" in the run folder.
         depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
 
     Returns:
@@ -64,7 +64,7 @@ def run(
 
 
 def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Lay out the figures that are known, a name and a value each."""
+    """List the known figures, a name and a value each."""
     said = []
     for title, scores in (("", found), ("novel views ", found["novel_views"] or {})):
         if scores.get("psnr_db"):

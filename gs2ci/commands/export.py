@@ -25,7 +25,7 @@ def run(
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.
-        output: The file or folder to write; one of its own name here if not given.
+        output: The file or folder to write; by default one with the format's usual name in the current folder.
 
     Returns:
         What was written.

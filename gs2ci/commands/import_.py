@@ -40,12 +40,12 @@ def run(
 ) -> Path:
     """Turn a coded measurement and its masks (.npz, .npy, .mat, pictures) into a shot file.
 
-    What is not said is guessed from the numbers, and every guess is printed. An interrupted capture
+    What is not given is inferred from the numbers, and every guess is printed. An interrupted capture
     (NAME.h5.partial) is recovered: its finished rows are copied into the new file.
 
     Args:
         file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF, or a .partial.
-        masks_file: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
+        masks_file: Masks, if they are in a separate file, or a folder of PNG or TIFF pictures.
         out: Shot file to write, ends in .h5.
         masks: Same as the second file.
         index: Keep only this one of several measurements, counted from 0.
@@ -80,7 +80,7 @@ def run(
 
 
 def _check_alone(partial: Path, *given: object) -> None:
-    """Return if nothing else was given that an interrupted capture could not heed."""
+    """Return only if no option was given that does not apply to an interrupted capture."""
     if any(given):
         raise InputError(
             f"options beside {partial}, an interrupted capture, which tells all by itself",
@@ -90,14 +90,14 @@ def _check_alone(partial: Path, *given: object) -> None:
 
 
 def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
-    """Return the file with the masks, which may be given in either of two ways."""
+    """Return the file with the masks, which may be given in two ways."""
     if masks is not None and masks_file is not None:
         raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
     return masks or masks_file
 
 
 def _check_apart(out: Path, *files: Path | None) -> None:
-    """Return if what is to be written replaces nothing that is read: a measurement cannot be taken again."""
+    """Return only if the output replaces no input: a measurement cannot be taken again."""
     if any(file is not None and out.resolve() == file.resolve() for file in files):
         raise InputError(f"{out}: would replace a file that it is made from", remedy="choose another name with -o")
 

@@ -1,4 +1,4 @@
-"""`gs2ci live`: a bench in a browser while one aligns it.
+"""`gs2ci live`: a bench in the browser while the user aligns it.
 
 Here: the arguments, and serving until the user stops it. Not here: the bench and its page (`gs2ci.api.rigs`).
 """
@@ -18,14 +18,14 @@ from gs2ci.api.rigs import OpenRig, open_rig
 def run(*, rig: Path, **options: Any) -> None:
     """Show a bench in a browser until Ctrl-C: the camera's picture, masks, focus, registration, stage, one exposure.
 
-    Nothing is shown, exposed or moved before a button is pressed. The first page holds the bench, others look on;
-    when its page goes, or this command ends, everything is disarmed.
+    Nothing is shown, exposed or moved before a button is pressed. The first page that connects controls the bench,
+    others only watch; when that page closes, or this command ends, everything is disarmed.
 
     Args:
         rig: The rig file.
 
     Raises:
-        Gs2ciError: A device does not answer, the rig file cannot be, or no port can be had.
+        Gs2ciError: A device does not answer, the rig file is invalid, or no port is free.
     """
     with open_rig(rig) as opened, opened.live(**options) as page:
         Console().print(f"the bench is at {page.address}; Ctrl-C ends this", soft_wrap=True, highlight=False)

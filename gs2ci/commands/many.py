@@ -1,6 +1,6 @@
-"""`gs2ci reconstruct` for many exposures: files or exposures in plenty, processes of this machine or a Dask cluster.
+"""`gs2ci reconstruct` for many files or exposures, in processes of this machine or on a Dask cluster.
 
-Here: what is printed. Not here: what the arguments mean for the batch (`gs2ci.api.many`), the batch (`gs2ci.batch`).
+Here: what is printed. Not here: the arguments' effect on the batch (`gs2ci.api.many`), the batch (`gs2ci.batch`).
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from gs2ci.core.errors import Gs2ciError
 
 
 def run_many(files: Sequence[Path], output: Path, *, json: bool, **options: Any) -> Path:
-    """Reconstruct exposures of files into one folder; print where the page over all lies.
+    """Reconstruct exposures of files into one folder; print the path of the page of all runs.
 
     Args:
         files: Shot files.
@@ -24,8 +24,8 @@ def run_many(files: Sequence[Path], output: Path, *, json: bool, **options: Any)
         options: Of `gs2ci.reconstruct_many`.
 
     Raises:
-        Gs2ciError: A file or the folder cannot be used, no scheduler answers, or some exposures have no run: the
-            others have theirs.
+        Gs2ciError: A file or the folder cannot be used, no scheduler answers, or some exposures failed; the runs of
+            the others are complete.
     """
     with answered(as_text=not json) as answer:
         rows = reconstruct_many(files, output, **options)

@@ -26,13 +26,13 @@ def run(
         folder: The run folder, as `gs2ci reconstruct` wrote it.
         one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
         other: The other pixel, likewise.
-        view: Which view, counted from 1; the middle one if not given.
+        view: Which view, counted from 1; by default the middle one.
 
     Returns:
         The distance, in the unit of the path.
 
     Raises:
-        Gs2ciError: The folder is no run with depth, or a pixel is not in the view or sees nothing.
+        Gs2ciError: The folder is no run with depth, or a pixel is outside the view or shows no surface.
     """
     pixels = [_pixel(text) for text in (one, other)]
     from gs2ci.api.judging import finished_run, middle_view

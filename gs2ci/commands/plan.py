@@ -1,4 +1,4 @@
-"""`gs2ci plan`: which physical effects a simulated exposure calls for, and why. Nothing is exposed.
+"""`gs2ci plan`: which physical effects a simulated exposure must include, and why. Nothing is exposed.
 
 Here: the tables. Not here: the plan (`gs2ci.api.plans`), derivations (`gs2ci_sims.explaining`).
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gs2ci_sims.sweeping import FigureSweep
 
 LAW_WIDTH: Final = 32
-"""Characters that the column of laws is widened to; a longer law has a line of its own."""
+"""Largest width of the column of laws in characters; a longer law gets a separate line."""
 
 
 @with_options_of(plans.plan)
@@ -40,15 +40,15 @@ def run(
     json: AsJson = False,
     **options: Any,
 ) -> None:
-    """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
+    """Print which of a rig's effects would be simulated: bound, decision, reason, sampling, share of the time.
 
     Args:
         rig: The rig file (TOML) of a simulated bench (docs/rigs/simulated.toml) or of a simulation alone
             (docs/simulation.md).
         explain: Names of effects, or "all": derive their bounds step by step, with this rig's numbers.
-        sweep: Figures of the rig file to change, each NAME=LOW..HIGH (travel, mask_s, aperture or a dotted key): at
-            which value each effect begins to matter.
-        points: Values per figure of the sweep.
+        sweep: Parameters of the rig file to vary, each NAME=LOW..HIGH (travel, mask_s, aperture or a dotted key), to
+            find the value from which each effect matters.
+        points: Values per parameter of the sweep.
         picture: A PNG file for the map of the sweep.
     """
     if picture is not None and not sweep:
@@ -89,7 +89,7 @@ def _swept(
 
 
 def print_sweeps(sweeps: "Sequence[FigureSweep]", console: Console) -> None:
-    """Print where each effect begins to matter, one effect per line, one column per figure that was swept."""
+    """Print from which value each effect matters, one effect per line, one column per swept parameter."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("matters for", no_wrap=True)
     for one in sweeps:
@@ -139,7 +139,7 @@ def print_plan(decided: "Plan", console: Console) -> None:
 
 
 def print_explanation(one: "Explanation", console: Console) -> None:
-    """Print the derivation of an effect's bound, one step per line, and what was decided on it."""
+    """Print the derivation of an effect's bound, one step per line, and the decision."""
     console.print(f"[bold]{one.name}[/bold]: {escape(one.what)}", soft_wrap=True)
     console.print(f"Bound: {escape(one.law)}", soft_wrap=True)
     laws = [f"{step.symbol} = {step.law}" if step.law else step.symbol for step in one.steps]

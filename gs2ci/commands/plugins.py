@@ -1,4 +1,4 @@
-"""`gs2ci plugins`: what other packages add, and where it comes from.
+"""`gs2ci plugins`: plug-ins of other packages, with their origin.
 
 Here: the table that is printed. Not here: finding them (`gs2ci.api.plugins`).
 """
@@ -14,7 +14,7 @@ from gs2ci.core.plugins import GROUPS, Plugin
 def run(*, json: AsJson = False) -> list[Plugin]:
     """List the plug-ins that are installed: drivers, density rules, decoders, priors, geometry, effects, scenes.
 
-    Each is imported; one that cannot be is named with the reason, and everything else works without it.
+    Each is imported; if one cannot be, the reason is shown, and everything else works without it.
 
     Returns:
         The plug-ins.

@@ -1,6 +1,6 @@
 """`gs2ci reconstruct`: from a shot file to a run folder.
 
-Here: the arguments, and the order read → reconstruct → write → tell. Not here: any of the four
+Here: the arguments, and the order read → reconstruct → write → print. Not here: any of the four
 (`gs2ci.api.reconstruction`).
 """
 
@@ -38,28 +38,28 @@ def run(
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
-    Ctrl-C during the fit ends it: the folder is written with the best found so far, a note in it says so, and the exit
-    status is 130. A second Ctrl-C, or one before the fit, leaves everything as it was.
+    Ctrl-C during the fit ends the fit: the folder is written with the best result so far and a note that says so, and
+    the exit status is 130. A second Ctrl-C, or one before the fit, writes nothing.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
-        output: The run folder to write; for many exposures, the folder in which each gets its own.
+        output: The run folder to write; for many exposures, the folder of their run folders.
         index: Which shot of the file.
-        moments: Write so many pictures as well, spread evenly over the exposure: slow motion, where there are more of
-            them than masks. They show the scene alone, at times and from places between those of the masks.
+        moments: Also write this many pictures spread evenly over the exposure: slow motion, if there are more of them
+            than masks. They show the scene alone, at times and poses between those of the masks.
         overwrite: Replace an earlier run at the same place.
-        more: More shot files. Of many exposures each is reconstructed; what is done already is left as it is.
+        more: More shot files. Of many exposures each is reconstructed; finished runs are skipped.
         every: Reconstruct every exposure of every file.
-        processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
-        scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
+        processes: Number of exposures at once on this machine; by default as many as its cores and memory allow.
+        scheduler: Address of a Dask scheduler to use instead, e.g. tcp://host:8786; its workers must see the same
             paths.
 
     Returns:
         The folder.
 
     Raises:
-        Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
-            is then as it was.
+        Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; then the
+            folder is unchanged.
         KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
     """
     overrides["density"] = density
@@ -99,6 +99,6 @@ def run(
         print_summary(output)
         answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     if found.interrupted:
-        # The run is there, and whoever scripts this learns by the status that it is not what was requested.
+        # The run was written, but the exit status tells a script that it was cut short.
         raise KeyboardInterrupt
     return output

@@ -1,6 +1,6 @@
 """`gs2ci recover`: save the finished rows of an interrupted capture.
 
-Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.api.shots`).
+Here: the arguments, and saving with a report of what was saved. Not here: the copying (`gs2ci.api.shots`).
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ def run(
 
     Args:
         partial: The interrupted capture.
-        out: The shot file to write; NAME.recovered.h5 when it is not given.
+        out: The shot file to write; by default NAME.recovered.h5.
 
     Returns:
         The new shot file.
@@ -40,11 +40,11 @@ def run(
 
 
 def save_finished_rows(partial: Path, target: Path | None, *, replace: bool = False) -> Path:
-    """Copy the finished rows of an interrupted capture into a shot file, and say how many they were.
+    """Copy the finished rows of an interrupted capture into a shot file, and print their number.
 
     Args:
         partial: The interrupted capture.
-        target: The shot file to write; NAME.recovered.h5 when it is not given.
+        target: The shot file to write; by default NAME.recovered.h5.
         replace: Whether a finished file of that name may be replaced.
 
     Returns:

@@ -1,4 +1,4 @@
-"""`gs2ci report`: a run folder's page, built again.
+"""`gs2ci report`: rebuild the page of a run folder.
 
 Here: the arguments and what is printed. Not here: the page (`gs2ci.evaluate.pages`).
 """
@@ -20,14 +20,14 @@ def run(
     *,
     json: AsJson = False,
 ) -> Path:
-    """Build the page of a run again from what its folder holds.
+    """Rebuild the page of a run from its folder.
 
-    The same page is written at the end of `gs2ci reconstruct`; this is for a page that has become
-    better since, and for pages elsewhere.
+    `gs2ci reconstruct` writes the same page at its end; use this command to get the page of a newer version of the
+    program, or to write it to another place.
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.
-        output: The page; report.html in the folder when it is not given.
+        output: The page; by default report.html in the folder.
 
     Returns:
         The page.

@@ -1,4 +1,4 @@
-"""`gs2ci tables`: tables of figures, made cell by cell, resumed where they were left.
+"""`gs2ci tables`: tables of figures, computed cell by cell; an interrupted table can be continued.
 
 Here: the arguments and what is printed. Not here: the work (`gs2ci.api.costs`).
 """
@@ -32,9 +32,9 @@ def run(
 ) -> list[Path]:
     """Make one table of figures: mean and spread over seeds, as markdown, CSV, a picture and an HTML page.
 
-    Finished cells are kept under their content's hash in `<output>/cells`: an interrupted table goes on where it was
-    left, and a changed program, file or setting is measured anew. Times are only worth reading with one process on a
-    quiet machine.
+    Finished cells are kept under their content's hash in `<output>/cells`: a repeated command continues an interrupted
+    table, and measures again if program, file or settings have changed. Times are meaningful only with one process on
+    an idle machine.
 
     Args:
         table: Which table.

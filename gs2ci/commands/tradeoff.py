@@ -1,4 +1,4 @@
-"""`gs2ci tradeoff`: what accuracy costs in time, for one shot on this machine.
+"""`gs2ci tradeoff`: accuracy against time, for one shot on this machine.
 
 Here: the arguments and what is printed. Not here: the work (`gs2ci.api.costs`).
 """
@@ -28,11 +28,11 @@ def run(
     json: AsJson = False,
     **options: Any,
 ) -> list[Path]:
-    """Try presets and settings on one measurement, and say what the next decibel costs.
+    """Try presets and settings on one measurement, and report the seconds per decibel of each step.
 
-    Every trial is judged by the truth where the shot holds it, and by pixels of the measurement that no trial sees.
-    Finished trials are kept in `<output>/cells`: an interrupted command goes on where it was left. Seconds are only
-    worth reading on a quiet machine.
+    Every trial is scored against the truth if the shot contains it, and on pixels of the measurement that no trial
+    uses. Finished trials are kept in `<output>/cells`: a repeated command continues an interrupted one. Seconds are
+    meaningful only on an idle machine.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.

@@ -1,4 +1,4 @@
-"""`gs2ci view`: a run's scene and cameras in a browser.
+"""`gs2ci view`: a run's scene and cameras in the browser.
 
 Here: the arguments, and serving until the user stops it. Not here: what is shown (`gs2ci.evaluate.viewer`).
 """
@@ -22,7 +22,7 @@ def run(
     /,
     **options: Any,
 ) -> None:
-    """Show a run's scene and its cameras in a browser, until Ctrl-C.
+    """Show a run's scene and its cameras in the browser, until Ctrl-C.
 
     Needs the extra `view`: pip install 'gs2ci[view]'.
 
@@ -30,7 +30,7 @@ def run(
         folder: A run folder, as `gs2ci reconstruct` writes it.
 
     Raises:
-        Gs2ciError: viser is not installed, the folder is no run or damaged, or no port can be had.
+        Gs2ciError: viser is not installed, the folder is no run or damaged, or no port is free.
     """
     check_whole("--port", options["port"], 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
     from gs2ci.evaluate.viewer import load_scene, serve

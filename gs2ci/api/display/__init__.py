@@ -1,7 +1,7 @@
 """Showing the progress of a long computation: at a terminal, in a notebook, in a file.
 
-Here: which display is shown where, a caller's own listener in its place, and an interruption within compiled code. Not
-here: what all displays know of a stage (`stages`), drawing (`terminal`, `notebook`, `plain`).
+Here: the choice of a display, a caller's own listener in its place, and an interruption within compiled code. Not
+here: the state of a stage that all displays share (`stages`), drawing (`terminal`, `notebook`, `plain`).
 """
 
 import os
@@ -18,12 +18,12 @@ from gs2ci.api.display.stages import StageDisplay
 from gs2ci.api.display.terminal import LiveDisplay
 from gs2ci.core.progress import Progress
 
-# Set by `gs2ci --quiet`, for whatever is started from there as well.
+# Set by `gs2ci --quiet`, also for processes started from there.
 QUIET_VARIABLE: Final = "GS2CI_QUIET"
 
 
 def open_display(console: Console | None = None) -> StageDisplay:
-    """Choose the display for where output goes: live on a terminal, a bar in a notebook, plain lines elsewhere.
+    """Choose the display by the output: live on a terminal, a bar in a notebook, plain lines otherwise.
 
     Args:
         console: Where to show; standard output if None.
@@ -43,7 +43,7 @@ def is_quiet() -> bool:
 
 def in_notebook() -> bool:
     """Tell whether this process is a notebook's kernel, whose cells show HTML."""
-    # Whoever has not imported IPython by now is not called from it.
+    # A process that has not imported IPython by now does not run under it.
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return shell is not None and hasattr(shell, "kernel")
@@ -51,7 +51,7 @@ def in_notebook() -> bool:
 
 @contextmanager
 def shown(progress: Progress | None) -> Iterator[StageDisplay]:
-    """Give a listener to work with: the caller's own, which stays open, or a display that is closed at the end."""
+    """Provide a listener: the caller's own, which stays open, or a display that is closed at the end."""
     if progress is not None:
         yield _Caller(progress)
         return
@@ -82,7 +82,7 @@ def stems_from_interruption(error: BaseException | None) -> bool:
 
 
 class _Caller(StageDisplay):
-    """A caller's own listener as a display: what it does not know is left out."""
+    """A caller's own listener as a display: methods that it lacks are skipped."""
 
     def __init__(self, listener: Progress) -> None:
         super().__init__()
@@ -105,11 +105,11 @@ class _Caller(StageDisplay):
         self._listener.say(text)
 
     def ask(self, request: str) -> None:
-        """Ask through the listener where it can, else by a sentence and Enter."""
+        """Ask through the listener if it can, otherwise by a sentence and Enter."""
         own: Callable[[str], None] = getattr(self._listener, "ask", super().ask)
         own(request)
 
     def finish(self) -> None:
-        """End the running stage where the listener can."""
+        """End the running stage if the listener can."""
         own: Callable[[], None] = getattr(self._listener, "finish", lambda: None)
         own()

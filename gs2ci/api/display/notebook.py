@@ -32,7 +32,7 @@ class NotebookDisplay(StageDisplay):
 
     def _line(self, stage: RunningStage) -> str:
         ended, most = stage.took_s is not None, stage.total or 1
-        # Without a total the bar shows that something goes on, and not how far.
+        # Without a total the bar shows activity, not progress.
         amount = f'value="{most}"' if ended else f'value="{min(stage.done, most)}"' if stage.total else ""
         told = "" if ended else html.escape(stage.figures)
         return (

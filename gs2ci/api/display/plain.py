@@ -1,4 +1,4 @@
-"""Displays where nothing can be redrawn: plain lines for a file or a pipe, and silence."""
+"""Displays without redrawing: plain lines for a file or a pipe, and silence."""
 
 from rich.console import Console
 
@@ -26,7 +26,7 @@ class PlainDisplay(StageDisplay):
 
 
 class QuietDisplay(StageDisplay):
-    """Nothing but what a person has to do."""
+    """Shows only what a person has to do."""
 
     def __init__(self, console: Console) -> None:
         super().__init__()

@@ -1,7 +1,6 @@
-"""The running stage of a long computation, as every display knows it, and the words for its figures.
+"""The running stage of a long computation, common to all displays, and the words for its figures.
 
-Here: `RunningStage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here:
-any drawing.
+Here: `RunningStage`; `StageDisplay`, the base class of displays; `describe_figures`. Not here: any drawing.
 """
 
 from abc import ABC, abstractmethod
@@ -13,13 +12,13 @@ from typing import Any, Final, Self
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
 
-# Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
+# At this rate redrawing costs the fit about 0.1 %, and the display looks smooth.
 REDRAWS_PER_SECOND: Final = 4
-# The time left is told by the pace of so many seconds.
+# The remaining time is estimated from the pace over this many seconds.
 _PACE_S: Final = 30.0
 
 _LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
-# How names of figures end, as everywhere in the code, and how the unit is written.
+# Suffixes of the names of figures, as everywhere in the code, and how their units are written.
 _UNITS: Final = {"db": "dB", "dn": "DN", "ms": "ms", "us": "µs", "px": "px"}
 
 
@@ -28,12 +27,12 @@ class RunningStage:
     """A stage that runs or has ended.
 
     Args:
-        name: What it is.
-        began_s: When, by the display's clock.
-        total: Of its steps; None while that is not known.
-        done: So many of them.
-        figures: The latest, in words.
-        took_s: Its seconds once it has ended.
+        name: Its name.
+        began_s: When it began, by the display's clock.
+        total: Number of its steps; None while that is not known.
+        done: Number of finished steps.
+        figures: The latest figures, in words.
+        took_s: Its duration after it has ended.
     """
 
     name: str
@@ -48,14 +47,14 @@ class RunningStage:
         self._looks.append((self.began_s, 0))
 
     def move(self, done: int, now_s: float, figures: str) -> None:
-        """Note how far it is, and how far it was when."""
+        """Record the progress with its time."""
         self.done, self.figures = done, figures or self.figures
         self._looks.append((now_s, done))
         while now_s - self._looks[0][0] > _PACE_S and len(self._looks) > 1:
             self._looks.popleft()
 
     def end(self, now_s: float) -> None:
-        """Note that it has ended, maybe before its last step, having converged: then it was that long."""
+        """Record its end; if it converged before its last step, the steps done become its total."""
         self.took_s, self.total = now_s - self.began_s, self.done or self.total
 
     def seconds(self, now_s: float) -> float:
@@ -63,7 +62,7 @@ class RunningStage:
         return now_s - self.began_s if self.took_s is None else self.took_s
 
     def left_s(self, now_s: float) -> float | None:
-        """Return how long it still takes at its latest pace; None where nothing tells."""
+        """Return the remaining time at its latest pace; None if it is not known."""
         then_s, before = self._looks[0]
         if self.total is None or self.took_s is not None or self.done <= before:
             return None
@@ -73,10 +72,10 @@ class RunningStage:
 class StageDisplay(ABC):
     """A progress listener that is opened, and closed when the work ends or fails.
 
-    It knows the running stage; where it shows things is for its subclass to say.
+    It keeps the running stage; its subclasses draw it.
 
     Args:
-        clock: For the seconds of stages; the wall's if None.
+        clock: For the durations of stages; wall-clock time if None.
     """
 
     def __init__(self, clock: Clock | None = None) -> None:
@@ -98,12 +97,12 @@ class StageDisplay(ABC):
         self._changed()
 
     def expect(self, total: int) -> None:
-        """Count the stage's steps up to another total."""
+        """Change the stage's number of steps."""
         if self._running is not None:
             self._running.total = total
 
     def step(self, done: int, **figures: float | int | str) -> None:
-        """Remember how far the stage is, and the latest figures."""
+        """Record the progress of the stage, and the latest figures."""
         if self._running is not None:
             self._running.move(done, self._clock.now_s(), describe_figures(figures))
             self._changed()
@@ -116,19 +115,19 @@ class StageDisplay(ABC):
         """Show what a person is to do, and wait for Enter.
 
         Raises:
-            InputError: Standard input has ended: nobody will press it.
+            InputError: Standard input has ended, so that Enter cannot be pressed.
         """
         self.say(f"{request}, then press Enter")
         wait_for_enter(request)
 
     def finish(self) -> None:
-        """End the running stage: what is done until the next one begins is no part of it."""
+        """End the running stage: work until the next one begins does not belong to it."""
         stage, self._running = self._running, None
         if stage is not None:
             self._ended(stage)
 
     def _changed(self) -> None:
-        """Draw the running stage, where a place can."""
+        """Draw the running stage, if the output can be redrawn."""
         return
 
     def _ended(self, stage: RunningStage) -> None:
@@ -137,7 +136,7 @@ class StageDisplay(ABC):
 
 
 def wait_for_enter(request: str) -> None:
-    """Wait until somebody has done what was requested.
+    """Wait until the user has done what was requested.
 
     Raises:
         InputError: Standard input has ended.

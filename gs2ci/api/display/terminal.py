@@ -33,7 +33,7 @@ class LiveDisplay(StageDisplay):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None:  # else the bar stays where it stood
+        if kind is None:  # otherwise the bar stays unchanged
             self.finish()
         self._live.stop()
 
@@ -42,7 +42,7 @@ class LiveDisplay(StageDisplay):
         self._live.console.print(text, markup=False, highlight=False)
 
     def ask(self, request: str) -> None:
-        """Print the request where no bar is drawn over it, and wait for Enter."""
+        """Print the request with the bars stopped, and wait for Enter."""
         self._live.stop()
         self._over.clear()  # they stay as they were last drawn
         asked = f"{request}, then press Enter "
@@ -83,7 +83,7 @@ def _bar(stage: RunningStage) -> ProgressBar:
 
 
 def _steps(stage: RunningStage) -> Text:
-    """Write the steps done, of how many where that is known."""
+    """Write the number of finished steps, and their total if it is known."""
     if stage.took_s is not None or stage.total is None:
         return Text(f"{stage.done}" if stage.done > 1 else "")
     return Text(f"{stage.done:>{len(str(stage.total))}}/{stage.total}")

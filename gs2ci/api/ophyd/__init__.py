@@ -1,6 +1,6 @@
-"""A bench's devices for Bluesky, by ophyd-async: `ophyd_bench`. Needs the extra `ophyd`, when it is called.
+"""A bench's devices for Bluesky, by ophyd-async: `ophyd_bench`. Calling it needs the extra `ophyd`.
 
-Here: the way in. Not here: the devices (`bench`), which need the extra when they are imported.
+Here: the entry point. Not here: the devices (`bench`), which need the extra when they are imported.
 """
 
 from pathlib import Path
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def ophyd_bench(rig: "OpenRig", places: "str | Path | PathProvider") -> "OphydBench":
-    """Hand an open rig to Bluesky: modulator, sensor, axes and whole coded exposures as ophyd-async devices.
+    """Make an open rig available to Bluesky: modulator, sensor, axes, coded exposures as ophyd-async devices.
 
     Args:
-        rig: The rig, from `open_rig`; until the bench is closed its devices are asked by Bluesky alone.
+        rig: The rig, from `open_rig`; until the bench is closed, only Bluesky uses its devices.
         places: The folder for frames and shots, or ophyd-async's own provider of paths.
 
     Returns:

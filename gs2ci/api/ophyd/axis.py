@@ -29,9 +29,9 @@ from gs2ci.api.ophyd.worker import SLICE_S, Worker
 from gs2ci_drivers.stage import Stage, Sweep
 
 POLL_S: Final = 0.1
-"""How often a position is told while something watches it."""
+"""How often a position is reported to a watcher."""
 PATIENCE_S: Final = 2.0
-"""How long after its computed end a sweep may still be under way."""
+"""How long after its computed end a sweep may still run."""
 
 
 @dataclass
@@ -50,7 +50,7 @@ class _AxisLogic(MovableLogic[float], FlyableLogic[FlyMotorInfo, Sweep]):
         await self.call(self.carrier.check_targets, {self.axis: new_position})
 
     async def move(self, new_position: float, timeout: TimeoutCalculator) -> None:
-        if self.stopped:  # after it was requested and before it began: ophyd-async has nothing to cancel yet
+        if self.stopped:  # stopped after the request but before the start: ophyd-async has nothing to cancel yet
             return
         limit_s = timeout()
         if limit_s is None:
@@ -60,7 +60,7 @@ class _AxisLogic(MovableLogic[float], FlyableLogic[FlyMotorInfo, Sweep]):
             await self.call(self.carrier.begin_move, {self.axis: new_position})
             await self._until_idle(limit_s)
         except asyncio.CancelledError:
-            await self.stop()  # whoever cancels may have asked to stop before the move had begun in the other thread
+            await self.stop()  # the stop may have come before the move had begun in the other thread
             raise
 
     async def on_prepare(self, value: FlyMotorInfo) -> Sweep:
@@ -81,7 +81,7 @@ class _AxisLogic(MovableLogic[float], FlyableLogic[FlyMotorInfo, Sweep]):
         await self._until_idle(2 * ctx.lead_s + ctx.cruise_s + PATIENCE_S)
 
     async def _until_idle(self, limit_s: float) -> None:
-        """Wait for the end of motion in short calls, so that `stop` comes between them."""
+        """Wait for the end of motion in short calls, so that `stop` can run between them."""
         clock = self.carrier.clock
         until_s = clock.now_s() + limit_s
         while (await self.call(self.carrier.status)).moving and clock.now_s() < until_s:

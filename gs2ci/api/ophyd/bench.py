@@ -37,14 +37,14 @@ from gs2ci_drivers.sensor import TriggerMode
 FRAME_PATIENCE_S: Final = 10.0
 """How long after its sequence a frame may still come."""
 SIMULATED_PATIENCE_S: Final = 120.0
-"""The same in front of a simulated bench, whose light is computed, and compiled when it first is."""
+"""The same for a simulated bench, which computes its light, and compiles kernels at first."""
 
 
 class OphydBench:
-    """A bench's devices as ophyd-async has them; connected when made, at rest and closed when left.
+    """A bench's devices for ophyd-async; connected when created, at rest and closed at the end.
 
     Args:
-        rig: The rig. Its devices are in this one's hands until it is closed.
+        rig: The rig. Its devices belong to this object until it is closed.
         places: The folder for frames and shots, or ophyd-async's own provider of paths.
 
     Attributes:
@@ -106,12 +106,12 @@ class OphydBench:
             self._call.close()
 
     def _halt(self) -> None:
-        """Leave nothing on, whatever a plan that was broken off has left, and close it all."""
+        """Switch everything off, whatever an aborted plan has left on, and close it."""
         devices = self._rig.opened
         if devices is not None:
             stage = [] if devices.stage is None else [devices.stage.stop]
             for end in (devices.modulator.disarm, devices.sensor.stop, *stage):
-                with suppress(DriverError):  # what is gone, or was never connected, cannot be on
+                with suppress(DriverError):  # a device that is gone, or was never connected, cannot be on
                     end()
         self._rig.close()
 
@@ -129,12 +129,12 @@ def coded_frames(
 ) -> Generator[Msg, Any, None]:
     """Take coded frames as a fly scan, camera at rest: a plan for Bluesky's run engine.
 
-    The modulator triggers the sensor in hardware; the frames lie in the file that the run's documents name.
+    The modulator triggers the sensor in hardware; the frames are in the file that the run's documents name.
 
     Args:
         bench: The bench.
-        shots: How many frames, each through all masks of the rig file.
-        metadata: Kept in the run's start document, beside the masks' times.
+        shots: Number of frames, each through all masks of the rig file.
+        metadata: Added to the run's start document, with the masks' times.
 
     Raises:
         PlanRefusedError: A limit of a device is broken; nothing was uploaded.

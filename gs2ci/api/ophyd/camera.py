@@ -1,6 +1,6 @@
 """The sensor as an ophyd-async detector: its own or triggered frames into an HDF5 file that Bluesky's documents name.
 
-Here: `FrameDetector`. Not here: the sensor (`gs2ci_drivers.sensor`), exposures held against their masks (`coded`).
+Here: `FrameDetector`. Not here: the sensor (`gs2ci_drivers.sensor`), coded exposures (`coded`).
 """
 
 import asyncio
@@ -35,11 +35,11 @@ from gs2ci_drivers.sensor import Frame, Sensor, SensorConfig, TriggerMode
 
 FRAMES: Final = "frames"
 TOLD: Final = {"sequence": np.int64, "t_kernel_ns": np.int64, "t_host_ns": np.int64, "flags": np.uint32}
-"""What the file keeps of each frame besides its pixels, as `gs2ci_drivers.sensor.Frame` has it."""
+"""Data of each frame in the file besides its pixels, as in `gs2ci_drivers.sensor.Frame`."""
 
 
 class _Taking:
-    """Frames from the sensor into a file, as many as were prepared for; in the sensor's thread."""
+    """Writes the prepared number of frames from the sensor into a file; in the sensor's thread."""
 
     def __init__(self, sensor: Sensor, config: SensorConfig, call: Worker) -> None:
         self.sensor, self.config, self.call = sensor, config, call
@@ -65,7 +65,7 @@ class _Taking:
             while (frame := await self.call(self._next)) is None:
                 await asyncio.sleep(
                     SLICE_S
-                )  # a simulated bench's time passes while one waits for it: no faster than ours
+                )  # a simulated bench's clock advances during the wait: no faster than real time
             await self.call(self._write, frame)
             self.set_written(await self.written.get_value() + 1)
         await self.call(self.sensor.stop)
@@ -77,7 +77,7 @@ class _Taking:
             return None
 
     def _write(self, frame: Frame) -> None:
-        assert self.file is not None  # prepared for before anything is taken
+        assert self.file is not None  # prepared before any frame is taken
         number = len(self.file[FRAMES])
         self.file[FRAMES].resize(number + 1, axis=0)
         self.file[FRAMES][number] = frame.pixels
@@ -103,7 +103,7 @@ class _Taking:
         task, self.task = self.task, None
         if task is not None:
             task.cancel()
-            with suppress(asyncio.CancelledError, Exception):  # whoever waited for it was told
+            with suppress(asyncio.CancelledError, Exception):  # its waiter has received the error
                 await task
         await self.call(self.sensor.stop)
 
@@ -183,13 +183,13 @@ class FrameDetector(StandardDetector):
     """A camera: raw frames [H, W] uint16, as they come, into `frames` of an HDF5 file per run.
 
     `TriggerInfo.trigger` chooses the sensor's own clock, edges, or gates; `livetime` is the exposure in seconds, 0 the
-    configured one. A lost or spoilt frame ends the acquisition with the driver's own error.
+    configured one. A lost or corrupt frame ends the acquisition with the driver's own error.
 
     Args:
         sensor: The sensor, connected.
-        config: Its set-up; trigger and exposure are filled in at each `prepare`.
+        config: Its configuration; trigger and exposure are filled in at each `prepare`.
         call: The devices' thread.
-        places: Says which file is next; a file that exists is not replaced.
+        places: Names the next file; an existing file is not replaced.
         name: Name in Bluesky's documents.
     """
 
@@ -202,8 +202,8 @@ class FrameDetector(StandardDetector):
         super().__init__(name=name)
 
     @AsyncStatus.wrap
-    async def complete(self) -> None:  # type: ignore[override]  # it tells no progress
-        """Wait for the frames that were prepared for."""
+    async def complete(self) -> None:  # type: ignore[override]  # it reports no progress
+        """Wait for the prepared number of frames."""
         await self._or_its_error(super().complete)
 
     @AsyncStatus.wrap
@@ -212,7 +212,7 @@ class FrameDetector(StandardDetector):
         await self._or_its_error(super().trigger)
 
     async def _or_its_error(self, begin: Callable[[], Status]) -> None:
-        """Wait, but raise what the sensor raised as soon as it does: the frame that is waited for will not come."""
+        """Wait, but raise an error of the sensor at once: the expected frame will not come."""
         status: Any = begin()
         waiting: asyncio.Task[None] = status.task
         try:

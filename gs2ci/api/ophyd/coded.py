@@ -21,14 +21,14 @@ from gs2ci.core.storage import read_shot
 
 
 class CodedExposure(StandardReadable):
-    """Masks, sensor and stage as [capture] of the rig file has them: `trigger` writes one shot file, `read` names it.
+    """Masks, sensor and stage as in [capture] of the rig file: `trigger` writes one shot file, `read` names it.
 
-    Everything that `gs2ci capture` checks is checked; the file goes to `gs2ci reconstruct` as it is.
+    It makes all checks of `gs2ci capture`; `gs2ci reconstruct` reads the file directly.
 
     Args:
         rig: The rig, its devices open.
-        call: Its devices' thread; while it captures, nothing else is asked of them.
-        places: Says which file is next; a file that exists is not replaced.
+        call: Its devices' thread; during a capture it does nothing else.
+        places: Names the next file; an existing file is not replaced.
         name: Name in Bluesky's documents.
     """
 

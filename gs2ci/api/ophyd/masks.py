@@ -45,7 +45,7 @@ class _MaskLogic(FlyableLogic[PatternSequence, PatternSequence]):
     async def on_complete(self, ctx: PatternSequence) -> None:
         clock = self.shows.clock
         until_s = clock.now_s() + ctx.duration_s
-        while clock.now_s() < until_s:  # in short calls: a modulator that the host steps is stepped by them
+        while clock.now_s() < until_s:  # in short calls, which also advance a modulator that the host steps
             await self.call(self.shows.keep_time, min(clock.now_s() + SLICE_S, until_s))
         await self.call(self.shows.wait_done, PATIENCE_S)
 

@@ -11,11 +11,11 @@ from typing import Any, Final, TypeVar
 T = TypeVar("T")
 
 SLICE_S: Final = 5e-3
-"""Longest wait of one call where something else may have to be done meanwhile: stopped, read out, shown at 60 Hz."""
+"""Longest wait of one call, so that other work can run in between: stopping, reading, showing at 60 Hz."""
 
 
 class Worker:
-    """The one thread that speaks to a bench's devices, one call behind another, as `gs2ci_drivers` expects it."""
+    """The only thread that calls a bench's devices, one call after another, as `gs2ci_drivers` requires."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="gs2ci device")
@@ -25,9 +25,9 @@ class Worker:
         return await asyncio.get_running_loop().run_in_executor(self._pool, lambda: call(*args, **given))
 
     def now(self, call: Callable[..., T], *args: Any) -> T:
-        """Do the same where no event loop runs; blocks."""
+        """Do the same without an event loop; blocks."""
         return self._pool.submit(call, *args).result()
 
     def close(self) -> None:
-        """End the thread once what was asked is done."""
+        """End the thread after its pending calls."""
         self._pool.shutdown()
