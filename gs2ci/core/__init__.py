@@ -1,1 +1,1 @@
-"""The base of all other parts: errors, records, storage, progress, clock. No torch, nothing else of ours."""
+"""The base of all other packages: errors, records, storage, progress, clock. It imports no torch and no other part."""

@@ -1,4 +1,4 @@
-"""The types of arrays by their short names; shapes and units stand in the docstring beside them."""
+"""Short names for types of arrays; shapes and units are in the docstrings that use them."""
 
 import numpy as np
 from numpy.typing import NDArray

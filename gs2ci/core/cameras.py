@@ -1,6 +1,6 @@
-"""Helpers for cameras: the matrix of an ideal one, camera centres, and two conventions of axes.
+"""Helpers for cameras: the matrix of a pinhole camera, camera centres, and two conventions of axes.
 
-Here: numpy alone. Not here: lenses that distort (`gs2ci.core.lens`), checks (`gs2ci.core.records`), paths compared
+Here: numpy only. Not here: lens distortion (`gs2ci.core.lens`), checks (`gs2ci.core.records`), comparison of paths
 (`gs2ci.evaluate.trajectory`).
 """
 
@@ -26,5 +26,5 @@ def pinhole(focal_px: float, size: tuple[int, ...]) -> F64:
 
 
 def camera_centres(world_to_camera: F64) -> F64:
-    """Return where cameras stand in the world, [N, 3], in its unit, from their poses, [N, 4, 4]."""
+    """Return the camera centres in the world, [N, 3], in its unit, from the poses, [N, 4, 4]."""
     return np.asarray(np.linalg.inv(world_to_camera)[:, :3, 3], np.float64)

@@ -1,4 +1,4 @@
-"""Time as a parameter: a clock that code waits on, so that a simulated second need not cost a real one.
+"""Time as a parameter: a clock on which code waits, so that a simulated second does not take a real one.
 
 Here: the interface and the wall clock. Not here: the simulated world's clock (`gs2ci_sims.world`).
 """
@@ -21,18 +21,18 @@ class Clock(Protocol):
 
 
 def begin_command() -> None:
-    """Note that this process serves one command, whose user has been waiting since the process began.
+    """Record that this process runs one command, whose user has been waiting since the process began.
 
-    The interpreter's start and the loading of libraries take seconds, which a promise about time has to count.
+    Starting the interpreter and loading libraries take seconds, which a time budget has to include.
     """
-    # Drivers use this file on computers that have neither the command line nor this library.
+    # Drivers use this module on computers without the command line and without this library.
     import psutil  # noqa: PLC0415
 
     _command_began_s.set(time.monotonic() - max(0.0, time.time() - float(psutil.Process().create_time())))
 
 
 def command_age_s() -> float:
-    """Measure how long the user of the running command has waited, in seconds; 0 where no command was begun."""
+    """Return how long the user of the running command has waited, in seconds; 0 if no command runs."""
     began_s = _command_began_s.get()
     return 0.0 if began_s is None else time.monotonic() - began_s
 

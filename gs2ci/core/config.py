@@ -1,7 +1,7 @@
 """Settings from TOML files: strict models, errors that name the file, the key and the nearest known key.
 
 Here: the base of all settings models, the kinds of numbers in them, and the reading. Not here: any particular setting:
-each is declared beside what it sets.
+each is declared in the module that uses it.
 """
 
 import tomllib
@@ -18,9 +18,9 @@ from gs2ci.core.errors import InputError
 M = TypeVar("M", bound=BaseModel)
 
 SIMULATED: Final = "simulated"
-"""The `port` of a device whose twin plays it."""
+"""The `port` of a device that is simulated by its twin."""
 DAY_S: Final = 86_400.0
-"""A day and a million are far beyond every bench: more is a slip of the unit, and no clock or memory holds it."""
+"""Limits far beyond every bench: a larger value is a wrong unit, and would exceed clocks or memory."""
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
@@ -40,7 +40,7 @@ _PLAIN_WORDS: Final = {
     "a valid tuple": "a list",
 }
 MOST_TOLD: Final = 8
-"""Problems of one file, a line each; whoever has more has another kind of file at hand."""
+"""Largest number of problems reported for one file; with more, it is probably another kind of file."""
 
 
 class ConfigTable(BaseModel):
@@ -54,10 +54,10 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
 
     Args:
         path: The file.
-        model: What it has to fit.
+        model: The model that it has to fit.
 
     Returns:
-        The settings, and the file's text for keeping.
+        The settings, and the file's text for the records.
 
     Raises:
         InputError: The file cannot be read, is not TOML, or does not fit; names each key that is wrong and, where
@@ -72,8 +72,8 @@ def settings_from(data: Mapping[str, Any], model: type[M], path: Path) -> M:
 
     Args:
         data: The tables.
-        model: What they have to fit.
-        path: The file that they are of, for errors.
+        model: The model that they have to fit.
+        path: Their file, for errors.
 
     Raises:
         InputError: They do not fit, as `read_settings` says.
@@ -111,7 +111,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _refuse_nul(path: Path, value: Any, key: str) -> None:
-    """Accept values without NUL characters: no name, path or port has one, and neither the system nor HDF5 takes it."""
+    """Refuse values with NUL characters: names, paths and ports have none, and system and HDF5 do not accept them."""
     if isinstance(value, str) and "\0" in value:
         raise InputError(f"{path}: {key!r} has a NUL character (\\u0000) in it", remedy="take it out")
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -144,7 +144,7 @@ def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
 
 
 def _in_plain_words(message: str) -> str:
-    """Say what pydantic asks for in words of a file of settings."""
+    """Express pydantic's message in the terms of a settings file."""
     said = message.split(", unable to", maxsplit=1)[0]
     for theirs, ours in _PLAIN_WORDS.items():
         said = said.replace(theirs, ours)
@@ -156,7 +156,7 @@ def _dotted(where: tuple[int | str, ...]) -> str:
 
 
 def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[type[BaseModel]]]:
-    """Follow a location into the model; return the table's name without union tags, and what may stand there."""
+    """Follow a location into the model; return the table's name without union tags, and the keys allowed there."""
     names: list[str] = []
     here: Any = model
     for part in where:

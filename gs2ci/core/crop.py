@@ -1,7 +1,6 @@
-"""The middle or a corner of a measurement, where the whole would take too long.
+"""The middle or a corner of a measurement, for use when the whole would take too long.
 
-Here: `middle`, `corner`, where the middle begins, and the size that a number of pixels affords. Not here: what they are
-wanted for.
+Here: `middle`, `corner`, the position of the middle, and the size for a given number of pixels. Not here: their uses.
 """
 
 from dataclasses import replace
@@ -13,11 +12,11 @@ from gs2ci.core.records import Shot
 
 
 def middle(shot: Shot, size: tuple[int, int]) -> Shot:
-    """Cut away all but the middle of a measurement.
+    """Crop the middle of a measurement.
 
     Args:
         shot: At least as large.
-        size: Height and width that are left, px. A colour mosaic begins with the same colour as before.
+        size: Height and width of the crop, px. A colour mosaic begins with the same colour as before.
 
     Returns:
         The middle, unchecked: its masks may all be closed.
@@ -34,17 +33,17 @@ def middle_begins(whole: tuple[int, int], size: tuple[int, int]) -> tuple[int, i
 
     Args:
         whole: Height and width of the picture, px.
-        size: Those of its middle, px; no larger.
+        size: Height and width of its middle, px; no larger.
     """
     return (whole[0] - size[0]) // 4 * 2, (whole[1] - size[1]) // 4 * 2
 
 
 def corner(shot: Shot, size: tuple[int, int], *, lower: bool, right: bool) -> Shot:
-    """Cut away all but a corner of a measurement: as `middle`, which says what is asked of the size.
+    """Crop a corner of a measurement, with the same conditions on the size as `middle`.
 
     Args:
         shot: At least as large.
-        size: Height and width that are left, px.
+        size: Height and width of the crop, px.
         lower: The lower instead of the upper.
         right: The right instead of the left.
     """
@@ -77,12 +76,12 @@ def _piece(shot: Shot, top: int, left: int, size: tuple[int, int]) -> Shot:
 
 
 def size_of(shot: Shot, view_pixels: int, least_side: int = 1) -> tuple[int, int]:
-    """Return height and width of a piece whose views have about so many pixels together, of the picture's proportions.
+    """Return height and width of a crop with the picture's proportions and a given number of pixels.
 
     Args:
-        shot: What is no larger stays whole.
-        view_pixels: Of all views together.
-        least_side: Sides stay this long, px, as far as they are.
+        shot: A shot that is no larger is not cropped.
+        view_pixels: Approximate number of pixels of all views together.
+        least_side: Shortest side, px, unless the picture's own is shorter.
     """
     height, width = shot.size
     shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
@@ -91,12 +90,12 @@ def size_of(shot: Shot, view_pixels: int, least_side: int = 1) -> tuple[int, int
 
 
 def middle_of(shot: Shot, view_pixels: int, least_side: int = 1) -> Shot:
-    """Cut away all but the middle, so that the views have about so many pixels together.
+    """Crop the middle, so that the views have a given number of pixels together.
 
     Args:
-        shot: What is no larger stays whole.
-        view_pixels: Of all views together.
-        least_side: Sides stay this long, px, as far as they are.
+        shot: A shot that is no larger is not cropped.
+        view_pixels: Approximate number of pixels of all views together.
+        least_side: Shortest side, px, unless the picture's own is shorter.
 
     Returns:
         The middle, unchecked: its masks may all be closed.

@@ -1,4 +1,4 @@
-"""Durations as a person types them: `60s`, `2min`, `1.5h`, or a bare number of seconds."""
+"""Durations as users type them: `60s`, `2min`, `1.5h`, or a bare number of seconds."""
 
 import math
 import re

@@ -13,10 +13,10 @@ Every message says what was wrong, what is allowed and what to do, in that order
 
 
 class Gs2ciError(Exception):
-    """Base of everything gs2ci raises on purpose.
+    """Base of all errors that gs2ci raises on purpose.
 
     Args:
-        problem: What was asked and why it cannot be; names the file, key, device or index.
+        problem: What was requested and why it is not possible; names the file, key, device or index.
         allowed: What would be accepted.
         remedy: What the user can do about it.
     """

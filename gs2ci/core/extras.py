@@ -1,7 +1,7 @@
-"""Which packages come with which extra of gs2ci, and what to say where one is missing.
+"""Which packages belong to which extra of gs2ci, and the message if one is missing.
 
-`pip install gs2ci` brings what a bench needs: capture, calibration, import. Not here: which packages those are
-(pyproject.toml; `tests/test_lab_install.py` holds the two together).
+`pip install gs2ci` installs what a bench needs: capture, calibration, import. Not here: the list of these packages
+(pyproject.toml; `tests/test_lab_install.py` checks that the two agree).
 """
 
 from typing import Final
@@ -19,11 +19,11 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "video": ("sdl2",),
     "ophyd": ("bluesky", "ophyd_async"),
 }
-"""Extra -> the modules that it brings."""
+"""Extra -> the modules that it installs."""
 
 
 def missing_extra(error: ModuleNotFoundError) -> InputError | None:
-    """Say what to install where a module of an extra is missing; None where it is another module."""
+    """Return what to install if a module of an extra is missing; None for any other module."""
     module = (error.name or "").partition(".")[0]
     extra = next((name for name, modules in EXTRAS.items() if module in modules), None)
     if extra is None:

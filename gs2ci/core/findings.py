@@ -1,7 +1,7 @@
-"""Everything that a reconstruction may find worth telling: one code, one sentence and one remedy for each.
+"""Everything that a reconstruction may report: one code, one sentence and one remedy for each finding.
 
-Here: the register, `Code`, and `Finding`, one of its entries with its figures. What each code says stands in the files
-of `sentences/`, by topic, a table for each code. Records hold findings; pages, the overview, the terminal and tests
+Here: the register, `Code`, and `Finding`, one of its entries with its figures. The texts of the codes are in the files
+of `sentences/`, by topic, one table per code. Records contain findings; pages, the overview, the terminal and tests
 read their codes. `docs/findings.md` lists them all (`python -m tests.docs`). Not here: errors, which end a command
 (`gs2ci.core.errors`).
 """
@@ -26,11 +26,11 @@ class Weight(StrEnum):
     """How much a finding matters."""
 
     REMARK = "remark"
-    """Worth knowing; nothing needs to be done, though the remedy may help."""
+    """Worth knowing; needs no action, though the remedy may help."""
     DOUBT = "doubt"
-    """Part of the result is not to be relied on, or not as far as usual."""
+    """Part of the result is not reliable, or less reliable than usual."""
     FAILURE = "failure"
-    """Something that was requested could not be done, and the result is without it."""
+    """Something that was requested could not be done, and the result lacks it."""
 
 
 REMARK, DOUBT, FAILURE = Weight.REMARK, Weight.DOUBT, Weight.FAILURE
@@ -38,11 +38,11 @@ REMARK, DOUBT, FAILURE = Weight.REMARK, Weight.DOUBT, Weight.FAILURE
 
 @dataclass(frozen=True)
 class Text:
-    """What a code says.
+    """The text of a code.
 
     Args:
         weight: How much it matters.
-        sentence: What is said, with the names of its figures in braces.
+        sentence: The sentence, with the names of its figures in braces.
         remedy: What can be done about it.
     """
 
@@ -53,7 +53,7 @@ class Text:
 
 @cache
 def texts() -> dict[str, Text]:
-    """Read what all codes say."""
+    """Read the texts of all codes."""
     shared = _table("shared")
     rows = {code: row for topic in TOPICS for code, row in _table(topic).items()}
     return {
@@ -77,7 +77,7 @@ class Code(StrEnum):
 
     @property
     def sentence(self) -> str:
-        """Get what is said, with the names of its figures in braces."""
+        """Get the sentence, with the names of its figures in braces."""
         return texts()[self].sentence
 
     @property
@@ -87,7 +87,7 @@ class Code(StrEnum):
 
     @property
     def figures(self) -> frozenset[str]:
-        """Get the names of the figures that the sentence holds."""
+        """Get the names of the figures in the sentence."""
         return frozenset(name for _, name, _, _ in string.Formatter().parse(self.sentence) if name)
 
     # Why a fit ended.
@@ -107,7 +107,7 @@ class Code(StrEnum):
     UNTOLD_CLIPPING = auto()
     UNIT_CORRECTED = auto()
 
-    # The masks, as the measurement shows them.
+    # Errors of the masks that the measurement shows.
     MASKS_TURNED = auto()
     MASKS_BEGIN_ELSEWHERE = auto()
     MASKS_CORRECTED = auto()
@@ -145,7 +145,7 @@ class Code(StrEnum):
     FOCAL_OF_SHOT = auto()
     FOCAL_CHANGED = auto()
 
-    # Points to follow, and what they say of the motion.
+    # Tracked points, and the motion estimated from them.
     FEW_TRACKS = auto()
     CLUSTERED_TRACKS = auto()
     FEW_VIEWS_TRACKED = auto()
@@ -169,7 +169,7 @@ class Code(StrEnum):
     MOTION_NOT_TAKEN = auto()
     VIEWS_POLISHED = auto()
 
-    # Near and far.
+    # Depth order.
     DEPTH_ORDER_OPEN = auto()
     DEPTH_IN_NOISE = auto()
     DEPTH_ORDER_UNTRIED = auto()
@@ -237,9 +237,9 @@ class Finding:
     """Something found in one run. Make it with `finding`, which writes its sentence.
 
     Args:
-        code: What kind.
-        sentence: What is said.
-        figures: The numbers in it, by name.
+        code: Its kind.
+        sentence: The sentence with its figures.
+        figures: The figures, by name.
     """
 
     code: Code
@@ -248,16 +248,16 @@ class Finding:
 
     @property
     def advice(self) -> str:
-        """Get the sentence, with the remedy behind it where there is something to be doubted."""
+        """Get the sentence, followed by the remedy if it is a doubt or a failure."""
         return self.sentence if self.code.weight is REMARK else f"{self.sentence} {self.code.remedy}"
 
 
 def finding(code: Code, /, **figures: Figure) -> Finding:
-    """Find something, and write its sentence.
+    """Make a finding, and write its sentence.
 
     Args:
-        code: What.
-        figures: All that its sentence names.
+        code: Its kind.
+        figures: All figures that its sentence names.
 
     Raises:
         KeyError: A figure is missing.

@@ -1,6 +1,6 @@
-"""The request to end early with what has been found so far, which long computations check between their steps.
+"""The request to end early with the result so far, which long computations check between their steps.
 
-Here: the request, and Ctrl-C as the request. Not here: what a computation hands over then
+Here: the request, and Ctrl-C as the request. Not here: the result that a computation returns then
 (`gs2ci.reconstruct.pipeline`).
 """
 
@@ -11,9 +11,9 @@ from contextlib import contextmanager
 
 
 class Halt:
-    """Says whether to end early, with what there is.
+    """Holds the request to end early with the result so far.
 
-    A computation says from when on there is something to hand over (`begin`). Threads may ask and look.
+    A computation calls `begin` as soon as it has a result. Threads may request and check.
     """
 
     def __init__(self) -> None:
@@ -26,11 +26,11 @@ class Halt:
         return self._asked.is_set()
 
     def begin(self) -> None:
-        """Say that a result as it is can be had from now on."""
+        """Declare that a result exists from now on."""
         self._begun.set()
 
     def ask(self) -> bool:
-        """Ask for the result as it is; return False where there is none yet, or where that was asked before."""
+        """Request the result so far; return False if there is none yet, or if it was requested before."""
         if not self._begun.is_set() or self.asked:
             return False
         self._asked.set()
@@ -39,16 +39,16 @@ class Halt:
 
 @contextmanager
 def halted_by_interruption(halt: Halt) -> Iterator[None]:
-    """Let Ctrl-C, or a notebook's stop button, ask for what there is; where that cannot be asked, interrupt as ever.
+    """Let Ctrl-C, or a notebook's stop button, request the result so far; if there is none, interrupt as usual.
 
-    In a thread, or where somebody else handles the signal, nothing is changed: Python delivers signals to the main
-    thread alone.
+    In a thread, or if another handler is installed for the signal, nothing is changed: Python delivers signals only to
+    the main thread.
 
     Args:
-        halt: What is asked.
+        halt: Receives the request.
 
     Raises:
-        KeyboardInterrupt: There is nothing to hand over yet, or this was the second Ctrl-C.
+        KeyboardInterrupt: There is no result yet, or this was the second Ctrl-C.
     """
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

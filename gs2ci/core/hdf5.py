@@ -1,12 +1,12 @@
-"""Reading HDF5 files that may be anything: damaged, from elsewhere, or made to do harm.
+"""Reading HDF5 files that are not trusted: damaged, from elsewhere, or malicious.
 
-Here: `check_text_heaps`, to be asked before the library opens a file, and `SuspectFile`, through which it is looked
-into. A reader follows no links, opens no second file, and knows how many bytes an array takes before it makes room for
-them. Not here: what a file holds (`gs2ci.core.storage`, `gs2ci.core.foreign`, `gs2ci_calibration.bundle`).
+Here: `check_text_heaps`, to be called before the library opens a file, and `SuspectFile`, through which it is read. A
+reader follows no links, opens no second file, and knows the size of an array before it allocates memory for it. Not
+here: the contents of a file (`gs2ci.core.storage`, `gs2ci.core.foreign`, `gs2ci_calibration.bundle`).
 
-Variable-length texts lie in «global heaps». The library walks a heap from object to object by the sizes it finds
-there, and a damaged size of zero keeps it walking for ever (HDF5 2.0.0, `H5HG__cache_heap_deserialize`): seen on a
-capture file with eight changed bytes. So heaps are walked here first.
+Variable-length texts are stored in «global heaps». The library walks a heap from object to object by the sizes it finds
+there, and never ends at a damaged size of zero (HDF5 2.0.0, `H5HG__cache_heap_deserialize`): this happened with a
+capture file with eight changed bytes. So heaps are checked here first.
 """
 
 import math
@@ -31,7 +31,7 @@ _HEADER_BYTES = 16
 
 
 def check_text_heaps(path: Path) -> None:
-    """Return if every global heap of a file can be walked to its end.
+    """Check that every global heap of a file can be walked to its end.
 
     Raises:
         ValueError: One cannot; names its position.
@@ -59,7 +59,7 @@ def _walk(data: mmap.mmap, start: int) -> None:
 
 
 class SuspectFile:
-    """An open HDF5 file and the only ways to look into it.
+    """An open HDF5 file with the only safe ways to read it.
 
     Args:
         path: For messages.
@@ -72,10 +72,10 @@ class SuspectFile:
         self._file_bytes = path.stat().st_size
 
     def array(self, key: str, *, axes: int, row: int | None = None) -> NDArray[Any] | None:
-        """Read a numeric dataset, or one row of it; None where the file has no such key.
+        """Read a numeric dataset, or one row of it; None if the file has no such key.
 
         Raises:
-            StorageError: Not a dataset of numbers with that many axes, or larger than the file can hold.
+            StorageError: Not a dataset of numbers with that many axes, or larger than the file can contain.
         """
         dataset = self.dataset(key, optional=True)
         if dataset is None:
@@ -101,10 +101,10 @@ class SuspectFile:
         return values
 
     def text(self, key: str, row: int | None = None) -> str | None:
-        """Read a text, or one row of a list of texts; None where the file has no such key.
+        """Read a text, or one row of a list of texts; None if the file has no such key.
 
         Raises:
-            StorageError: Not a text, or longer than any of ours.
+            StorageError: Not a text, or too long.
         """
         dataset = self.dataset(key, optional=True)
         if dataset is None:
@@ -119,7 +119,7 @@ class SuspectFile:
         return value.decode("utf-8")
 
     def number(self, key: str, attribute: str, default: float) -> float:
-        """Read a numeric attribute of a dataset; NaN counts as absent where the default is NaN.
+        """Read a numeric attribute of a dataset; NaN counts as absent if the default is NaN.
 
         Raises:
             StorageError: The dataset is missing, or its attribute is no finite number.
@@ -145,7 +145,7 @@ class SuspectFile:
         return self.dataset(key, optional=True)
 
     def texts(self, key: str) -> Iterator[str]:
-        """Read a list of texts, one by one; none where the file has no such key."""
+        """Read a list of texts, one by one; empty if the file has no such key."""
         dataset = self.dataset(key, optional=True)
         if dataset is not None and dataset.ndim == 1:
             for row in range(min(dataset.shape[0], self._file_bytes)):
@@ -155,7 +155,7 @@ class SuspectFile:
         """Walk to a dataset along hard links only; a link could lead into any file of this machine.
 
         Raises:
-            StorageError: It is missing (unless it may be: then None is returned), none, or lies elsewhere.
+            StorageError: It is missing (unless it may be: then None is returned), no dataset, or in another file.
         """
         node: Any = self.file
         for part in key.split("/"):
@@ -176,7 +176,7 @@ class SuspectFile:
         return node
 
     def keys(self, at: str) -> list[str]:
-        """List what is in a group, in order; nothing where no group is reached along hard links."""
+        """List the members of a group, in order; empty if no group is reached along hard links."""
         node: Any = self.file
         for part in at.split("/"):
             if not isinstance(node, h5py.Group) or not isinstance(node.get(part, getlink=True), h5py.HardLink):
@@ -185,10 +185,10 @@ class SuspectFile:
         return sorted(node) if isinstance(node, h5py.Group) else []
 
     def attribute(self, node: Any, name: str, key: str) -> object:
-        """Read an attribute of a dataset or group; None where it has none of that name.
+        """Read an attribute of a dataset or group; None if it has none of that name.
 
         Raises:
-            StorageError: It is no single value, or a text longer than any of ours.
+            StorageError: It is no single value, or a text that is too long.
         """
         if name not in node.attrs:
             return None
@@ -199,7 +199,7 @@ class SuspectFile:
         return value
 
     def _check_bytes(self, key: str, shape: tuple[int, ...], dataset: Any) -> None:
-        # One chunk is decompressed whole, however little of it is requested.
+        # A chunk is always decompressed as a whole, even if only part of it is requested.
         wanted = dataset.dtype.itemsize * max(math.prod(shape), math.prod(dataset.chunks or ()))
         allowed = min(LIMIT_BYTES, DEFLATE_LIMIT * self._file_bytes)
         if wanted > allowed:

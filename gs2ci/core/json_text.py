@@ -1,6 +1,6 @@
-"""JSON: values converted for it, and parsing of text of any origin, whose every fault is a ValueError.
+"""JSON: conversion of values, and parsing of text of any origin, with a ValueError for every fault.
 
-Here: `plain_json`, `as_json`, `parse_json`. Not here: what the values mean, which is for those who asked for them.
+Here: `plain_json`, `as_json`, `parse_json`. Not here: the meaning of the values, which their readers check.
 """
 
 import json
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def plain_json(value: Any) -> Any:
-    """Reduce a value to what JSON can hold; a number that is not finite becomes None, the unknown its text."""
+    """Convert a value for JSON; a number that is not finite becomes None, an unknown object its text."""
     match value:
         case None | bool() | int() | str():
             return value
@@ -40,8 +40,8 @@ def parse_json(text: str) -> Any:
     """Parse a text.
 
     Raises:
-        ValueError: It is no JSON, or nests deeper than Python follows; `json.loads` has a RecursionError for that,
-            which no reader of files thinks of.
+        ValueError: It is no JSON, or nested too deeply; `json.loads` raises a RecursionError then, which readers of
+            files do not expect.
     """
     try:
         return json.loads(text)

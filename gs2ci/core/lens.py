@@ -1,4 +1,4 @@
-"""Lens distortion as OpenCV states it: from slopes of rays to slopes on the sensor, back, and when it is no lens.
+"""Lens distortion in OpenCV's convention: from slopes of rays to slopes on the sensor, back, and a validity check.
 
 With x = X/Z and y = Y/Z the slopes of a ray, r² = x² + y² and coefficients k1 k2 p1 p2 k3, the sensor sees it at
 
@@ -19,8 +19,8 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 
 COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
-# The least that the map may stretch area: where this reaches 0 the picture folds over. A lens that squeezes a patch
-# of the scene to a twentieth of its area on the sensor leaves nothing of it to recover.
+# Least determinant of the map: where it reaches 0 the picture folds. If a lens compresses a patch of the scene to a
+# twentieth of its area on the sensor, nothing of it can be recovered.
 LEAST_STRETCH: Final = 0.05
 # No lens has such coefficients, and with slopes up to 10⁹ their terms stay inside float64.
 COEFFICIENT_LIMIT: Final = 1e12
@@ -37,7 +37,7 @@ _CHECKED: Final = 33
 
 
 def distorted(slopes: F64, coefficients: F64) -> F64:
-    """Bend slopes of rays, [..., 2] as (x, y), to where the sensor sees them, [..., 2]."""
+    """Distort slopes of rays, [..., 2] as (x, y), into slopes on the sensor, [..., 2]."""
     k1, k2, p1, p2, k3 = (float(value) for value in coefficients)
     x, y = slopes[..., 0], slopes[..., 1]
     square = x * x + y * y
@@ -56,16 +56,16 @@ def stretch(slopes: F64, coefficients: F64) -> F64:
 
 
 def undistorted(slopes: F64, coefficients: F64) -> F64:
-    """Return the rays, [..., 2], that a lens bends to slopes on the sensor, [..., 2].
+    """Return the rays, [..., 2], of slopes on the sensor, [..., 2].
 
     Raises:
-        InputError: The picture folds over on the way there.
+        InputError: The picture folds between the axis and such a slope.
     """
     return _followed(slopes, coefficients, _STEPS)
 
 
 def check_distortion(coefficients: NDArray[Any], intrinsics: F64, size: tuple[int, int]) -> None:
-    """Accept the coefficients of a lens that shows each place of a frame once.
+    """Check that a lens with these coefficients is invertible within the frame.
 
     Args:
         coefficients: k1 k2 p1 p2 k3.
@@ -73,7 +73,7 @@ def check_distortion(coefficients: NDArray[Any], intrinsics: F64, size: tuple[in
         size: Height and width of the frame, px.
 
     Raises:
-        InputError: Not [5], not finite or absurd, or the picture folds over within the frame.
+        InputError: Not [5], not finite or absurd, or the picture folds within the frame.
     """
     if coefficients.shape != (len(COEFFICIENTS),):
         raise InputError(f"distortion has shape {list(coefficients.shape)}", allowed="[5]: k1 k2 p1 p2 k3")
@@ -115,10 +115,10 @@ def _followed(slopes: F64, coefficients: F64, steps: int) -> F64:
     """Invert the map by following its solution from the axis outwards.
 
     Raises:
-        InputError: It does not lead there.
+        InputError: There is no such solution.
     """
     rays = np.zeros(slopes.shape)
-    # Where there is no solution Newton's steps run away, which the checks below find.
+    # If there is no solution, Newton's steps diverge, which the checks below detect.
     with np.errstate(all="ignore"):
         for step in range(1, steps + 1):
             aim = slopes * (step / steps)
@@ -130,7 +130,7 @@ def _followed(slopes: F64, coefficients: F64, steps: int) -> F64:
                     [yy * left[..., 0] - xy * left[..., 1], xx * left[..., 1] - xy * left[..., 0]], axis=-1
                 )
                 rays = rays + turned / (xx * yy - xy * xy)[..., None]
-                if np.abs(left).max(initial=0.0) <= _CONVERGED:  # what is left now is the square of it
+                if np.abs(left).max(initial=0.0) <= _CONVERGED:  # after this step the remainder is its square
                     break
             least = stretch(rays, coefficients).min(initial=np.inf)
             if not least >= LEAST_STRETCH:

@@ -1,7 +1,7 @@
-"""How our records look in a notebook: a table of facts with a picture above it.
+"""Display of records in a notebook: a table of facts with a picture above it.
 
-Here: pictures as PNG, a row of pictures, the table. Not here: what a record shows of itself (its own `_repr_html_` and
-`_repr_png_`, which notebooks ask for). Everything is written as text: names come from files that anybody may have made.
+Here: pictures as PNG, a row of pictures, the table. Not here: the contents for each record (its own `_repr_html_` and
+`_repr_png_`, which notebooks call). All text is escaped: names come from files that are not trusted.
 """
 
 import base64
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 
-# High enough to see masks pixel by pixel, low enough for four beside each other in a cell.
+# High enough to see the pixels of masks, low enough for four side by side in a cell.
 TILE_PX: Final = 220
 GAP_PX: Final = 6
 
@@ -34,7 +34,7 @@ def png_of(picture: NDArray[Any]) -> bytes:
 
 
 def eight_bit(picture: NDArray[Any]) -> U8:
-    """Make a picture RGB of 8 bits, [H, W, 3]; what is no number becomes black."""
+    """Convert a picture to RGB of 8 bits, [H, W, 3]; NaN becomes black."""
     whole = picture if picture.ndim == 3 else picture[..., None]
     if whole.dtype != np.uint8:
         whole = np.round(255 * np.clip(np.nan_to_num(whole.astype(np.float32)), 0, 1)).astype(np.uint8)
@@ -42,14 +42,14 @@ def eight_bit(picture: NDArray[Any]) -> U8:
 
 
 def row_of(pictures: Iterable[NDArray[Any]], height: int = TILE_PX) -> U8:
-    """Put pictures beside each other, all brought to one height, on a transparent-looking grey."""
+    """Put pictures side by side, resized to one height, on a neutral grey."""
     import cv2  # noqa: PLC0415  as above
 
     tiles: list[U8] = []
     for picture in pictures:
         shown = eight_bit(picture)
         width = max(1, round(shown.shape[1] * height / shown.shape[0]))
-        # Enlarged pixels stay pixels; a smaller picture is the mean of what it replaces.
+        # Pixels stay visible when enlarged; a reduced picture is averaged.
         way = cv2.INTER_NEAREST if height > shown.shape[0] else cv2.INTER_AREA
         if tiles:
             tiles.append(np.full((height, GAP_PX, 3), 128, np.uint8))
@@ -87,7 +87,7 @@ def sheet(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
 
 
 def data_uri(png: bytes) -> str:
-    """Return a PNG as an address that needs nothing else."""
+    """Return a PNG as a data URL."""
     return f"data:image/png;base64,{base64.b64encode(png).decode()}"
 
 

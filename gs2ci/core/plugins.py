@@ -1,12 +1,12 @@
-"""What other packages add to gs2ci by entry point: the groups, the plug-ins that are installed, loading one.
+"""Plug-ins of other packages, by entry points: their groups, those that are installed, loading one.
 
 A package names its parts in its pyproject.toml:
 
     [project.entry-points."gs2ci.density_rules"]
     mine = "my_package.density:RULE"
 
-Nothing is imported before it is requested by its name. One that cannot be loaded is named, with its package, by whoever
-asks for it and by `gs2ci plugins`; it stops nothing else. Not here: what a plug-in of a group is (docs/plugins.md).
+Nothing is imported before it is requested by its name. If one cannot be loaded, its request and `gs2ci plugins` report
+it with its package; nothing else is affected. Not here: the interface of each group (docs/plugins.md).
 """
 
 from dataclasses import dataclass
@@ -41,9 +41,9 @@ class Plugin:
         group: One of `GROUPS`.
         name: By which users ask for it.
         target: "module:attribute".
-        package: The distribution that brings it, "" where it does not say.
+        package: The distribution that provides it, "" if unknown.
         version: Of that distribution.
-        problem: Why it cannot be used; "" for one that can.
+        problem: Why it cannot be used; "" if it can.
     """
 
     group: str
@@ -55,7 +55,7 @@ class Plugin:
 
     @property
     def origin(self) -> str:
-        """Get where it comes from, in words."""
+        """Get its origin, in words."""
         return f"{self.package} {self.version}".strip() or "a package without a name"
 
 
@@ -65,15 +65,15 @@ def names(group: str) -> tuple[str, ...]:
 
 
 def allowed(group: str, built_in: tuple[str, ...]) -> str:
-    """Say which names there are, our own first."""
+    """List the available names, built-in ones first."""
     return ", ".join((*built_in, *(name for name in names(group) if name not in built_in)))
 
 
 def load(group: str, name: str) -> Any | None:
-    """Load a plug-in; None where no package has one of that name.
+    """Load a plug-in; None if no package has one of that name.
 
     Raises:
-        PluginError: It cannot be imported, or two packages bring one of that name.
+        PluginError: It cannot be imported, or two packages provide one of that name.
     """
     found = _entries(group, name)
     if not found:
@@ -88,10 +88,10 @@ def load(group: str, name: str) -> Any | None:
 
 
 def installed(built_in: dict[str, tuple[str, ...]] | None = None) -> list[Plugin]:
-    """Return every plug-in there is, by group and name; each is imported, and says so where that fails.
+    """Return every installed plug-in, by group and name; each is imported, and has a `problem` if that fails.
 
     Args:
-        built_in: Names of our own by group, which a plug-in cannot take.
+        built_in: Built-in names by group, which a plug-in cannot take.
     """
     plugins = []
     for group in GROUPS:

@@ -1,7 +1,6 @@
 """The interface by which a long computation reports its progress.
 
-Here: the interface through which stages report, and the listener that says nothing. Not here: drawing (the live display
-is `gs2ci.api.display`).
+Here: the interface through which stages report, and the silent listener. Not here: drawing (`gs2ci.api.display`).
 """
 
 from typing import Protocol
@@ -11,13 +10,13 @@ class Progress(Protocol):
     """A listener for stages and steps."""
 
     def stage(self, name: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None: not known beforehand)."""
+        """Begin a stage of `total` steps (None if not known in advance)."""
 
     def expect(self, total: int) -> None:
-        """Say that the running stage will have `total` steps after all."""
+        """Change the number of steps of the running stage to `total`."""
 
     def step(self, done: int, **figures: float | int | str) -> None:
-        """Report that `done` steps of the stage are finished, with any figures worth showing."""
+        """Report that `done` steps of the stage are finished, with figures to show."""
 
     def say(self, text: str) -> None:
         """Pass on one sentence that the user should read: a guess made, a fallback taken."""

@@ -1,4 +1,4 @@
-"""Ranks, and how well two orders agree: `scipy.stats` has them too, and takes longer to import than a report to write.
+"""Ranks and rank correlation: `scipy.stats` has them too, but importing it takes longer than writing a report.
 
 Not here: any decision by them.
 """
@@ -10,14 +10,14 @@ from gs2ci.core.arrays import F64
 
 
 def ranks(values: ArrayLike) -> F64:
-    """Return the ranks of numbers, [N], from 1; equal ones share the mean of theirs."""
+    """Return the ranks of numbers, [N], from 1; equal numbers get their mean rank."""
     _, which, counts = np.unique(np.asarray(values).reshape(-1), return_inverse=True, return_counts=True)
     found: F64 = (np.cumsum(counts) - (counts - 1) / 2)[which]
     return found
 
 
 def rank_correlation(one: ArrayLike, other: ArrayLike) -> float:
-    """Return Spearman's rank correlation of numbers, [N] each; NaN where either are all equal."""
+    """Return Spearman's rank correlation of numbers, [N] each; NaN if all numbers of either are equal."""
     apart = [own - own.mean() for own in (ranks(one), ranks(other))]
     lengths = [float(np.sqrt(own @ own)) for own in apart]
     if min(lengths) == 0:

@@ -1,4 +1,4 @@
-"""The data that stages hand to each other, as plain numpy records.
+"""The data that stages pass to each other, as plain numpy records.
 
 Here: `Shot`, one coded measurement with all that is known about it, and its checks. Not here: files
 (`gs2ci.core.storage`), torch.
@@ -25,16 +25,16 @@ OPEN_LEAST: Final = 1e-6
 FOCAL_RANGE_PX: Final = (1e-3, 1e9)
 PRINCIPAL_POINT_LIMIT_PX: Final = 1e6
 POSITION_LIMIT: Final = 1e12
-# Matrices that went through text with four digits still pass.
+# Matrices that were written as text with four digits still pass.
 ROTATION_TOLERANCE: Final = 1e-3
-# No part of the solver knows a skew, in shares of the focal length. This much moves the corner of a wide picture by a
-# quarter of a pixel in five hundred, and calibrations that fit it leave less by their noise.
+# The solver has no skew, here as a share of the focal length. This much moves the corner of a wide picture by a
+# quarter of a pixel in five hundred; calibrations that fit a skew find less than that by noise.
 SKEW_LIMIT: Final = 1e-3
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known beforehand about a shot, in simulation or from a reference; any part may be missing.
+    """The truth of a shot, from simulation or a reference; any part may be missing.
 
     Args:
         views: True views, [N, H, W, C] float32, full scale 1.
@@ -42,7 +42,7 @@ class Truth:
         depth: True depth of each view's pixels along the optical axis, [N, H, W] float32, in the unit of the poses; 0
             where it is not known.
 
-    Arrays of other kinds, torch's tensors among them, become numpy's.
+    Other kinds of arrays, such as torch tensors, are converted to numpy.
 
     Example:
         >>> import numpy as np, gs2ci
@@ -62,21 +62,21 @@ class Truth:
 class Shot:
     """One coded measurement with its calibrated masks: Y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ + Z (paper, eq. 1).
 
-    Arrays of other kinds, torch's tensors among them, become numpy's of the kind that is stated.
+    Other kinds of arrays, such as torch tensors, are converted to numpy arrays of the stated types.
 
     Args:
         measurement: Y, [H, W, C] float32 with C = 3 (RGB) or 1 (mono or colour mosaic). The unit is the full
             scale of one view: a white scene under m open masks measures m.
         masks: M, [N, H, W] float32 in [0, 1], in the order of exposure.
-        weights: w, [N] float32: the share of its nominal interval during which each mask was exposed; all of it (1)
-            where none are given.
+        weights: w, [N] float32: the share of its nominal interval during which each mask was exposed; 1 if none are
+            given.
         cfa: Colour filter array of a single-channel measurement; None for RGB and mono.
         intrinsics: Camera matrix in pixels, [3, 3], or None when it is not known. Pixel centres lie at +0.5.
-        distortion: The lens's coefficients k1 k2 p1 p2 k3 as OpenCV states them (`gs2ci.core.lens`), [5], which belong
-            to the intrinsics; None for an ideal pinhole. Masks, measurement and views show what the sensor sees.
-        truth: What is known beforehand, for scoring only; no solver reads it.
+        distortion: The lens's coefficients k1 k2 p1 p2 k3 in OpenCV's convention (`gs2ci.core.lens`), [5], which
+            belong to the intrinsics; None for a pinhole. Masks, measurement and views are distorted, as on the sensor.
+        truth: The truth, for scoring only; no solver reads it.
         telemetry_world_to_camera: Poses as the stage reported them, [N, 4, 4], or None.
-        saturated: Pixels whose reading is clipped and says only «at least», [H, W] bool, or None.
+        saturated: Pixels whose reading is clipped, and therefore only a lower bound, [H, W] bool, or None.
         name: For reports.
         provenance: Where it came from and what was guessed, for reports.
 
@@ -90,7 +90,7 @@ class Shot:
 
     measurement: F32
     masks: F32
-    # None is replaced before anybody sees it.
+    # None is replaced in __post_init__.
     weights: F32 = None  # type: ignore[assignment]
     cfa: CfaPattern | None = None
     intrinsics: F64 | None = None
@@ -128,16 +128,16 @@ class Shot:
 
     @property
     def lit(self) -> Bool:
-        """Get the pixels that light reached through some mask, [H, W]."""
+        """Get the pixels that at least one mask opens, [H, W]."""
         return np.asarray(self.masks[self.weights > 0].any(axis=0))
 
     @property
     def channels(self) -> int:
-        """Get how many colour channels a recovered view has: 3, or 1 for a mono measurement."""
+        """Get the number of colour channels of a recovered view: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])
 
     def _repr_png_(self) -> bytes:
-        """Show the measurement, the first mask and, where it is known, the middle true view."""
+        """Show the measurement, the first mask and, if known, the middle true view."""
         from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
         brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
@@ -176,9 +176,8 @@ class Shot:
         """Return self if all parts fit together.
 
         Raises:
-            InputError: Shapes disagree, a number is not finite or of a size that no bench gives, masks are negative,
-                above one or all zero, the colour filter array does not fit the channels, or the lens folds the picture
-                over.
+            InputError: Shapes disagree, a number is not finite or unreasonably large, masks are negative, above one or
+                all zero, the colour filter array does not fit the channels, or the distortion folds the picture.
         """
         _check_measurement(self)
         _check_masks(self)
@@ -187,7 +186,7 @@ class Shot:
 
 
 def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
-    """Make a record's fields arrays of numpy, of given kinds; None stays.
+    """Convert a record's fields to numpy arrays of given types; None stays.
 
     Raises:
         InputError: A field holds no numbers.
@@ -196,7 +195,7 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
         given = getattr(record, name)
         if given is None or (isinstance(given, np.ndarray) and given.dtype == kind):
             continue
-        # A tensor may be part of a graph, or lie on a device.
+        # A tensor may be part of a graph, or be on a device.
         held = given.detach().cpu() if hasattr(given, "detach") else given
         try:
             taken = np.asarray(held, dtype=kind)
@@ -324,10 +323,10 @@ def _check_optional_parts(shot: Shot) -> None:
 
 
 def check_rigid(what: str, poses: F64) -> None:
-    """Accept poses that are rigid motions, [N, 4, 4], of a size that can be computed with.
+    """Check that poses, [N, 4, 4], are rigid motions of a reasonable size.
 
     Raises:
-        InputError: They stretch, mirror, or lie too far away.
+        InputError: They scale, mirror, or are too far away.
     """
     rotations = poses[:, :3, :3]
     turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
@@ -342,7 +341,7 @@ def check_rigid(what: str, poses: F64) -> None:
 
 
 def check_intrinsics(matrix: F64) -> None:
-    """Accept a pinhole camera matrix in pixels.
+    """Check a pinhole camera matrix in pixels.
 
     Raises:
         InputError: Not [3, 3], not finite, focal lengths or principal point out of range, a skew, or a last row other

@@ -1,8 +1,7 @@
-"""What a finished reconstruction hands over, as plain numpy records.
+"""The result of a finished reconstruction, as plain numpy records.
 
-Here: `RunResult` with its curve, and the checks that keep half-made results out of run folders. Not here: the
-run folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`), the measurement
-(`gs2ci.core.records`).
+Here: `RunResult` with its curve, and the checks that keep incomplete results out of run folders. Not here: the run
+folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`), the measurement (`gs2ci.core.records`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,14 +24,14 @@ SECONDS_KEYS: Final = ("total", "decode", "geometry", "fit")
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One look at a running fit: what had been reached after how long.
+    """State of a running fit at one time.
 
     Args:
         seconds: Time since the reconstruction began, decode and geometry included.
         iteration: Iterations of the fit done so far.
-        loss: The fit's loss on the pixels that it sees.
+        loss: The fit's loss on the pixels that it uses.
         heldout: Root-mean-square residual on the held-out pixels, in the measurement's unit; None without any.
-        psnr_db: Mean PSNR over the views, or None where the truth is not known.
+        psnr_db: Mean PSNR over the views, or None if the truth is not known.
         gaussians: Size of the population.
     """
 
@@ -46,50 +45,49 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class RunResult:
-    """Everything a reconstruction found, beside the Gaussians themselves.
+    """The complete result of a reconstruction, except the Gaussians themselves.
 
     Args:
-        views: The recovered views: the best of the three that `verdict` may name, [N, H, W, C] float32, full
-            scale 1, not clamped.
-        scene_views: The scene seen from the N recovered cameras, [N, H, W, C] float32.
-        depth: Distance along the optical axis, [N, H, W] float32 in scene units, 0 where nothing is seen; None
-            where no depth was found.
-        depth_spread: How far apart along the ray the light is stopped that depth is the median of, as a share of depth:
-            half the distance between the quantiles 0.16 and 0.84, [N, H, W] float32; None where no depth was found.
-        depth_confidence: Share of a pixel's light that is stopped within 5 % of its depth, [N, H, W] float32; likewise.
+        views: The delivered views, [N, H, W, C] float32, full scale 1, not clamped.
+        scene_views: The scene rendered from the N recovered cameras, [N, H, W, C] float32.
+        depth: Distance along the optical axis, [N, H, W] float32 in scene units, 0 where there is no surface; None
+            if no depth was found.
+        depth_spread: Spread along the ray of the absorption of which depth is the median, as a share of depth: half
+            the distance between the quantiles 0.16 and 0.84, [N, H, W] float32; None if no depth was found.
+        depth_confidence: Share of a pixel's light absorbed within 5 % of its depth, [N, H, W] float32; likewise.
         world_to_camera: Recovered poses, [N, 4, 4] float64, OpenCV axes.
         intrinsics: Camera matrix in pixels, [3, 3] float64, given or estimated.
         distortion: Of the lens through which all views are seen, [5] as in `Shot`; None for a pinhole.
         decode: The views as decoded without a scene, [N, H, W, C] float32.
-        predicted_measurement: What the verdict's views would have measured, [H, W, Cm] float32.
-        curve: The fit's course, earliest first; empty where nothing was fitted.
+        predicted_measurement: The coded measurement of the delivered views, [H, W, Cm] float32.
+        curve: The fit's course, earliest first; empty if nothing was fitted.
         stopped: Why the fit ended.
         seconds: Wall-clock time of `total`, `decode`, `geometry` and `fit`.
         gaussians: Size of the final population.
-        notes: What a user should know: guesses, fallbacks, doubts.
+        notes: Findings for the user: guesses, fallbacks, doubts.
         settings: The settings used, as plain values.
         seed: Seed of every random draw.
-        verdict: Which of the three explains the held-out pixels best: the scenes' mean views refined by their residual,
-            the best scene's, or the decode's.
+        verdict: `scene` or `decode` if the delivered views are almost entirely those, otherwise `refined`: a
+            combination with the mean of the fits' views and their decoded residual.
         heldout_rms: The residual of each on the held-out pixels, in the measurement's unit; None if none were held out.
         geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
-        ensemble: How many fits there were, how many of them the refined views are the mean of, and the
-            root-mean-square difference of their views from the mean, in full scales.
-        disagreement: The same pixel by pixel, [N, H, W] float32: where the views are less to be trusted than elsewhere;
-            None with one fit.
-        brightness: By what the shot's weights are to be multiplied to code these views, N numbers; None where they
-            stand as they are.
-        light: How bright each view was found to be for its weight, with standard errors, whether the fit used that, and
-            whether the views are as bright as they were seen; None where nothing could be told.
-        mask_moments: How many moments each mask was fitted with, for how much motion, and the bounds that asked for
-            them; None where one for each was enough.
-        exposed_views: What each mask saw while it was on show, where `views` show the middle of it; else None.
-        registration: What was estimated of masks, black level and unit: parameters, standard errors, what was tried.
-        registered: The corrected measurement, which all later steps used, where anything of it was corrected;
+        ensemble: Number of fits, number of those that the refined views average, and the root-mean-square difference
+            of their views from the mean, in full scales.
+        disagreement: The same per pixel, [N, H, W] float32: larger where the views are less reliable; None with one
+            fit.
+        brightness: Factors of the shot's weights for coding these views, N numbers; None if the weights are unchanged.
+        light: Estimated brightness of each view for its weight, with standard errors, whether the fit used it, and
+            whether the views are as bright as they were seen; None if it could not be estimated.
+        mask_moments: Number of moments with which each mask was fitted, the motion, and the bounds that required them;
+            None if one moment per mask was enough.
+        exposed_views: The mean of what the camera saw while each mask was shown, if `views` show the middle of it;
+            otherwise None.
+        registration: Estimates of masks, black level and unit: parameters, standard errors, what was tried.
+        registered: The corrected measurement, which all later steps used, if anything was corrected;
             `residual`, `heldout_rms` and `predicted_measurement` are in its unit.
-        motion: Whether things in the scene may move, what spoke for it, what each attempt leaves, and how fast they go.
-        displacement: How far what each pixel shows moves by itself over the exposure, seen from the camera of the
-            middle view, [H, W, 2] float32 as (x, y) in px; None where nothing moves.
+        motion: Whether things in the scene may move, the evidence, the residual of each attempt, and the speeds.
+        displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
+            middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
     """
 
     views: F32
@@ -124,7 +122,7 @@ class RunResult:
     displacement: F32 | None = None
 
     def check(self) -> "RunResult":
-        """Return self if all parts fit together and hold only finite numbers.
+        """Return self if all parts fit together and contain only finite numbers.
 
         Raises:
             InputError: Shapes disagree, a time is missing, or the verdict is unknown.

@@ -1,10 +1,9 @@
-"""A file of ours appears whole or not at all: whoever reads it sees the old content or the new, never half of it.
+"""Atomic writing of files: a reader sees the old content or the new, never a part of it.
 
 Here: `write_whole`, for content that is in memory before it is written: JSON, pages, tables, pictures, scenes, models;
-and `check_place`, which a command asks before the work whether its result can be written after it. Not here: captures
-and calibration bundles, which grow on the disk and bear a manifest (`gs2ci.core.storage.sealing`; its rules are
-stronger: once it returns, the new file itself survives a power loss), and folders of many files
-(`gs2ci.evaluate.run_folder`).
+and `check_place`, with which a command checks before its work that the result can be written. Not here: captures and
+calibration bundles, which grow on the disk and contain a manifest (`gs2ci.core.storage.sealing`; it guarantees more:
+after it returns, the new file survives a power loss), and folders of many files (`gs2ci.evaluate.run_folder`).
 """
 
 import os
@@ -16,7 +15,7 @@ from typing import Final
 
 from gs2ci.core.errors import StorageError
 
-# A name may have 255 bytes, and the temporary one needs some of its own; a character takes four at most.
+# A name may have 255 bytes, of which the temporary name needs some; a character takes at most four.
 _CHARACTERS_OF_NAME: Final = 40
 
 
@@ -27,28 +26,28 @@ def write_whole(
     parents: bool = False,
     remedy: str = "check the folder, its free space and its permissions",
 ) -> Path:
-    r"""Write a file at once; what was there is replaced, and stays as it was if anything goes wrong.
+    r"""Write a file at once; an existing file is replaced, or stays unchanged after an error.
 
     Args:
-        path: Of the file. A symbolic link there is replaced, not followed: where others can write it may point at
-            any file of the user's.
-        content: Bytes, or a text, written as UTF-8 with the line ends it has ("\n" stays "\n").
-        parents: Make the folders above it.
-        remedy: What the user can do where it cannot be written.
+        path: Of the file. A symbolic link there is replaced, not followed: in a folder where others can write, it may
+            point to any file of the user.
+        content: Bytes, or a text, written as UTF-8 with its own line ends ("\n" stays "\n").
+        parents: Create the folders above it.
+        remedy: What the user can do if it cannot be written.
 
     Returns:
         The path.
 
     Raises:
-        StorageError: The disk refuses, something other than a file lies there, or UTF-8 cannot hold the text.
+        StorageError: Writing fails, the path is not a file, or UTF-8 cannot encode the text.
 
-    Writers of one path at the same time do not disturb each other: the last to finish is whom readers see. A new file
-    has the permissions that the umask leaves, whatever the old one had.
+    Concurrent writers of one path do not disturb each other: readers see the content of the last one to finish. A new
+    file has the permissions given by the umask, not those of the old one.
     """
     path = Path(path)
     data = content if isinstance(content, bytes) else _encoded(path, content)
     try:
-        # A device or a pipe could be renamed over, but not brought back.
+        # Renaming over a device or a pipe would destroy it.
         if path.exists() and not path.is_file():
             raise StorageError(
                 f"{path} cannot be written: something other than a file lies there",
@@ -63,19 +62,19 @@ def write_whole(
 
 
 def check_place(path: str | Path) -> None:
-    """Return if a file or folder of that name can be made there; to be asked before the work, not after it.
+    """Check before the work that a file or folder of that name can be created.
 
     Args:
-        path: Of what is to be made; folders above it may be missing.
+        path: Of the file or folder; folders above it may be missing.
 
     Raises:
-        StorageError: The disk refuses: no permission, mounted for reading only, or a file where a folder should be.
+        StorageError: It cannot: no permission, a read-only file system, or a file in place of a folder.
     """
     above = Path(path).absolute().parent
     while not above.exists() and above != above.parent:
         above = above.parent
     try:
-        # Permissions alone do not tell: a file system may be read-only, and to root everything seems allowed.
+        # Permissions alone are not enough: a file system may be read-only, and for root everything seems allowed.
         os.rmdir(tempfile.mkdtemp(prefix=".", suffix=".partial", dir=above))
     except OSError as error:
         reason = f"{above}: {error.strerror or error}" if above.is_dir() else f"{above} is not a folder"
@@ -89,7 +88,7 @@ def _encoded(path: Path, text: str) -> bytes:
     try:
         return text.encode("utf-8")
     except UnicodeEncodeError as error:
-        # Python takes the bytes of a file name that are no UTF-8 for lone surrogates, and a text may quote the name.
+        # Python decodes bytes of a file name that are no UTF-8 as lone surrogates, and a text may quote the name.
         raise StorageError(
             f"{path} cannot be written: its text holds {text[error.start]!r}, which UTF-8 cannot hold",
             remedy="rename the file or folder whose name is not UTF-8",
@@ -97,10 +96,10 @@ def _encoded(path: Path, text: str) -> bytes:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write beside the target, where a rename cannot leave the disk, and rename.
+    """Write a temporary file next to the target, so that both are on one file system, and rename it.
 
-    The data reach the disk before the name does: without that, a power loss can leave the new name on no content. The
-    folder is not synchronised: a rename that is lost leaves the old file, which is whole as well.
+    The data are synchronised before the rename: otherwise a power loss could leave the new name without content. The
+    folder is not synchronised: if the rename is lost, the old file remains, which is complete as well.
     """
     partial = path.with_name(f".{path.name[:_CHARACTERS_OF_NAME]}.{secrets.token_hex(8)}.partial")
     # "x" never opens what another has made, nor follows a link. `open` leaves the permissions to the umask; `tempfile`
@@ -119,7 +118,7 @@ def _replace(path: Path, data: bytes) -> None:
 
 
 def _reason(path: Path, error: OSError) -> str:
-    """Say what went wrong without the name of the temporary file, of which the user knows nothing."""
+    """Describe the error without the name of the temporary file, which the user does not know."""
     if isinstance(error, FileExistsError | FileNotFoundError | NotADirectoryError) and not path.parent.is_dir():
         return f"there is no folder {path.parent}"
     return error.strerror or str(error)

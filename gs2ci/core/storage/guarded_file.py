@@ -1,13 +1,13 @@
-"""The file below HDF5 while a capture is written: a write that the disk refuses does not bring the library down.
+"""The file below HDF5 while a capture is written: a failed write does not crash the library.
 
 Here: `GuardedFile`, which HDF5 writes through. Not here: what is written, and in which order (`writer`).
 
-Where a write fails (a full disk, a quota, a limit on the size of files), HDF5 2.0.0 can neither go on nor close the
-file: closing fails as well, and the library ends the process by a segmentation fault when Python exits. So the first
-refusal is remembered here and nothing more reaches the disk. The library is told that all is well: what it still
-writes is kept in memory and given back where it reads it. The writer asks for the refusal after each step, and the
-file on disk stays what it was at the refusal: all rows that were marked as whole before it, and perhaps without its
-end (`padding`).
+If a write fails (a full disk, a quota, a limit on the size of files), HDF5 2.0.0 can neither continue nor close the
+file: closing fails as well, and the library ends the process with a segmentation fault when Python exits. So the first
+failure is recorded here, and nothing more is written to the disk. For the library all later writes succeed: they are
+kept in memory, from which it reads them back. The writer checks for the failure after each step. The file on disk stays
+as it was at the failure: with all rows that were marked as complete before it, and possibly without its end
+(`padding`).
 """
 
 import errno
@@ -43,10 +43,10 @@ class GuardedFile(SizedFile):
                 raise
 
     def check(self) -> None:
-        """Return if every write so far was taken.
+        """Check that every write so far succeeded.
 
         Raises:
-            OSError: The first that was not.
+            OSError: The first failure.
         """
         if self.refusal is not None:
             raise OSError(self.refusal.errno, os.strerror(self.refusal.errno or errno.EIO))
@@ -55,7 +55,7 @@ class GuardedFile(SizedFile):
         """Wait until the storage device has everything.
 
         Raises:
-            OSError: It has not.
+            OSError: It failed.
         """
         self.check()
         os.fsync(self._handle)
@@ -65,7 +65,7 @@ class GuardedFile(SizedFile):
         return True
 
     def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]  # whatever HDF5 hands over
-        """Read from the position on; what the disk refused is read from memory, gaps are zeros."""
+        """Read from the position on; data that could not be written are read from memory, gaps are zeros."""
         begin = self._at
         wanted = super().readinto(buffer)
         view = memoryview(buffer).cast("B")
@@ -76,7 +76,7 @@ class GuardedFile(SizedFile):
         return wanted
 
     def write(self, data: memoryview, /) -> int:  # type: ignore[override]  # whatever HDF5 hands over
-        """Write at the position, on disk or, since the first refusal, in memory."""
+        """Write at the position, on disk or, after the first failure, in memory."""
         view, start = memoryview(data).cast("B"), self._at
         written = 0
         if self.refusal is None:

@@ -1,10 +1,10 @@
 """A capture file whose end is missing, read as if its end were zeros.
 
-HDF5 writes in its superblock how long a file is and opens none that is shorter. A write that the disk refused leaves
-such a file, though every row that was marked as whole lies before the missing end.
+HDF5 stores the length of a file in its superblock and does not open a shorter file. A failed write leaves such a file,
+although every row that was marked as complete lies before the missing end.
 
-Here: `stored_end` and `PaddedFile`, for `recover`, and `row_end`, by which rows are told that lie in the missing end:
-zeros there would pass their checksum, which is zero, too. The damaged file is not touched. Not here: what is read.
+Here: `stored_end` and `PaddedFile`, for `recover`, and `row_end`, which finds rows that lie in the missing end: zeros
+there would pass their checksum, which is zero, too. The damaged file is not changed. Not here: what is read.
 Source: HDF5 File Format Specification 3.0, section II.A, superblock versions 0 to 3.
 """
 

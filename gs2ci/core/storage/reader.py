@@ -1,8 +1,8 @@
-"""Reading capture files that may be anything: unfinished, damaged, from elsewhere, or made to do harm.
+"""Reading capture files that are not trusted: unfinished, damaged, from elsewhere, or malicious.
 
 Here: `read_shot`, `count_shots`, `read_calibration`, and `CaptureFile`, through which all of them (and `recover`)
-look at a file. Whatever is wrong ends in one StorageError that names file and key. Not here: how any HDF5 file is
-looked into (`gs2ci.core.hdf5`).
+read a file. Every fault becomes one StorageError that names file and key. Not here: safe reading of HDF5 files in
+general (`gs2ci.core.hdf5`).
 """
 
 import json
@@ -23,7 +23,7 @@ from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usabl
 from gs2ci.core.storage.padding import PaddedFile, stored_end
 from gs2ci.core.storage.sealing import PARTIAL
 
-# A file that claims to lack more than this was not cut by a disk that refused a row, but damaged or made to do harm.
+# If more than this is missing, the file was not cut by one failed write, but is damaged or malicious.
 _LONGEST_MISSING_BYTES: Final = 2**40
 
 
@@ -77,7 +77,7 @@ def read_calibration(path: Path) -> dict[str, NDArray[Any]]:
 
 @contextmanager
 def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
-    """Open a capture file for reading; turn whatever goes wrong inside into a StorageError.
+    """Open a capture file for reading; turn every error inside into a StorageError.
 
     Args:
         path: The file.
@@ -133,7 +133,7 @@ class CaptureFile(SuspectFile):
     """An open capture file."""
 
     def check_kind(self, *, unfinished: bool) -> None:
-        """Return if this is a capture file of the known version, and finished or allowed not to be.
+        """Check that this is a capture file of the known version, and finished unless it may be unfinished.
 
         Raises:
             StorageError: It is not.
@@ -154,7 +154,7 @@ class CaptureFile(SuspectFile):
             )
 
     def valid_rows(self) -> NDArray[np.intp]:
-        """Get the indices of the rows whose last write happened, [R].
+        """Get the indices of the complete rows, [R].
 
         Raises:
             StorageError: The file has no flags, or not one for each row.
@@ -212,7 +212,7 @@ class CaptureFile(SuspectFile):
         return measurement, clipped
 
     def _per_pixel(self, size: tuple[int, ...]) -> tuple[F64 | None, F64 | None]:
-        """Return each pixel's dark reading and sensitivity, [H, W, 1], where the file says that they are to be used."""
+        """Return each pixel's dark reading and sensitivity, [H, W, 1], if the file says that they are to be used."""
         if self.number("meas", "per_pixel", 0.0) != 1:
             return None, None
         maps = {key: self.array(key, axes=2) for key in ("calib/dark", "calib/flat")}

@@ -31,8 +31,8 @@ _IN_ROWS: Final = (
 def recover(partial: Path, out: Path, *, replace: bool = False) -> Path:
     """Copy every whole row of an interrupted capture into a new, finished file.
 
-    Rows keep their order; a row that claims to be whole but cannot be read is left out and noted in `/events`, as
-    is where the rows came from.
+    Rows keep their order; a row that is marked as complete but cannot be read is skipped. `/events` records such rows
+    and the origin of the others.
 
     Args:
         partial: The `.partial`, or any capture file; opened for reading only.
@@ -70,7 +70,7 @@ def _copy(capture: CaptureFile, writer: ShotWriter, rows: list[int]) -> None:
             _check_there(capture, row)
             parts = _row(capture, row)
         except Exception as error:
-            # Damage shows as almost any exception; the other rows are worth having all the same.
+            # Damage raises almost any exception; the other rows are still useful.
             lost.append({"row": row, "problem": str(error)})
             continue
         writer.append(**parts)
@@ -84,10 +84,10 @@ def _copy(capture: CaptureFile, writer: ShotWriter, rows: list[int]) -> None:
 
 
 def _check_there(capture: CaptureFile, row: int) -> None:
-    """Return if all that was stored of a row lies in the file as it is.
+    """Check that a row's data lie completely in the existing part of the file.
 
     Raises:
-        StorageError: Some of it lay in the end that is missing.
+        StorageError: Part of them is in the missing end.
     """
     present = capture.path.stat().st_size
     for key in _IN_ROWS:

@@ -18,7 +18,7 @@ from gs2ci.core.whole_file import check_place, write_whole
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
 PARTIAL: Final = ".partial"
-# What HDF5 keeps about its arrays, the events and the manifest; a disk with less to spare is full for any purpose.
+# Space for HDF5's metadata, the events and the manifest.
 SPARE_BYTES: Final = 1_000_000
 
 
@@ -33,12 +33,12 @@ def manifest_of(path: Path) -> Path:
 
 
 def check_target(path: Path, *, replace: bool, remedy: str = "choose another name or move it away") -> None:
-    """Accept a path that a capture may be written to, before any work is done.
+    """Check that a capture can be written to a path, before any work.
 
     Args:
         path: Of the finished file.
         replace: Whether a finished file of that name may be replaced.
-        remedy: What the user can do where one lies there.
+        remedy: What the user can do if one exists.
 
     Raises:
         StorageError: The folder is missing, the name is taken, or an unfinished capture of that name lies there.
@@ -77,7 +77,7 @@ def being_written(partial: Path) -> bool:
 
 
 def check_manifest_place(path: Path) -> None:
-    """Accept a path beside which a manifest may be written: `seal` replaces what lies there.
+    """Check that a manifest may be written next to a path: `seal` replaces an earlier one.
 
     Raises:
         StorageError: A file of that name was not made by gs2ci.
@@ -91,13 +91,13 @@ def check_manifest_place(path: Path) -> None:
 
 
 def check_room(path: Path, wanted_bytes: int) -> None:
-    """Return if the disk has room for that much more, and for what comes with it.
+    """Check that the disk has room for this many bytes and for the metadata.
 
-    HDF5 cannot be left to find out: where its own write fails, closing the file fails as well, and the library then
-    ends the process by a segmentation fault when Python exits (HDF5 2.0.0).
+    This cannot be left to HDF5: if its own write fails, closing the file fails as well, and the library then ends the
+    process with a segmentation fault when Python exits (HDF5 2.0.0).
 
     Raises:
-        StorageError: It has not.
+        StorageError: It has too little.
     """
     free_bytes = shutil.disk_usage(path.parent).free
     if free_bytes < wanted_bytes + SPARE_BYTES:
@@ -111,11 +111,11 @@ def check_room(path: Path, wanted_bytes: int) -> None:
 def seal(partial: Path, path: Path) -> None:
     """Make a closed `.partial` the finished file `path`, durably, with its manifest.
 
-    After a power loss at any moment the folder holds the old state or the new one, never half a file under the
-    final name.
+    After a power loss at any moment the folder contains the old state or the new one, never an incomplete file under
+    the final name.
 
     Raises:
-        StorageError: The disk refused.
+        StorageError: Writing failed.
     """
     try:
         digest, size = _fsync_and_hash(partial)
@@ -133,7 +133,7 @@ def seal(partial: Path, path: Path) -> None:
 
 
 def check_manifest(path: Path) -> None:
-    """Return if the file is byte for byte the one its manifest describes.
+    """Check that the file is byte for byte the one that its manifest describes.
 
     Raises:
         StorageError: File or manifest is missing or unreadable, or size or sha256 differ.

@@ -3,12 +3,12 @@
 Here: `ShotWriter`, whose finished rows survive the death of the process at any moment, and `write_shots`. Not
 here: what stands where (`layout.py`), the rename at the end (`sealing.py`).
 
-The order of a row is what makes it crash-tolerant: data, then everything said about it, then `/meas_valid[i]` = 1,
-then File.flush(). With HDF5's default library version a killed writer then leaves a file that opens plainly. Writes
-that the disk refuses are kept from the library (`guarded_file`), which would end the process by them.
+The order of writes makes a row crash-tolerant: data, then its metadata, then `/meas_valid[i]` = 1, then File.flush().
+With HDF5's default library version a killed writer then leaves a file that opens normally. Failed writes are hidden
+from the library (`guarded_file`), which would otherwise crash the process.
 
-A row that `append` has returned survives the death of the process and every later write that fails. It survives a
-loss of power only where `sync` is on: otherwise it lies in the operating system's memory for some seconds more.
+After `append` has returned, the row survives the death of the process and every later failed write. It survives a
+power loss only with `sync`: otherwise it stays in the operating system's memory for some seconds.
 """
 
 import weakref
@@ -32,7 +32,7 @@ from gs2ci.core.storage.sealing import check_room, check_target, partial_of, sea
 
 
 class ShotWriter:
-    """Write a capture row by row; what is not finished stays beside the final name as `.partial`.
+    """Write a capture row by row; an unfinished one stays next to the final name as `.partial`.
 
     Use as a context manager; leaving it without `finish()`, by an error or otherwise, keeps the `.partial` with
     all rows appended so far.
