@@ -24,15 +24,15 @@ COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
 LEAST_STRETCH: Final = 0.05
 # No lens has such coefficients, and with slopes up to 10⁹ their terms stay inside float64.
 COEFFICIENT_LIMIT: Final = 1e12
-# The inverse is followed from the axis outwards in so many steps, each corrected by so many of Newton's: between two
-# steps the map is nearly linear, so that the root found is the one that belongs to the axis, not one beyond a fold.
+# The inverse is followed from the axis outwards in this many steps, each corrected by this many Newton steps; between
+# two steps the map is nearly linear, so that the root is the one connected to the axis, not one beyond a fold.
 _STEPS: Final = 4
 _STEPS_OF_CHECK: Final = 32
 _CORRECTIONS: Final = 2
 _LAST_CORRECTIONS: Final = 8
-# Rounding leaves 1e-16 of the slope; whatever is left beyond this did not converge.
+# Rounding leaves 1e-16 of the slope; a larger remainder means that it did not converge.
 _CONVERGED: Final = 1e-9
-# Folds are looked for at so many places along either side of the frame.
+# Folds are searched for at this many places along each side of the frame.
 _CHECKED: Final = 33
 
 
@@ -48,10 +48,10 @@ def distorted(slopes: F64, coefficients: F64) -> F64:
 
 
 def stretch(slopes: F64, coefficients: F64) -> F64:
-    """Return by how much area is stretched at slopes of rays, [..., 2] -> [...]; not positive beyond a fold."""
+    """Return the area scale of the map at slopes of rays, [..., 2] -> [...]; not positive beyond a fold."""
     xx, xy, yy = _jacobian(slopes, coefficients)
     determinant: F64 = xx * yy - xy * xy
-    # Beyond two folds the determinant is positive again, and both directions are turned round.
+    # Beyond two folds the determinant is positive again, with both directions reversed.
     return np.where(xx + yy > 0, determinant, -np.abs(determinant))
 
 

@@ -56,10 +56,10 @@ class ShotWriter:
         self.rows_written = 0
         self._header = header
         self._sync = sync
-        # Readings are not compressed, so that all of them are known to be needed; better now than in the middle.
+        # Readings are not compressed, so their size is known: check the space now, not in the middle.
         check_room(self.partial, header.static_bytes + header.rows * header.row_bytes)
         try:
-            # Mode x: two writers of the same name cannot both believe that the file is theirs.
+            # Mode x: two writers of the same name cannot both own the file.
             self._disk = GuardedFile(self.partial)
         except OSError as error:
             raise StorageError(f"{self.partial}: cannot be created: {error}", remedy="check the folder") from error
