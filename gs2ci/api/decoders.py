@@ -113,7 +113,7 @@ def _plugged_decoder(name: str) -> Decoder:
         wanted = (*shot.masks.shape, shot.measurement.shape[2] if shot.cfa is None else 3)
         if views.shape != wanted or not np.isfinite(views).all():
             raise PluginError(
-                f"the decoder {name!r} returned {list(views.shape)}, not all of it finite or of the shape asked for",
+                f"the decoder {name!r} returned {list(views.shape)}, not finite or not of the required shape",
                 allowed=f"finite views of shape {list(wanted)}",
             )
         return views, {"name": name}, ()

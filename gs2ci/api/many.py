@@ -62,7 +62,7 @@ def reconstruct_many(
     """
     check_whole("--processes", processes, 1, 1000)
     if scheduler and processes is not None:
-        raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")
+        raise InputError("--processes and --scheduler together", remedy="the cluster has its own workers: omit one")
     focal_px = overrides.pop("focal_px", None)
     from gs2ci.api.overrides import Overrides, score_against_truth, settings_of, with_focal
 

@@ -163,8 +163,8 @@ def reconstruct(
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
             display.say(
-                "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
-                "give it half a minute more."
+                "The first run on this machine compiles the rasteriser, which takes about half a minute; "
+                "`gs2ci compile` does it in advance."
             )
         found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)

@@ -50,8 +50,8 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
     if path.suffix in (".h5", ".hdf5"):
         if masks is not None or known:
             raise InputError(
-                f"{path} is a shot file, which tells all by itself",
-                allowed="index alone beside it",
+                f"{path} is a shot file, which describes itself",
+                allowed="only index with it",
                 remedy=f"leave {', '.join(known) or 'masks'} out; dataclasses.replace changes a part of a shot",
             )
         from gs2ci.core.storage import read_shot

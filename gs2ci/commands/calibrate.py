@@ -67,7 +67,7 @@ def run(
             return bundle
         if rig is None or files:
             raise InputError(
-                f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not asked for"),
+                f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not needed"),
                 allowed="--rig RIG.toml, and files for update alone",
             )
         if step != "check":
@@ -111,9 +111,7 @@ def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
     for file in found.silent:
         console.print(f"{file} does not show where its masks are", markup=False, soft_wrap=True)
     if found.kept is None:
-        console.print(
-            "the masks are where the bundle has them, as far as can be told: nothing was changed", soft_wrap=True
-        )
+        console.print("no significant displacement of the masks from the bundle's: nothing was changed", soft_wrap=True)
     else:
         console.print(f"masks moved by up to {found.largest_px:.3g} px, by {found.shots} shots", highlight=False)
         console.print(

@@ -115,11 +115,11 @@ def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> 
     for index in sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))}):
         moved = how_far_moved(read_shot(out, index), prepared.calibrated.bundle)
         if moved is None:
-            said = f"shot {index + 1} does not tell where its masks were"
+            said = f"shot {index + 1} does not show where its masks were"
         elif moved.too_far:
-            off = f"{moved.largest_px:.2f} ± {moved.error_px:.2f} px off, and the bundle promises"
-            remedy = "`gs2ci calibrate update` moves them there"
-            said = f"WARNING: in shot {index + 1} the masks lie up to {off} {moved.allowed_px:.2f} px; {remedy}"
+            off = f"{moved.largest_px:.2f} ± {moved.error_px:.2f} px; the bundle allows"
+            remedy = "`gs2ci calibrate update` corrects this"
+            said = f"WARNING: shot {index + 1}: masks are displaced by up to {off} {moved.allowed_px:.2f} px; {remedy}"
         else:
             said = f"shot {index + 1}: masks within {max(moved.largest_px, 3 * moved.error_px):.2f} px of the bundle's"
         style = "bold red" if moved is not None and moved.too_far else None

@@ -83,7 +83,7 @@ def _check_alone(partial: Path, *given: object) -> None:
     """Return only if no option was given that does not apply to an interrupted capture."""
     if any(given):
         raise InputError(
-            f"options beside {partial}, an interrupted capture, which tells all by itself",
+            f"options with {partial}, an interrupted capture, which describes itself",
             allowed="-o and --overwrite",
             remedy="leave the others out",
         )

@@ -67,7 +67,7 @@ def run(
     check_whole("--moments", moments, 2, MOST_MOMENTS)
     if more or every or scheduler or processes is not None:
         if moments is not None:
-            remedy = "ask for them of each exposure by itself, with --index"
+            remedy = "reconstruct one exposure at a time, with --index"
             raise InputError("--moments of many exposures", remedy=remedy)
         if overrides.pop("budget") is not None:
             remedy = "give a --preset: machines differ, and so would results"

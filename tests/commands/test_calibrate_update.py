@@ -49,9 +49,9 @@ def test_update_of_a_right_bundle_changes_nothing_and_says_so(files, capsys, gs2
 @pytest.mark.parametrize(
     ("file", "words"),
     [
-        ("s.h5", "WARNING: in shot 1 the masks lie up to 0.5"),
+        ("s.h5", "WARNING: shot 1: masks are displaced by up to 0.5"),
         ("right.h5", "shot 1: masks within 0.0"),
-        ("dark.h5", "not tell"),
+        ("dark.h5", "not show"),
     ],
 )
 def test_a_capture_says_how_far_masks_had_moved(files, capsys, file, words):
@@ -79,7 +79,7 @@ def test_a_capture_is_silent_about_masks_without_a_bundle_or_what_registers_them
         (("update", "b.cal.h5"), "a bundle and one shot file or several"),
         (("update",), "a bundle and one shot file or several"),
         (("masks",), "no rig file"),
-        (("masks", "b.cal.h5", "--rig", "rig.toml"), "b.cal.h5 is not asked for"),
+        (("masks", "b.cal.h5", "--rig", "rig.toml"), "b.cal.h5 is not needed"),
     ],
 )
 def test_what_is_missing_or_too_much_is_said(files, capsys, gs2ci, arguments, words):

@@ -122,7 +122,7 @@ def test_an_interrupted_capture_is_recovered(tmp_path, capsys):
     [{"index": 0}, {"masks": Path("m.npy")}, {"intrinsics": ("K.npy",)}, {"scale": 2.0}, {"distortion": (0.1,)}],
 )
 def test_options_that_an_interrupted_capture_cannot_heed_are_refused(tmp_path, options):
-    with pytest.raises(InputError, match=r"options beside .*rig\.h5\.partial.*allowed: -o and --overwrite"):
+    with pytest.raises(InputError, match=r"options with .*rig\.h5\.partial.*allowed: -o and --overwrite"):
         run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5", **options)
     assert list(tmp_path.iterdir()) == []
 

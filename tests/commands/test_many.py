@@ -81,7 +81,7 @@ def test_results_depend_on_every_override(gs2ci, files, asked):
     ("arguments", "said"),
     [
         (["--budget", "60s"], "--budget for many exposures"),
-        (["--processes", "2", "--scheduler", "tcp://x:1"], "--processes beside --scheduler"),
+        (["--processes", "2", "--scheduler", "tcp://x:1"], "--processes and --scheduler together"),
         (["--processes", "0"], "--processes 0"),
         (["--index", "2"], "a.h5 has no exposure 2"),
     ],

@@ -29,30 +29,30 @@ INTRODUCTION = """# Hard cases
 
 Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one
 way, made by the simulator or by hand, and processed from exposure and file to reconstruction and report. Pictures are
-{width} × {height}, with at most {iterations} iterations: compare losses; absolute values say little about large pictures.
-Each case is one draw of masks and noise.
+{width} × {height}, with at most {iterations} iterations: compare losses; absolute values say little about large
+pictures. Each case is one draw of masks and noise.
 
-A case passes if its result is finite, bounded, honest (a loss of more than {bends:g} dB is reported, unless nothing in the
-measurement could show what is wrong; near and far exchanged, or the path reversed, only with a report that depth is not
-known) and no worse than the decode alone; or if it is refused with one typed error, if that is the right outcome. A lens
-that is out of focus is judged by the image that it forms, because it cannot be distinguished from a sharp one in front of
-a scene without fine detail.
+A case passes if its result is finite, bounded, honest (a loss of more than {bends:g} dB is reported, unless nothing
+in the measurement could show what is wrong; near and far exchanged, or the path reversed, only with a report that
+depth is not known) and no worse than the decode alone; or if it is refused with one typed error, if that is the right
+outcome. A lens that is out of focus is judged by the image that it forms, because it cannot be distinguished from a
+sharp one in front of a scene without fine detail.
 
 | outcome | meaning |
 |---|---|
 | holds | loses at most {bends:g} dB against the easy case of its own scene |
 | bends | loses more, and still shows more than an even grey |
-| breaks | shows no more than an even grey, or its depth order is reversed: near and far exchanged, or the path reversed |
+| breaks | shows no more than an even grey, or its depth order or its path is reversed (near and far exchanged) |
 | refused | one typed error that says what to do |
 
-The depth of the middle view is graded separately, against the same easy case. It *holds* if its median relative
-error is at most twice that of the easy case plus {depth:.0%}, and its rank correlation with the true depth at most
-{rank:g} smaller. Otherwise it *bends*, and it *breaks* if near and far are exchanged or no depth is found. It is left open
-if the easy case does not find the depth either, or if near and far cannot be distinguished: the best rotation explains
+The depth of the middle view is graded separately, against the same easy case. It *holds* if its median relative error
+is at most twice that of the easy case plus {depth:.0%}, and its rank correlation with the true depth at most {rank:g}
+smaller. Otherwise it *bends*, and it *breaks* if near and far are exchanged or no depth is found. It is left open if
+the easy case does not find the depth either, or if near and far cannot be distinguished: the best rotation explains
 the true motion to {drowns:g} px rms, or the views change by less than {even:.1%} of full scale from pixel to pixel.
 Then the run has to say so, and the case is graded by its views. Near and far are *exchanged* if the rank correlation
-is below zero by more than two of its standard errors, which take into account how few patches of one depth there are; a
-smaller value is chance, and has to be reported as well.
+is below zero by more than two of its standard errors, which take into account how few patches of one depth there are;
+a smaller value is chance, and has to be reported as well.
 """
 
 

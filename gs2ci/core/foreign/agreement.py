@@ -106,13 +106,13 @@ def check_pattern(
     elif found.turn:
         guesses.append(
             f"WARNING: {masks.where}: the masks are {found.turn} against the measurement ({measurement.where}): their "
-            f"pattern shows {beside}; the registration of `gs2ci reconstruct` turns them"
+            f"pattern shows {beside}; the registration of `gs2ci reconstruct` corrects this"
         )
     elif not found.is_in_place:
         guesses.append(
-            f"WARNING: {masks.where}: the masks seem to lie {found.down_px:+.1f} px down and {found.right_px:+.1f} px "
-            f"to the right of where the file has them: their pattern shows {beside}; the registration of "
-            "`gs2ci reconstruct` moves them"
+            f"WARNING: {masks.where}: the masks seem to be displaced by {found.down_px:+.1f} px down and "
+            f"{found.right_px:+.1f} px to the right: their pattern shows {beside}; the registration of "
+            "`gs2ci reconstruct` corrects this"
         )
     return found
 

@@ -104,7 +104,7 @@ def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
     for i, mask in enumerate(values):
         alike.setdefault(mask.tobytes(), []).append(i)
     sentences += [
-        f"WARNING: masks {same} are identical: their views cannot be told apart"
+        f"WARNING: masks {same} are identical: their views cannot be separated"
         for same in alike.values()
         if len(same) > 1
     ]

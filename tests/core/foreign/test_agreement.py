@@ -22,14 +22,14 @@ def test_turned_masks_are_found_out_and_passed_on(scene, take, said, turn, word)
     made = scene(n=5, height=48, width=48)
     imported = take(meas=made.meas, mask=turn(made.masks))
     assert said(imported, f"key 'mask': the masks are {word}")
-    assert said(imported, "the registration of `gs2ci reconstruct` turns them")
+    assert said(imported, "the registration of `gs2ci reconstruct` corrects this")
 
 
 @pytest.mark.parametrize("moved", [(0, 3), (-5, 0), (4, -7)])
 def test_moved_masks_are_found_out_and_passed_on(scene, take, said, moved):
     made = scene(n=5, height=48, width=64)
     imported = take(meas=made.meas, mask=np.roll(made.masks, (-moved[0], -moved[1]), axis=(1, 2)))
-    assert said(imported, f"lie {moved[0]:+.1f} px down and {moved[1]:+.1f} px")
+    assert said(imported, f"displaced by {moved[0]:+.1f} px down and {moved[1]:+.1f} px")
 
 
 def test_masks_of_another_measurement_are_doubted(scene, take, said):
