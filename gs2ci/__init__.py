@@ -37,7 +37,10 @@ _DEFINED = {
     "gs2ci.api.models": ("add_model", "export_model", "list_models"),
     "gs2ci.core.records": ("Shot", "Truth"),
     "gs2ci.core.progress": ("Progress", "Silent"),
-    "gs2ci.core.errors": ("DeviceError", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "StorageError"),
+    "gs2ci.core.errors": (
+        *("DeviceError", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "ResourceError"),
+        "StorageError",
+    ),
     "gs2ci.render.gaussians": ("Gaussians",),
 }
 _MODULE_OF = {name: module for module, names in _DEFINED.items() for name in names}

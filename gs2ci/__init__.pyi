@@ -32,6 +32,7 @@ from gs2ci.core.errors import GeometryError as GeometryError
 from gs2ci.core.errors import Gs2ciError as Gs2ciError
 from gs2ci.core.errors import InputError as InputError
 from gs2ci.core.errors import NumericsError as NumericsError
+from gs2ci.core.errors import ResourceError as ResourceError
 from gs2ci.core.errors import StorageError as StorageError
 from gs2ci.core.progress import Progress as Progress
 from gs2ci.core.progress import Silent as Silent
@@ -50,6 +51,7 @@ __all__ = [
     "NumericsError",
     "OpenRig",
     "Progress",
+    "ResourceError",
     "Run",
     "Shot",
     "Silent",

@@ -19,6 +19,13 @@ class Gs2ciError(Exception):
         problem: What was requested and why it is not possible; names the file, key, device or index.
         allowed: What would be accepted.
         remedy: What the user can do about it.
+
+    Example:
+        >>> try:
+        ...     gs2ci.load("nothing.h5")
+        ... except gs2ci.Gs2ciError as error:
+        ...     print(error.problem, error.remedy, sep="; ")
+        nothing.h5: no such file; check the name; `gs2ci import` makes a shot file
     """
 
     def __init__(self, problem: str, *, allowed: str = "", remedy: str = "") -> None:
@@ -34,24 +41,64 @@ class Gs2ciError(Exception):
 
 
 class InputError(Gs2ciError):
-    """A file, key or value that a user gave cannot be used."""
+    """A file, key or value that a user gave cannot be used.
+
+    Example:
+        >>> gs2ci.load("measurement.npz", views=0)
+        Traceback (most recent call last):
+        gs2ci.core.errors.InputError: --views 0; allowed: ...
+    """
 
 
 class StorageError(Gs2ciError):
-    """A shot file, run folder or bundle cannot be read or written."""
+    """A shot file, run folder or bundle cannot be read or written.
+
+    Example:
+        >>> gs2ci.save("shot.h5", gs2ci.load("shot.h5"))
+        Traceback (most recent call last):
+        gs2ci.core.errors.StorageError: shot.h5: already exists; what to do: ...
+    """
 
 
 class GeometryError(Gs2ciError):
-    """No camera path or depth can be found in these views."""
+    """No camera path or depth can be found in these views.
+
+    Example:
+        A source of geometry of your own says so, and the next source is asked:
+
+        >>> raise gs2ci.GeometryError("the camera does not move", allowed="views from different places")
+        Traceback (most recent call last):
+        gs2ci.core.errors.GeometryError: the camera does not move; allowed: views from different places
+    """
 
 
 class NumericsError(Gs2ciError):
-    """A computation gave numbers that are not finite, and could not be rolled back."""
+    """A computation gave numbers that are not finite, and could not be rolled back.
+
+    Example:
+        >>> raise gs2ci.NumericsError("the denoiser returned NaN", remedy="use another denoiser")
+        Traceback (most recent call last):
+        gs2ci.core.errors.NumericsError: the denoiser returned NaN; what to do: use another denoiser
+    """
 
 
 class ResourceError(Gs2ciError):
-    """The work would take more memory than it was allowed."""
+    """The work would take more memory than it was allowed.
+
+    Example:
+        >>> raise gs2ci.ResourceError("the density rule wants 9,000,000 Gaussians", allowed="at most 5,000,000")
+        Traceback (most recent call last):
+        gs2ci.core.errors.ResourceError: the density rule wants 9,000,000 Gaussians; allowed: at most 5,000,000
+    """
 
 
 class DeviceError(Gs2ciError):
-    """A device failed, refused or did not answer in time; subclasses live with the drivers."""
+    """A device failed, refused or did not answer in time; subclasses live with the drivers.
+
+    Example:
+        >>> with gs2ci.open_rig("rig.toml") as rig:
+        ...     rig.devices.stage.connect()
+        ...     rig.devices.stage.move_to({"x": 1000.0})
+        Traceback (most recent call last):
+        gs2ci_drivers.failures.OutOfRangeError: ...
+    """

@@ -7,7 +7,15 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """A listener for stages and steps."""
+    """A listener for stages and steps.
+
+    Example:
+        >>> class Stages(gs2ci.Silent):
+        ...     def stage(self, name, total=None):
+        ...         print(name)
+        >>> decoded = gs2ci.decode("shot.h5", iterations=5, coupling=0.0, registration="off", progress=Stages())
+        decode
+    """
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Begin a stage of `total` steps (None if not known in advance)."""
@@ -23,7 +31,14 @@ class Progress(Protocol):
 
 
 class Silent:
-    """A listener that shows nothing and keeps the sentences, for tests and library use."""
+    """A listener that shows nothing and keeps the sentences, for tests and library use.
+
+    Example:
+        >>> heard = gs2ci.Silent()
+        >>> decoded = gs2ci.decode("shot.h5", iterations=5, progress=heard)
+        >>> heard.sentences
+        []
+    """
 
     def __init__(self) -> None:
         self.sentences: list[str] = []

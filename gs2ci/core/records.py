@@ -132,6 +132,11 @@ class Shot:
         return np.asarray(self.masks[self.weights > 0].any(axis=0))
 
     @property
+    def usable(self) -> Bool:
+        """Get the pixels whose readings are exact and of light: lit, and not saturated, [H, W]."""
+        return self.lit if self.saturated is None else self.lit & ~self.saturated
+
+    @property
     def channels(self) -> int:
         """Get the number of colour channels of a recovered view: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])

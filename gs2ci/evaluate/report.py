@@ -9,7 +9,7 @@ possible findings (`gs2ci.core.findings`).
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, Finding
@@ -202,7 +202,7 @@ class LightSection(ReportSection):
     """Brightness of the views relative to their weights (`gs2ci.reconstruct.measurement.brightness`).
 
     `estimated` for each view with its `standard_errors`; the largest deviation is `errors_away` of its own standard
-    errors, and the estimate `explains` this share of the residual on pixels that were not used for it. `believed` holds
+    errors, and the estimate `explains` this share of the residual on pixels that were not used for it. `used` holds
     the values that the fit uses after its rounds; None if the given weights are used. `views` says whether the returned
     views have the brightness that was seen, or that of constant light.
     """
@@ -211,7 +211,8 @@ class LightSection(ReportSection):
     standard_errors: list[Number]
     errors_away: Number
     explains: Number
-    believed: list[Number] | None
+    # Runs of before were written with a name that did not say whose it was.
+    used: list[Number] | None = Field(validation_alias=AliasChoices("used", "believed"))
     views: Literal["as-seen", "even"]
 
 

@@ -37,6 +37,11 @@ class Gaussians:
         harmonics: The direction-dependent part of the colours: coefficients of the spherical harmonics of degree 1 up
             to 1, 2 or 3, [G, 3, 8 or 15, 3], the last axis RGB (`gs2ci.render.harmonics`). None: colours do not depend
             on direction.
+
+    Example:
+        >>> scene = gs2ci.open_run("run").scene
+        >>> len(scene), tuple(scene.means.shape), scene.motion
+        (50, (50, 3), None)
     """
 
     means: Tensor

@@ -16,14 +16,12 @@ from gs2ci.cli import COMMANDS
 
 NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
-    "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "compile_kernels", "decode",
-    "demo_rig", "evaluate", "explain", "export", "export_model", "find_devices", "import_file", "list_models",
-    "list_plugins", "load", "make_table", "measure", "mesh", "open_rig", "open_run", "ophyd_bench", "plan",
-    "reconstruct", "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
+    "ResourceError", "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "compile_kernels",
+    "decode", "demo_rig", "evaluate", "explain", "export", "export_model", "find_devices", "import_file",
+    "list_models", "list_plugins", "load", "make_table", "measure", "mesh", "open_rig", "open_run", "ophyd_bench",
+    "plan", "reconstruct", "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
 }  # fmt: skip
 CALLED = sorted(NAMES - {"__version__"})
-# An error's and a listener's example is where they are raised and heard.
-WITHOUT_EXAMPLE = {name for name in NAMES if name.endswith("Error")} | {"Progress", "Silent", "Gaussians"}
 HEAVY = ("numpy", "torch", "numba", "scipy", "cv2", "h5py", "rich", "pydantic", "matplotlib", "tyro")
 
 
@@ -51,8 +49,7 @@ def test_type_checkers_are_told_the_same_names():
 def test_every_name_is_documented_and_typed_and_has_an_example(name):
     found = target(name)
     assert inspect.getdoc(found)
-    if name not in WITHOUT_EXAMPLE:
-        assert ">>> " in found.__doc__
+    assert ">>> " in found.__doc__
     if inspect.isfunction(found):
         signature = inspect.signature(found)
         assert signature.return_annotation is not inspect.Signature.empty
@@ -61,7 +58,7 @@ def test_every_name_is_documented_and_typed_and_has_an_example(name):
             assert re.search(rf"^ +{parameter.name}: ", found.__doc__, re.MULTILINE), parameter.name
 
 
-@pytest.mark.parametrize("name", [name for name in CALLED if name not in WITHOUT_EXAMPLE])
+@pytest.mark.parametrize("name", CALLED)
 def test_its_examples_do_what_they_say(name, examples, monkeypatch):
     # It compiles for half a minute; tests/commands/test_compile.py has what it compiles by.
     monkeypatch.setattr(preparing, "_reconstruct_something", lambda: None)

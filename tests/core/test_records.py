@@ -149,5 +149,12 @@ def test_a_lens_that_folds_the_frame_is_refused(shot):
 def test_lit_are_the_pixels_that_light_reached_through_a_mask_of_some_weight(shot):
     masks = np.zeros_like(shot.masks)
     masks[0, :2], masks[1, :, :3] = 1, 0.25
-    lit = replace(shot, masks=masks, weights=np.array([0, 1], np.float32)).lit
-    np.testing.assert_array_equal(lit, masks[1] > 0)
+    seen = replace(shot, masks=masks, weights=np.array([0, 1], np.float32))
+    np.testing.assert_array_equal(seen.lit, masks[1] > 0)
+
+
+def test_usable_are_the_lit_pixels_that_are_not_saturated(shot):
+    saturated = np.zeros(shot.size, bool)
+    saturated[0, 0] = True
+    np.testing.assert_array_equal(replace(shot, saturated=saturated).usable, shot.lit & ~saturated)
+    np.testing.assert_array_equal(replace(shot, saturated=None).usable, shot.lit)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Truth
-from gs2ci.evaluate.report import Report, read_report
+from gs2ci.evaluate.report import LightSection, Report, read_report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.whole_folder import REPORT_NAME
 from tests.evaluate.reports import GOOD, a_report
@@ -27,6 +27,11 @@ def test_what_is_written_reads_back_as_the_same(tmp_path, make_run):
     (tmp_path / REPORT_NAME).write_text(report.text())
     assert read_report(tmp_path) == report
     assert json.loads(report.text())["schema"] == "gs2ci.report/2"
+
+
+def test_brightness_is_read_by_the_name_that_it_had_before():
+    section = {"estimated": [1.0], "standard_errors": [0.1], "errors_away": 1.0, "explains": 0.1, "views": "even"}
+    assert LightSection.model_validate({**section, "believed": [1.1]}) == LightSection(**section, used=[1.1])
 
 
 def test_means_are_those_of_the_views(make_run):

@@ -383,8 +383,8 @@ def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing
     result = reconstruct(exposed, settings, score=lambda views: float(np.mean(psnr_per_view(views, lit)))).result
     assert result.brightness is None
     assert result.light["views"] == "as-seen"
-    believed = np.array(result.light["believed"])
-    np.testing.assert_allclose(believed / believed.mean(), light / light.mean(), atol=0.1)
+    used = np.array(result.light["used"])
+    np.testing.assert_allclose(used / used.mean(), light / light.mean(), atol=0.1)
     for views in (result.views, result.scene_views, result.decode):
         seen = views.mean(axis=(1, 2, 3))
         np.testing.assert_allclose(seen / lit.mean(axis=(1, 2, 3)), 1, atol=0.15)

@@ -61,8 +61,5 @@ class OrderFits:
 
 def mean_square(jury: Jury, views: F32) -> float:
     """Return the mean square of the residual that views, [N, H, W, C], leave at lit pixels that are not saturated."""
-    asked = jury.shot.lit
-    if jury.shot.saturated is not None:
-        asked = asked & ~jury.shot.saturated
-    residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
+    residual = (jury.coded(views) - jury.shot.measurement)[jury.shot.usable].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0

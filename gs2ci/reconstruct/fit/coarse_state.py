@@ -151,9 +151,7 @@ class FitState:
         shot, renderer = self._jury.shot, self._renderer
         if renderer.lens is not None or renderer.moments_per_mask > 1 or self.optimiser.scene.motion is not None:
             return None
-        usable = shot.lit & ~self._jury.heldout
-        if shot.saturated is not None:
-            usable &= ~shot.saturated
+        usable = shot.usable & ~self._jury.heldout
         channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
         return Readings(
             shot.measurement.mean(axis=2), renderer.transmissions.numpy(), usable, pixel_rays(renderer), channels

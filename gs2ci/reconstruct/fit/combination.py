@@ -73,9 +73,7 @@ def noise_power(jury: Jury, views: F32) -> float:
     Returns:
         In squared units of the measurement; 0 if there is no usable pixel.
     """
-    asked = jury.shot.lit & ~jury.heldout
-    if jury.shot.saturated is not None:
-        asked &= ~jury.shot.saturated
+    asked = jury.shot.usable & ~jury.heldout
     if not asked.any():
         return 0.0
     left = (jury.shot.measurement - jury.coded(views))[asked].astype(np.float64)

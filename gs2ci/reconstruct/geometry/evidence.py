@@ -33,10 +33,7 @@ class Evidence:
     """
 
     def __init__(self, shot: Shot, views: F32, lens: Lens | None = None, most_pixels: int | None = None) -> None:
-        coded = shot.lit
-        if shot.saturated is not None:
-            coded &= ~shot.saturated
-        rows, columns = np.nonzero(coded)
+        rows, columns = np.nonzero(shot.usable)
         if most_pixels is not None and len(rows) > most_pixels:
             asked = np.sort(np.random.default_rng(0).choice(len(rows), most_pixels, replace=False))
             rows, columns = rows[asked], columns[asked]

@@ -145,7 +145,7 @@ class Brightness:
             "standard_errors": self.first.errors.tolist(),
             "errors_away": self.first.errors_away,
             "explains": self.first.gain,
-            "believed": None if self.factors is None else self.factors.tolist(),
+            "used": None if self.factors is None else self.factors.tolist(),
             "views": "as-seen" if self.as_seen else "even",
         }
 
@@ -208,9 +208,7 @@ class LinearSystem:
         lit = np.asarray((shot.weights[:, None, None] * shot.masks).any(axis=(1, 2)))
         if lit.sum() < 2 or not np.isfinite(views).all():
             return None
-        counted = np.asarray(shot.masks.any(axis=0))
-        if shot.saturated is not None:
-            counted &= ~shot.saturated
+        counted = shot.usable
         coding = Coding.of(shot)
         parts = np.stack([_part(coding, views, int(view))[counted] for view in np.flatnonzero(lit)])
         row, column = np.nonzero(counted)

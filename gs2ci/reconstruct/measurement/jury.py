@@ -29,9 +29,7 @@ def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
     are many, none is excluded. Of the eligible pixels a share is drawn, at least one and at most half. If there are
     fewer than two, or the share is zero, none is held out.
     """
-    useful = shot.lit
-    if shot.saturated is not None:
-        useful &= ~shot.saturated
+    useful = shot.usable
     odd = beyond_white(shot) & useful
     if odd.sum() <= MOST_OUTLIERS * useful.sum():
         useful &= ~odd

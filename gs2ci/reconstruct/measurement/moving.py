@@ -55,7 +55,7 @@ def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
     shot = jury.shot
     if min(shot.size) < _LEAST_SIDE_PX:
         return LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2)))
-    asked = shot.lit & (True if shot.saturated is None else ~shot.saturated)
+    asked = shot.usable
     residual = _blocks((shot.measurement - jury.coded(views)) * asked[..., None])
     weighted = views * times.astype(np.float32)[:, None, None, None]
     # Central differences suffice, since the fit's detail is not finer than a pixel.
