@@ -195,7 +195,7 @@ def make_table(
         cases: Only these of the cases; if they are simulated, any scene of the library may be named.
         lines: Only these lines of the table.
         seeds: Number of seeds.
-        processes: Number of local processes.
+        processes: Number of processes on this machine; more than one needs `pip install 'gs2ci[cluster]'`.
         scheduler: Address of a Dask scheduler to use instead, e.g. tcp://host:8786.
         fresh: Measure everything again.
         command: The command that repeats this, for the pages; the call if empty.

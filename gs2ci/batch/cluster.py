@@ -11,15 +11,18 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Final
 
 from gs2ci.core.errors import DeviceError, InputError
+from gs2ci.evaluate.environment import machine
 
 CONNECT_S: Final = 10
 START_S: Final = 300.0
 """Timeout for the start of all workers: seconds on an idle machine, a minute or more on a busy one."""
 _LOOK_S: Final = 1.0
+_HERE: Final = "127.0.0.1"  # whoever reaches a worker can run programs as its user
 _QUIET: Final = 50  # logging.CRITICAL: this module itself reports workers that die
 
 
@@ -62,13 +65,14 @@ def local_workers(processes: int) -> Iterator[Any]:
 
     # Workers get one task at a time, so that a death is attributed to the task that ran.
     settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
+    threads = max(1, int(machine()["usable_cores"]) // processes)
     with (
         dask.config.set(settings),
         distributed.LocalCluster(
-            n_workers=0, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=_QUIET
+            n_workers=0, threads_per_worker=1, host=_HERE, dashboard_address=f"{_HERE}:0", silence_logs=_QUIET
         ) as cluster,
         distributed.Client(cluster) as client,
-        _kept_running(cluster.scheduler_address, processes),
+        _kept_running(cluster.scheduler_address, processes, threads),
     ):
         try:
             client.wait_for_workers(processes, timeout=START_S)
@@ -82,8 +86,8 @@ def local_workers(processes: int) -> Iterator[Any]:
 
 
 @contextmanager
-def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
-    """Keep `processes` workers of a scheduler running, and stop them at the end."""
+def _kept_running(scheduler: str, processes: int, threads: int) -> Iterator[None]:
+    """Keep `processes` workers of a scheduler running, each with `threads` kernel threads, and stop them at the end."""
     import dask  # noqa: PLC0415
 
     spawning = multiprocessing.get_context("spawn")
@@ -92,11 +96,9 @@ def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
     def start() -> BaseProcess:
         # Daemons, so that none outlives this process. They are started as by Dask's nannies: one thread each.
         process = spawning.Process(target=_serve, args=(scheduler,), daemon=True)
-        begun_with = {
-            name: str(value) for name, value in dask.config.get("distributed.nanny.pre-spawn-environ").items()
-        }
+        begun_with = dict(dask.config.get("distributed.nanny.pre-spawn-environ")) | {"NUMBA_NUM_THREADS": threads}
         before = {name: os.environ[name] for name in begun_with if name in os.environ}
-        os.environ.update(begun_with)
+        os.environ.update({name: str(value) for name, value in begun_with.items()})
         try:
             process.start()
         finally:
@@ -131,14 +133,24 @@ def _serve(scheduler: str) -> None:
 
     # The parent process handles Ctrl-C.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     logging.getLogger("distributed").setLevel(_QUIET)
 
     async def work() -> None:
         # The system handles a lack of memory; Dask would pause or kill workers by its own estimates.
-        async with distributed.Worker(scheduler, nthreads=1, memory_limit=0, dashboard=False) as worker:
+        here = {"host": _HERE, "dashboard_address": f"{_HERE}:0"}
+        async with distributed.Worker(scheduler, nthreads=1, memory_limit=0, dashboard=False, **here) as worker:
             await worker.finished()
 
     asyncio.run(work())
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as the one that began it is gone, whatever it works on: that one cannot tell it to."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _distributed(wanted_for: str) -> Any:

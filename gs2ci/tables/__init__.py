@@ -5,7 +5,7 @@ variants.py   what is compared: named changes to the reconstruction's settings
 cells.py      one piece of work, and doing it
 works.py      the kinds of work there are; simulation.py and calibration.py hold two more
 store.py      finished cells on disk
-workers.py    who does the work: this process, local processes, or a Dask cluster
+workers.py    who does the work: this process, others of this machine, or a Dask cluster
 names.py      what the tables are called
 case_sets.py  the measurements that a table is made over
 columns.py    the columns that tables have

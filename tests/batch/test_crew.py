@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import dask
 import distributed
 import numpy as np
+import psutil
 import pytest
 from distributed import Client
 
@@ -47,7 +48,7 @@ def in_threads(monkeypatch):
 
     @contextmanager
     def threads(processes):
-        options = {"processes": False, "dashboard_address": None, "silence_logs": 50}
+        options = {"processes": False, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
         with Client(n_workers=processes, threads_per_worker=1, **options) as client:
             yield client
 
@@ -87,6 +88,16 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(tmp_path, monkeypatch):
     with local_workers(1) as client:
         assert client.submit(os.getpid).result() != os.getpid()
     assert (tmp_path / "started").exists()
+
+
+def test_local_workers_are_reached_from_this_machine_alone():
+    """Whoever reaches a Dask worker can run programs as its user."""
+    with local_workers(1):
+        own = psutil.Process()
+        listening = [one.laddr.ip for process in (own, *own.children()) for one in process.net_connections()
+                     if one.status == psutil.CONN_LISTEN]  # fmt: skip
+    assert len(listening) >= 4
+    assert set(listening) == {"127.0.0.1"}
 
 
 def test_workers_that_do_not_start_are_an_error_that_says_what_else_to_do(monkeypatch):

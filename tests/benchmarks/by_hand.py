@@ -1,28 +1,34 @@
 """What is written by hand although a library has it: what the library would do instead.
 
 MAT files of version 5 whose bytes were damaged: how often scipy's reader and ours end the process. Gray-code stripes:
-OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours. And the other
-way round: the golden section that was written by hand against scipy's search, for the focal length.
+OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours. A chart of a page:
+matplotlib's SVG against ours. And the other way round: the golden section that was written by hand against scipy's
+search, for the focal length.
 Decision: `docs/decisions`, "Formats and graphs written by hand".
 """
 
 import io
 import multiprocessing
+import re
 import tempfile
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import matplotlib
 import numpy as np
 import onnx
 import onnxruntime
 import scipy.io
 import scipy.optimize
 import torch
+from matplotlib.figure import Figure
 
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.foreign.mat5 import read_mat5
+from gs2ci.evaluate.pages.charts import Chart, Line, chart_svg
 from gs2ci.reconstruct.geometry import focal
 from gs2ci.reconstruct.geometry.motion import MotionSettings
 from gs2ci.reconstruct.learned.ffdnet import Convolution, FfdNet, export_ffdnet
@@ -38,6 +44,7 @@ def run() -> None:
         _damaged_mat(Path(folder))
         _ffdnet(Path(folder))
     _gray_code()
+    _chart()
     _focal()
 
 
@@ -138,6 +145,36 @@ def _gray_code() -> None:
     coarse = len(GrayCode((height, width)).patterns())
     print(f"Gray code, {height} x {width}: OpenCV {len(theirs)} patterns, each with its inverse, finest stripe 1 px")
     print(f"    ours: {len(ours)} with stripes of 1 px, which are {'the same' if same else 'others'}; {coarse} of 8 px")
+
+
+def _chart() -> None:
+    """Draw one chart of two courses and their points both ways."""
+    steps = np.arange(40)
+    courses = {"accent": np.exp(-steps / 15), "truth": np.exp(-steps / 10)}
+    lines = [Line(name, steps.tolist(), values.tolist(), name) for name, values in courses.items()]
+
+    def ours() -> str:
+        return str(chart_svg(Chart(lines, "iteration", "loss", "a loss that falls"), 640, 300))
+
+    def theirs() -> str:
+        figure = Figure(figsize=(6.4, 3.0))
+        axes = figure.subplots()
+        for values in courses.values():
+            axes.plot(steps, values, ".-")
+        axes.set(xlabel="iteration", ylabel="loss")
+        drawn = io.StringIO()
+        with matplotlib.rc_context({"svg.fonttype": "none"}):
+            figure.savefig(drawn, format="svg")
+        return drawn.getvalue()
+
+    for name, draw in (("matplotlib", theirs), ("chart_svg", ours)):
+        draw()
+        began = time.process_time()
+        for _ in range(20):
+            svg = draw()
+        spent = (time.process_time() - began) / 20
+        fixed, said = len(re.findall(r"#[0-9a-f]{6}", svg)), svg.count("<title>")
+        print(f"chart, {name}: {len(svg)} bytes, {1e3 * spent:.1f} ms, {fixed} fixed colours, {said} points say theirs")
 
 
 def _focal() -> None:
