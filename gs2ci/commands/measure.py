@@ -13,8 +13,8 @@ from gs2ci.core.json_text import plain_json
 
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
-    one: Annotated[str, tyro.conf.Positional],
-    other: Annotated[str, tyro.conf.Positional],
+    pixel: Annotated[str, tyro.conf.Positional],
+    other_pixel: Annotated[str, tyro.conf.Positional],
     /,
     *,
     view: int | None = None,
@@ -24,8 +24,8 @@ def run(
 
     Args:
         folder: The run folder, as `gs2ci reconstruct` wrote it.
-        one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
-        other: The other pixel, likewise.
+        pixel: One end as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
+        other_pixel: The other end, likewise.
         view: Which view, counted from 1; by default the middle one.
 
     Returns:
@@ -34,7 +34,7 @@ def run(
     Raises:
         Gs2ciError: The folder is no run with depth, or a pixel is outside the view or shows no surface.
     """
-    pixels = [_pixel(text) for text in (one, other)]
+    pixels = [_place(text) for text in (pixel, other_pixel)]
     from gs2ci.api.judging import finished_run, middle_view
     from gs2ci.api.judging import measure as measured
 
@@ -44,14 +44,14 @@ def run(
     with answered(as_text=not json) as answer:
         console = Console(highlight=False)
         console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
-        for text, point, confidence in zip((one, other), found.points, found.confidence, strict=True):
+        for text, point, confidence in zip((pixel, other_pixel), found.points, found.confidence, strict=True):
             place = ", ".join(f"{value:.5g}" for value in point)
             console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
         answer({**plain_json(found), "view": chosen})
     return found.length
 
 
-def _pixel(text: str) -> tuple[int, int]:
+def _place(text: str) -> tuple[int, int]:
     try:
         column, row = (int(part) for part in text.split(","))
     except ValueError as error:

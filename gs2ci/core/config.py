@@ -101,11 +101,11 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
+        raise InputError(f"{path} is not text in UTF-8 ({error.reason})", remedy="give a TOML file") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
     except RecursionError as error:
-        raise InputError(f"{path} is not TOML of ours: it nests too deep") from error
+        raise InputError(f"{path} is not TOML of ours: it nests too deep", remedy="give a rig file") from error
     _refuse_nul(path, tables, "")
     return tables, text
 
