@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 @with_options_of(import_file, without=("path",))
 def run(
     file: tyro.conf.Positional[Path],
-    masks_file: tyro.conf.Positional[Path | None] = None,
+    masks: tyro.conf.Positional[Path | None] = None,
     *,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
-    masks: Path | None = None,
     truth: Path | None = None,
     poses: Path | None = None,
     intrinsics: tuple[str, ...] = (),
@@ -45,9 +44,7 @@ def run(
 
     Args:
         file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF, or a .partial.
-        masks_file: Masks, if they are in a separate file, or a folder of PNG or TIFF pictures.
         out: Shot file to write, ends in .h5.
-        masks: Same as the second file.
         index: Keep only this one of several measurements, counted from 0.
         overwrite: Replace a finished file of that name.
 
@@ -65,11 +62,10 @@ def run(
         if file.name.endswith(".partial"):
             usual = inspect.signature(run).parameters
             said = (value != usual[name].default for name, value in known.items() if name != "intrinsics")
-            _check_alone(file, masks_file, masks, intrinsics, index is not None, *said)
+            _check_alone(file, masks, intrinsics, index is not None, *said)
             saved = save_finished_rows(file, out, replace=overwrite)
             answer({"file": saved, "shots": count_shots(saved), "guesses": []})
             return saved
-        masks = _only_one(masks_file, masks)
         _check_apart(out, file, masks, truth, poses)
         imported = import_file(file, masks, **known)
         kept = picked(imported.shots, index, file)
@@ -87,13 +83,6 @@ def _check_alone(partial: Path, *given: object) -> None:
             allowed="-o and --overwrite",
             remedy="leave the others out",
         )
-
-
-def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
-    """Return the file with the masks, which may be given in two ways."""
-    if masks is not None and masks_file is not None:
-        raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
-    return masks or masks_file
 
 
 def _check_apart(out: Path, *files: Path | None) -> None:

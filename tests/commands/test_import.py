@@ -49,14 +49,12 @@ def test_the_lens_is_given_as_opencv_lists_it(tmp_path, arrays, capsys):
     assert "lens: k1 -0.2, k2 0.03" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("as_option", [False, True])
-def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, arrays, as_option):
+def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, arrays):
     for key, values in arrays.items():
         np.save(tmp_path / f"{key}.npy", values)
-    masks = ["--masks", tmp_path / "masks.npy"] if as_option else [tmp_path / "masks.npy"]
     others = ["--truth", tmp_path / "truth.npy", "--poses", tmp_path / "world_to_camera.npy"]
     camera = ["--intrinsics", tmp_path / "K.npy"]
-    shot = command(tmp_path / "meas.npy", *masks, *others, *camera, "-o", tmp_path / "shot.h5")
+    shot = command(tmp_path / "meas.npy", tmp_path / "masks.npy", *others, *camera, "-o", tmp_path / "shot.h5")
     assert np.array_equal(np.rint(shot.truth.views * 255), arrays["truth"])
     assert np.array_equal(shot.truth.world_to_camera, arrays["world_to_camera"])
     assert np.array_equal(shot.intrinsics, arrays["K"])
@@ -125,11 +123,6 @@ def test_options_that_an_interrupted_capture_cannot_heed_are_refused(tmp_path, o
     with pytest.raises(InputError, match=r"options with .*rig\.h5\.partial.*allowed: -o and --overwrite"):
         run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5", **options)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_masks_given_twice_are_refused(tmp_path):
-    with pytest.raises(InputError, match="masks given twice"):
-        run(tmp_path / "a.npy", tmp_path / "b.npy", out=tmp_path / "shot.h5", masks=tmp_path / "c.npy")
 
 
 def test_a_contradiction_writes_nothing_and_keeps_the_old_file(tmp_path, arrays):
