@@ -22,13 +22,17 @@ except ModuleNotFoundError:  # of a checkout whose presets are one file still
 
 
 class Asked(TypedDict):
-    """A measurement and how to reconstruct it; `file` is "" for a scene of the simulator, `size` None for all of it."""
+    """A measurement and how to reconstruct it.
+
+    `file` is "" for a scene of the simulator, `size` None for all of it, `fits` None for as many as the preset has.
+    """
 
     name: str
     file: str
     size: list[int] | None
     seed: int
     preset: str
+    fits: int | None
 
 
 class Found(TypedDict):
@@ -47,6 +51,8 @@ def answer(asked: Asked) -> Found:
     scene = "" if asked["file"] else asked["name"]
     shot = Case(asked["name"], file=asked["file"], scene=scene, size=size).shot(asked["seed"])
     settings = preset(asked["preset"])  # type: ignore[arg-type]
+    if asked["fits"] is not None:
+        settings = replace(settings, fits=asked["fits"])
     if "GS2CI_MOTION" in os.environ and hasattr(settings, "motion"):
         settings = replace(settings, motion=os.environ["GS2CI_MOTION"])  # type: ignore[arg-type]
     began_s = time.process_time()

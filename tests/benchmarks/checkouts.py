@@ -13,6 +13,7 @@ views, px, and the share of pixels more than 0.25 px off.
 | `GS2CI_CASES` | scenes of the simulator, and files in `GS2CI_DATA` without their ending | the library's four |
 | `GS2CI_SEEDS` | how many seeds | 3 |
 | `GS2CI_PRESET` | the preset of both; `one,other` where they differ, this checkout's first | standard |
+| `GS2CI_FITS` | how many fits are averaged, likewise | the preset's |
 | `GS2CI_MOTION` | the setting `motion` of a checkout that has it, as `off` against one that has not | the preset's |
 | `GS2CI_SIZE` | height and width, px; the middle of a file, the rest cut away; `all` of it | 96x128 |
 
@@ -75,20 +76,21 @@ class Side:
 def run() -> None:
     """Ask both sides in turns, and print a line for each pair and what they come to."""
     presets = os.environ.get("GS2CI_PRESET", "standard").split(",")
+    counts = [int(count) if count else None for count in os.environ.get("GS2CI_FITS", "").split(",")]
     seeds = range(int(os.environ.get("GS2CI_SEEDS", "3")))
     with ExitStack() as stack:
         other = stack.enter_context(checkout(os.environ.get("GS2CI_AGAINST", "bb9e2cb")))
         sides = []
-        for folder, preset in ((ROOT, presets[0]), (other, presets[-1])):
+        for folder, preset, fits in ((ROOT, presets[0], counts[0]), (other, presets[-1], counts[-1])):
             side = Side(folder)
             stack.callback(side.close)
             side.ask({**asked("boxes", 0, "draft"), "size": [48, 64]})
-            sides.append((side, preset))
+            sides.append((side, preset, fits))
         pairs = []
         print(f"{'':18} seed   seconds: this other ratio   PSNR: this  other   nATE        depth, px    far off")
         for number, (name, seed) in enumerate((name, seed) for name in names() for seed in seeds):
             order = (0, 1) if number % 2 == 0 else (1, 0)
-            found = {k: sides[k][0].ask(asked(name, seed, sides[k][1])) for k in order}
+            found = {k: sides[k][0].ask(asked(name, seed, *sides[k][1:])) for k in order}
             pairs.append((found[0], found[1]))
             print(line(name, seed, *pairs[-1]), flush=True)
     for text in summary(pairs):
@@ -115,7 +117,7 @@ def names() -> list[str]:
     return os.environ.get("GS2CI_CASES", " ".join(SCENES)).split()
 
 
-def asked(name: str, seed: int, preset: str) -> Asked:
+def asked(name: str, seed: int, preset: str, fits: int | None = None) -> Asked:
     size = os.environ.get("GS2CI_SIZE", "96x128")
     data = Path(os.environ.get("GS2CI_DATA", ""))
     return {
@@ -124,6 +126,7 @@ def asked(name: str, seed: int, preset: str) -> Asked:
         "size": None if size == "all" else [int(side) for side in size.split("x")],
         "seed": seed,
         "preset": preset,
+        "fits": fits,
     }
 
 
