@@ -185,7 +185,7 @@ def _smeared(left: Left) -> tuple[Finding, ...]:
 
 def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:
     there = 1 + len(ensemble.others)
-    if there == settings.fits:
+    if there >= settings.fits:
         return ()
     return (finding(Code.FITS_MISSING, fits=there, of=settings.fits),)
 

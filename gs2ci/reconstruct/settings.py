@@ -48,7 +48,8 @@ class Settings:
             delivered ones (`handing_over`); None skips it.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
-        fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
+        fits: How many coarse fits there are at least; the views are their mean (`fit/ensemble.py`). Fits along each of
+            two doubtful paths count among them.
         second_density: The density rule of every second of them; None: that of the first.
         fine: Of the fine stage; None skips it.
         fine_if_asked: Its settings if a user requests it and `fine` is None.

@@ -3,8 +3,10 @@
 A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). A uniform motion that
 tracks do not confirm competes with a camera at rest: if the scene shows only a periodic pattern or a gradient, any
 motion explains the measurement, and a fit from rest ends several dB better. The fit from rest is stopped if it is far
-behind after a quarter of the schedule. If the fits' residual looks like motion, moving scenes compete too (`moving`).
-The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does not
+raise the held-out residual: fits along two paths differ at least as much as two along one. If the fits' residual looks
+like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of
+(`fits.py`).
 """
 
 import math
@@ -103,13 +105,16 @@ class Attempts:
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
         if again is not None and not self.fits.halt.asked:
-            attempts["second look"] = self.fits.attempt(again, views, How())
+            attempts["second look"] = self.fits.attempt(again, views, How(alone=True))
         if needs_rest(first) and not self.fits.halt.asked:
-            attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, How(rival=self._rival(tried)))
+            how = How(alone=True, rival=self._rival(tried))
+            attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
         if len(attempts) == 1:
             return self.fits.completed(tried)
-        leaders = {name: one.fits[0].views for name, one in attempts.items()}
-        return self.fits.completed(self._best(attempts, self._residuals(leaders)))
+        residuals = self._residuals({name: one.fits[0].views for name, one in attempts.items()})
+        taken = self._best(attempts, residuals)
+        _, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
+        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others))
 
     def _rival(self, tried: Attempt) -> Rival:
         """Return the held-out residuals of an attempt's leader by iteration, to compare another leader with."""
@@ -157,7 +162,7 @@ class Attempts:
 
     def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
         """Choose the attempt that predicts the held-out pixels best, and report the residuals of all."""
-        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
+        tried = attempts[min(attempts, key=lambda name: _or_infinite(residuals[name]))]
         notes = ranking({name: residuals[name] for name in attempts})
         return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
 
@@ -192,6 +197,10 @@ class Attempts:
 
 def _name_of(taken: Attempt, attempts: dict[str, Attempt]) -> str:
     return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+
+
+def _or_infinite(rms: float | None) -> float:
+    return math.inf if rms is None else rms
 
 
 def ranking(left: Mapping[str, float | None]) -> tuple[Finding, ...]:

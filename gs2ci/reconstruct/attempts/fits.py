@@ -5,8 +5,11 @@ settle the order of depth, fits within a budget, the fine stage. Not here: the o
 attempts are made and chosen (`choice.py`), what a fit is (`fit/coarse.py`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
+
+import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
@@ -130,23 +133,48 @@ class Fits:
         fits = fit_together(self.fit_one(geometry, how.rival), now, self.progress, self.pace, self.halt)
         return Attempt(look, geometry, fits, self._mean(fits, "fit"), later)
 
-    def completed(self, tried: Attempt) -> Attempt:
-        """Make the fits of an attempt that have not been made yet."""
-        if not tried.later or self.halt.asked:
+    def completed(self, tried: Attempt, beside: Sequence[CoarseFit] = ()) -> Attempt:
+        """Make the fits of an attempt that have not been made yet.
+
+        Args:
+            tried: The attempt.
+            beside: Fits of other attempts, the best first. Each is added to the attempt's, and replaces a companion,
+                unless their mean has a larger held-out residual than the attempt's own views.
+        """
+        if self.mask_moments is not None:
+            # Views at the middle of the masks are rendered anew from all fits, with the camera matrix of the best.
+            beside = tuple(fit for fit in beside if np.array_equal(fit.intrinsics, tried.geometry.intrinsics))
+        if self.halt.asked or not (tried.later or beside):
             return tried
+        while beside and self._left((*tried.fits, *beside)) > self._left(tried.fits):
+            beside = beside[:-1]
+        later = tried.later[: max(0, len(tried.later) - len(beside))]
+        fits = (*tried.fits, *beside, *(self._companions(tried.geometry, later) if later else ()))
+        return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
+
+    def _left(self, fits: Sequence[CoarseFit]) -> float:
+        """Return the held-out residual of the mean of fits after its refinement."""
+        together = fits[0].views.copy()
+        for fit in fits[1:]:
+            together += fit.views
+        together /= np.float32(len(fits))
+        return self.jury.residual_rms(self.refine(together)) or 0.0
+
+    def _companions(self, geometry: Geometry, team: tuple[Member, ...]) -> tuple[CoarseFit, ...]:
+        """Fit members whose leader has ended; none if they diverge."""
         try:
-            more = fit_together(self.fit_one(tried.geometry), tried.later, self.progress, None, self.halt)
+            return fit_together(self.fit_one(geometry), team, self.progress, None, self.halt)
         except NumericsError as error:
             self.progress.say(f"One of the further fits failed and is left out: {error.problem}.")
-            more = ()
-        fits = (*tried.fits, *more)
-        return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
+            return ()
 
     def release(self, still: Attempt) -> Attempt:
         """Continue the fits of a still scene with motion allowed."""
         freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
         team, paths = [], {}
-        for number, fit in enumerate(still.fits):
+        # Fits along another doubtful path may have another camera matrix than the attempt.
+        alike = [fit for fit in still.fits if np.array_equal(fit.intrinsics, still.geometry.intrinsics)]
+        for number, fit in enumerate(alike):
             start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
             team.append(Member(start, freed.settings.fit.density, number))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)

@@ -33,6 +33,7 @@ class CoarseFit:
         curve: The looks at the fit while it ran.
         stopped: Why it ended.
         notes: Other findings: each time that the fit diverged and was set back.
+        intrinsics: The camera matrix of the fit, [3, 3].
     """
 
     scene: Gaussians
@@ -41,6 +42,7 @@ class CoarseFit:
     curve: tuple[CurvePoint, ...]
     stopped: Finding
     notes: tuple[Finding, ...]
+    intrinsics: F64
 
 
 # Each rollback halves the step. A fit that still diverges with an eighth of the step does not do so because of its
@@ -99,6 +101,7 @@ def fit_coarse(
         curve=tuple(looks.curve),
         stopped=stopped,
         notes=tuple(loop.notes),
+        intrinsics=geometry.intrinsics,
     )
 
 

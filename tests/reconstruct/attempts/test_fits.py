@@ -119,6 +119,46 @@ def test_an_attempt_of_one_fit_is_completed_to_what_all_fits_at_once_would_have_
     assert made.completed(whole) is whole
 
 
+@pytest.mark.parametrize(("off", "fitted"), [(0.0, 0), (2.0, 1)])
+def test_a_fit_along_another_path_takes_a_companions_place_unless_their_mean_is_worse(first, monkeypatch, off, fitted):
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None))
+    refine = Refinement(first.jury, settings.residual)
+    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    companions = []
+
+    def count(_fit_one, team, *_):
+        companions.extend(team)
+        return alone.fits
+
+    monkeypatch.setattr(fits, "fit_together", count)
+    leader = alone.fits[0]
+    # Off by as much in one view as in the other way in the next, so that no residual puts it right.
+    sign = np.array([1, -1, 1, -1], np.float32)[:, None, None, None]
+    other = replace(leader, views=leader.views + np.float32(off) * sign)
+    completed = made.completed(alone, (leader, other))
+    assert (len(companions), completed.later) == (0, ())
+    assert completed.fits == ((leader, leader) if off else (leader, leader, other))
+    completed = made.completed(alone, (other,))
+    assert (len(companions), completed.later) == (fitted, ())
+    assert completed.fits == (leader, leader if fitted else other)
+    assert completed.ensemble.best is leader
+
+
+def test_fits_behind_another_camera_matrix_are_averaged_but_not_let_move(first, monkeypatch):
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
+    refine = Refinement(first.jury, settings.residual)
+    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    other = replace(alone.fits[0], intrinsics=2 * alone.fits[0].intrinsics)
+    both = made.completed(alone, (other,))
+    assert both.ensemble.averaged == 2
+    assert len(made.release(both).fits) == 1
+    # Rendered anew in the middle of masks, it would be seen by a matrix that is not its own.
+    smeared = replace(made, mask_moments=object())
+    assert smeared.completed(alone, (other,)).fits == alone.fits
+
+
 def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(first, monkeypatch):
     def run_away(*_):
         raise NumericsError("numbers ran away", remedy="none")

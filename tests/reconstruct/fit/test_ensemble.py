@@ -35,10 +35,8 @@ class Listener(Silent):
 
 
 def fit_of(views, scene=None, notes=()):
-    poses = np.tile(np.eye(4), (len(views), 1, 1))
-    return CoarseFit(
-        scene, poses, np.asarray(views, np.float32), (), finding(Code.FIT_ALL_DONE, iterations=1, best=1), notes
-    )
+    poses, done = np.tile(np.eye(4), (len(views), 1, 1)), finding(Code.FIT_ALL_DONE, iterations=1, best=1)
+    return CoarseFit(scene, poses, np.asarray(views, np.float32), (), done, notes, np.eye(3))
 
 
 def number(member, beginnings):

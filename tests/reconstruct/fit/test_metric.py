@@ -26,7 +26,9 @@ def ensemble():
     )
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = (-0.02, 0.0, 0.02)
-    return Ensemble(CoarseFit(scene, poses, np.zeros((3, *SIZE, 3), np.float32), (), "done", ()), np.zeros(0))
+    return Ensemble(
+        CoarseFit(scene, poses, np.zeros((3, *SIZE, 3), np.float32), (), "done", (), np.eye(3)), np.zeros(0)
+    )
 
 
 def geometry(unit, poses):
