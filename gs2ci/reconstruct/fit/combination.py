@@ -10,11 +10,21 @@ pixels are seen.
 With e_j = truth − blind views of candidate j at a held-out pixel, [N], its residual r_j = M·e_j + noise, and
 d_j = full − blind views there, the errors of full views have the expected products
 
-    ⟨(e_j − d_j)·(e_k − d_k)⟩ ≈ ⟨ N r_j r_k − r_j (M·d_k) − r_k (M·d_j) + (a_j + a_k) σ² ⟩ / |M|² + ⟨d_j·d_k⟩,
+    ⟨(e_j − d_j)·(e_k − d_k)⟩ ≈ ⟨ N r_j r_k − r_j (M·d_k) − r_k (M·d_j) + (a_j + a_k) σ² ⟩ / |M|²
+                                + ⟨d_j·d_k⟩ − (c_j + c_k) ⟨d_j·d_k − (M·d_j)(M·d_k)/|M|²⟩,
 
 where errors are assumed to be equally large and independent in all views (e·d ≈ (M·e)(M·d)/|M|²), a_k is the share of
 its own reading's residual that candidate k takes over, and σ² is the power of the noise; N σ²/|M|² is left out, since
 it is the same for all.
+
+The last term is the gain from a reading in the directions across its masks, which the reading itself does not measure:
+a decode adds it from its model of pictures. The change of an estimate that has gained is not correlated with the error
+that remains (the orthogonality principle), so that e·d = d·d there; the part of a change that follows noise is an
+error. Of a residual, the share 1 − σ²/⟨r²⟩ is not noise: c is this share if all of the residual is taken over, and 1 if
+no more than this share is.
+
+The reading of a pixel behind masks of which none is open says next to nothing about the views, however large r²/|M|²
+is there: pixels have the weight (|M|²/m²)², at most 1, where m is the transmission of an open mask.
 
 If things move in a way that a scene cannot follow, its fit reproduces the sum of the views but not each view: its
 errors cancel along the views, and the held-out residual is smaller than these errors warrant. With covariance
@@ -39,6 +49,8 @@ Name = TypeVar("Name", bound=str)
 # If all masks are about equally open at a pixel, the residual hardly shows such errors and cannot tell their size: this
 # bounds the correction.
 _LEAST_SHOWN: Final = 0.25
+# The least share of a residual that is not noise; it keeps the division defined if nothing is taken over.
+_LEAST_LEARNED: Final = 1e-6
 # Smaller shares are chance, and set to 0.
 _LEAST_SHARE: Final = 0.05
 # A fit follows some of the noise at the pixels that it sees, so that the noise there is larger than the residual shows.
@@ -91,28 +103,56 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     Returns:
         Summed over the views, per pixel and channel.
     """
-    heldout = jury.heldout
-    weighted = (jury.shot.weights[:, None, None] * jury.shot.masks)[:, heldout].astype(np.float64)
+    weighted = _weighted(jury)
     light = (weighted**2).sum(axis=0)  # |M|², [K]
-    residuals = [_at(jury, jury.shot.measurement - jury.coded(one.blind)) for one in candidates]
-    noise = min(noise, *(float(np.mean(residual**2)) for residual in residuals))
+    pixel_weights = _pixel_weights(weighted)
+    noise = min(noise, *(_power(_residual(jury, one)) for one in candidates))
+    seen = [_Seen.of(jury, one, noise) for one in candidates]
     hidden = _hidden(weighted)  # [K]
     worth = [hidden if one.cancels else np.ones_like(hidden) for one in candidates]
-    residuals = [residual * factor[:, None] for residual, factor in zip(residuals, worth, strict=True)]
-    changes = [(one.full - one.blind)[:, heldout].astype(np.float64) for one in candidates]
-    coded = [_at(jury, jury.coded(one.full - one.blind)) for one in candidates]
     # With a colour filter array each pixel reads one of three channels, and only that one changes by its own reading.
-    read = residuals[0].shape[1] / changes[0].shape[2]
-    taken = [_share_taken(change, residual) for change, residual in zip(coded, residuals, strict=True)]
+    read = seen[0].residual.shape[1] / seen[0].change.shape[2]
 
     def product(j: int, k: int) -> float:
-        blind = len(weighted) * (np.mean(residuals[j] * residuals[k], axis=1) - (worth[j] * worth[k] - 1) * noise)
-        seen = np.mean(residuals[j] * coded[k] + residuals[k] * coded[j], axis=1) - (taken[j] + taken[k]) * noise
-        both = np.mean(changes[j] * changes[k], axis=2).sum(axis=0)
-        return float(np.mean((blind - read * seen) / light + both))
+        one, other, worths = seen[j], seen[k], worth[j] * worth[k]
+        blind = len(weighted) * (worths * np.mean(one.residual * other.residual, axis=1) - (worths - 1) * noise)
+        crossed = worth[j][:, None] * one.residual * other.coded + worth[k][:, None] * other.residual * one.coded
+        gained = np.mean(crossed, axis=1) - (one.taken + other.taken) * noise
+        both = np.mean(one.change * other.change, axis=2).sum(axis=0)
+        across = both - read * np.mean(one.coded * other.coded, axis=1) / light
+        terms = (blind - read * gained) / light + both - (one.learned + other.learned) * across
+        return float(np.average(terms, weights=pixel_weights))
 
     count = range(len(candidates))
     return np.array([[product(j, k) for k in count] for j in count])
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A candidate at the held-out pixels, before and after it is given their readings.
+
+    Args:
+        residual: Before, r, [K, C].
+        change: Of its views, d, [N, K, C].
+        coded: This change through the masks, M·d, [K, C].
+        taken: The share of its own reading's residual that it takes over, a.
+        learned: The share of its change across the masks that is a gain, c.
+    """
+
+    residual: F64
+    change: F64
+    coded: F64
+    taken: float
+    learned: float
+
+    @classmethod
+    def of(cls, jury: Jury, candidate: Candidate, noise: float) -> "_Seen":
+        residual, step = _residual(jury, candidate), candidate.full - candidate.blind
+        coded, power = _at(jury, jury.coded(step)), _power(residual)
+        taken = float(np.clip(np.mean(coded * residual) / power, 0, 1)) if power > 0 else 0.0
+        signal = 1 - noise / power if power > 0 else 1.0
+        learned = signal / max(taken, signal, _LEAST_LEARNED)
+        return cls(residual, step[:, jury.heldout].astype(np.float64), coded, taken, learned)
 
 
 def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
@@ -132,10 +172,9 @@ def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
     """
     if not jury.heldout.any() or not _is_finite(views):
         return None
-    weighted = (jury.shot.weights[:, None, None] * jury.shot.masks)[:, jury.heldout].astype(np.float64)
-    blind = Candidate(views.blind, views.blind)
-    left = _at(jury, jury.shot.measurement - jury.coded(views.blind))
-    least = min(noise, float(np.mean(left**2))) * len(weighted) * float(np.mean(1 / (weighted**2).sum(axis=0)))
+    weighted, blind = _weighted(jury), Candidate(views.blind, views.blind)
+    spread = np.average(1 / (weighted**2).sum(axis=0), weights=_pixel_weights(weighted))
+    least = min(noise, _power(_residual(jury, views))) * len(weighted) * float(spread)
     seen, unseen = (max(0.0, float(expected_products(jury, [one], noise)[0, 0]) - least) for one in (views, blind))
     lit = float(jury.shot.lit.mean())
     return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
@@ -149,15 +188,29 @@ def _hidden(weighted: F64) -> F64:
     return hidden
 
 
+def _weighted(jury: Jury) -> F64:
+    """Return the masks times their weights at the held-out pixels, M, [N, K]."""
+    found: F64 = (jury.shot.weights[:, None, None] * jury.shot.masks)[:, jury.heldout].astype(np.float64)
+    return found
+
+
+def _pixel_weights(weighted: F64) -> F64:
+    """Return the weights of pixels, [K], by the light that their masks, [N, K], let through."""
+    found: F64 = np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
+    return found
+
+
 def _at(jury: Jury, image: F32) -> F64:
     found: F64 = image[jury.heldout].astype(np.float64)
     return found
 
 
-def _share_taken(coded: F64, residual: F64) -> float:
-    """Return the share of its own reading's residual that a candidate takes over once it sees that reading."""
-    power = float((residual**2).sum())
-    return float(np.clip((coded * residual).sum() / power, 0, 1)) if power > 0 else 0.0
+def _residual(jury: Jury, candidate: Candidate) -> F64:
+    return _at(jury, jury.shot.measurement - jury.coded(candidate.blind))
+
+
+def _power(values: F64) -> float:
+    return float(np.mean(values**2))
 
 
 def least_on_simplex(products: F64) -> F64:

@@ -95,6 +95,32 @@ def test_the_products_are_those_of_the_views_that_are_handed_over(truth, noise):
     np.testing.assert_allclose(found - found[0, 0], true - true[0, 0], atol=0.15 * true.max())
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_what_a_reading_teaches_of_the_views_across_its_masks_is_a_gain(truth, share):
+    """An estimate that learns a share of its error changes by that share and by as much that is wrong as it must."""
+    jury = jury_of(truth)
+    blind = noisy(truth, 13, 0.08)
+    wrong = noisy(truth, 14, 0.08) - truth
+    step = share * (truth - blind) + np.sqrt(share * (1 - share)) * wrong
+    candidates = [same(blind), Candidate(blind, (blind + step).astype(np.float32))]
+    found = expected_products(jury, candidates, 0.0)
+    powers = [
+        ((truth - one.full)[:, jury.heldout].astype(float) ** 2).mean(axis=2).sum(axis=0).mean() for one in candidates
+    ]
+    assert found[0, 0] - found[1, 1] == pytest.approx(powers[0] - powers[1], rel=0.25)
+
+
+def test_pixels_behind_no_open_mask_tell_next_to_nothing(truth):
+    """Closed masks leak a hundredth: what is told of noise, divided by so little light, would outweigh all else."""
+    rng = np.random.default_rng(3)
+    masks = np.maximum(rng.random((VIEWS, *SIZE)) < 0.4, 0.01).astype(np.float32)
+    light = np.einsum("nhw,nhwc->hwc", masks, truth) + rng.normal(0, 0.01, (*SIZE, 3))
+    leaky = Jury.of(Shot(light.astype(np.float32), masks).check(), 0.3, 0)
+    candidates = {"better": same(noisy(truth, 15, 0.05)), "worse": replace(same(noisy(truth, 16, 0.1)), cancels=True)}
+    found = shares(leaky, candidates, 0.02**2)  # four times what it is
+    assert found["better"] > 0.6
+
+
 def test_what_follows_each_reading_is_taken_without_noise_and_left_with_much(truth):
     """Both look alike to the held-out pixels, which see neither the readings' detail nor their noise put back.
 
