@@ -76,6 +76,7 @@ def hand_over(
         return Recovered(own, "scene", judged, _doubts(jury, own))
     in_full, by_share = refine.in_full_and_by_share(ensemble.views)
     refined_views, notes = _polished_densely(jury, by_share, polishing)
+    polished_so_far = by_share if refined_views is None else refined_views.blind
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(ensemble.views, 1.0))
     candidates: dict[Part, Candidate] = {
@@ -91,7 +92,7 @@ def hand_over(
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
-        candidates["polished"] = _polished(jury, by_share, settings.polish)
+        candidates["polished"] = _polished(jury, polished_so_far, settings.polish)
     if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings))
     wanted = shares(jury, candidates, noise)

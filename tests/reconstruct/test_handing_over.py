@@ -12,6 +12,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.handing_over import hand_over
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -133,6 +134,20 @@ def test_patches_go_on_from_refined_views_where_held_out_pixels_bear_it_out():
     plain, polished = (handed(first, mean, settings=UNPOLISHED, polish=polish) for polish in (False, True))
     assert Code.VIEWS_POLISHED in [note.code for note in polished.notes]
     assert psnr(polished.views, truth) > psnr(plain.views, truth)
+
+
+def test_the_sparse_polish_goes_on_from_what_the_dense_one_came_to(monkeypatch):
+    truth = moving(sigma_px=1.0)
+    first, mean, begun = look_at(truth, share=0.1), astray(truth, 0.12), []
+
+    def polished(jury, views, how):
+        begun.append(views)
+        return Candidate(views, views)
+
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over._polished", polished)
+    for polish in (False, True):
+        handed(first, mean, polish=polish)
+    assert psnr(begun[1], truth) > psnr(begun[0], truth) + 0.2
 
 
 def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
