@@ -15,6 +15,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
@@ -70,6 +71,8 @@ class FitState:
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
+        self._depth_field = _depth_field(settings, geometry, renderer) if moved and start.motion is None else None
+        self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
         # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
@@ -118,6 +121,9 @@ class FitState:
                 further.backward()  # type: ignore[no-untyped-call]
         # Before the surfaces' term: an exchange moves the surfaces too, so that their gradients must not influence it.
         self._exchange = self._exchange_wanted(poses, share)
+        # Before there are surfaces, nothing holds regions where they are.
+        field = None if self._surfaces is None else self._depth_field
+        self._field_step = None if field is None else field.step(scene, poses, share, iteration)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
@@ -171,6 +177,10 @@ class FitState:
             self.poses.shift(exchange.twists)
             if self._surfaces is not None:
                 self._surfaces = self._surfaces.exchanged(exchange)
+        if self._field_step is not None:
+            self._field_step.of_scene(self.optimiser.scene)
+            if self._surfaces is not None:
+                self._surfaces = self._surfaces.moved(self._field_step, self.poses.world_to_camera())
         rate = self.optimiser.means_rate(share, damping)
         moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
         if moves is not None:
@@ -233,6 +243,14 @@ class FitState:
 
 
 _UNBOUNDED: Final = sys.maxsize
+
+
+def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRenderer) -> DepthField | None:
+    """Return the field that moves depths of whole regions, at rest; None where the settings want none."""
+    if settings.surfaces is None or settings.surfaces.depth_field is None:
+        return None
+    across, down = np.abs(pixel_rays(renderer)).max(axis=(0, 1)).tolist()
+    return DepthField(settings.surfaces.depth_field, geometry.reference, (across, down))
 
 
 def _guard_memory(count: int, most: int | None, iteration: int) -> None:

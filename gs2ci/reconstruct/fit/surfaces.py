@@ -20,6 +20,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import (
@@ -84,6 +85,7 @@ class SurfaceSettings:
         others: With how many others each is compared at most, spread over the path.
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
+        depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
     """
 
     searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3, asks_measurement=True))
@@ -92,6 +94,7 @@ class SurfaceSettings:
     others: int = 4
     pixel_share: float = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
+    depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
 
     def check(self) -> "SurfaceSettings":
         """Return self if the numbers make sense.
@@ -114,6 +117,8 @@ class SurfaceSettings:
                 "2 views and others or more, every at least 1",
             )
         self.sweep.check()
+        if self.depth_field is not None:
+            self.depth_field.check()
         return self
 
 
@@ -147,6 +152,13 @@ class Surfaces:
         bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
         exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, moved)
         return replace(self, inverse_depth=moved)
+
+    def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
+        """Return the surfaces after a field was added to depths where the term looks, from poses, [N, 4, 4]."""
+        inverse_depth, poses = self.inverse_depth.copy(), world_to_camera.detach().double().numpy()
+        for found, pixels, view in zip(inverse_depth, self.pixels, self.views, strict=True):
+            step.of_map(found, pixels.at, self.rays, poses[view])
+        return replace(self, inverse_depth=inverse_depth)
 
     def draw(
         self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float

@@ -14,6 +14,7 @@ from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
@@ -31,6 +32,7 @@ from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
 # Surfaces have tests of their own: those of the loop count its renderings.
+FIELD = DepthFieldSettings()
 QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=HoldOut(share=0.05, look_every=10))
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
@@ -311,6 +313,15 @@ def test_surfaces_have_a_say_once_they_are_sought_and_the_measurement_has_the_la
     assert [point.loss for point in drawn.curve[:3]] == [point.loss for point in plain.curve[:3]]
     assert drawn.curve[3].loss != plain.curve[3].loss
     assert drawn.curve[-1].heldout < 1.2 * plain.curve[-1].heldout
+
+
+def test_regions_move_together_from_the_first_search_on(moving_plane):
+    surfaces = SurfaceSettings((Search(0.5, 1e-2, 2e-4),))
+    fits = [run(moving_plane, replace(QUICK, surfaces=replace(surfaces, depth_field=one)))[0] for one in (None, FIELD)]
+    losses = [[point.loss for point in fit.curve] for fit in fits]
+    assert losses[0][:3] == losses[1][:3]
+    assert losses[0][3] != losses[1][3]
+    assert fits[1].curve[-1].heldout < 1.2 * fits[0].curve[-1].heldout
 
 
 def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_worse(moving_plane, monkeypatch):

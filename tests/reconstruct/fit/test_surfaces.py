@@ -8,6 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.depth_field import FieldStep
 from gs2ci.reconstruct.fit.relief import Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, agreement, find_surfaces
@@ -218,6 +219,23 @@ def test_surfaces_move_with_an_exchange_of_turning_for_travel_as_the_scene_does(
         assert np.median(np.abs(inverse_depth[middle] / moved[view][middle] - 1)) < 0.02
     # The wall was flat, and is not any more.
     assert np.ptp(moved[2][20, 14:-14]) > 0.002
+
+
+def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):
+    found, scene, poses = surfaces_of(renderer), wall(), torch.from_numpy(path())
+    # The wall is brought nearer, its right half more so.
+    nearer = np.broadcast_to(np.array([0.02, 0.02, 0.1])[:, None, None], (3, 2, 2))
+    step = FieldStep(poses[VIEWS // 2].numpy(), np.array([-0.5, -0.4, 0.2]), np.array([0.5, 0.8, 0.6]), nearer)
+    step.of_scene(scene)
+    found = found.moved(step, poses)
+    moved = 1 / renderer.stopped_light(scene, poses.numpy()).surface().numpy()
+    looked = np.zeros(SIZE, bool)
+    for inverse_depth, pixels, view in zip(found.inverse_depth, found.pixels, found.views, strict=True):
+        looked[:] = False
+        looked.reshape(-1)[pixels.at] = True
+        looked[:, :14] = looked[:, -14:] = False
+        assert np.median(np.abs(inverse_depth / moved[view] - 1)[looked]) < 0.02
+    assert moved[2][20, 42] > 1.05 * moved[2][20, 14]
 
 
 SOUND = Search(0.3, 1e-2, 1e-3)
