@@ -7,9 +7,10 @@ are no scene of the solver's own kind; 128 × 96 px, 8 masks, shot noise and rea
 tells the path exactly, in millimetres (`GS2CI_STAGE_OFF` makes each place err by a share of the path). Default
 settings; `GS2CI_SEED` draws others, `GS2CI_SIZE` ("192x256") asks for another size, with the same motion. For each:
 random pairs of pixels on the solid, at least a quarter of its breadth apart, away from its rims and of a confidence of
-0.9 or more, as `gs2ci measure` measures them. Printed: the median error of a length, the share within 1 %, the scale
-that all lengths have in common, the median stated error, and the share of lengths that lie within 1.96 of their stated
-standard errors, which ought to be 95 %.
+0.9 or more, as `gs2ci measure` measures them. Printed: the median error of a length between the pixels' middles, the
+share within 1 %, the scale that all lengths have in common, the median stated error, and the share of lengths that lie
+within 1.96 of their stated standard errors, which ought to be 95 %: there the points meant are anywhere within their
+pixels, as the stated error has it.
 """
 
 import os
@@ -56,19 +57,21 @@ class Lengths:
     """Lengths between pairs of pixels.
 
     Args:
-        true: [P], mm.
+        true: Between the middles of pixels, [P], mm.
+        meant: Between places anywhere within them, [P], mm.
         found: [P], mm.
         stated: Their standard errors, [P], mm.
     """
 
     true: F64
+    meant: F64
     found: F64
     stated: F64
 
     def line(self) -> str:
         """Return what is printed of them."""
         off = np.abs(self.found / self.true - 1)
-        covered = np.mean(np.abs(self.found - self.true) <= COVERED * self.stated)
+        covered = np.mean(np.abs(self.found - self.meant) <= COVERED * self.stated)
         scale = np.median(self.found / self.true)
         return (
             f"{len(off):4d} lengths, {100 * np.median(off):5.2f} % off, "
@@ -114,18 +117,22 @@ def lengths(shot: Shot, scene: Scene, rng: np.random.Generator) -> Lengths:
         assert confidence is not None
         rows, columns = np.nonzero(on_solid(depth) & (confidence[view] >= CONFIDENT))
         apart = 0.25 * float(np.ptp(columns))
-        true, measured, stated = [], [], []
+        true, meant, measured, stated = [], [], [], []
         for _ in range(PAIRS):
             one, other = rng.choice(len(rows), 2, replace=False)
             ends = [(int(columns[k]), int(rows[k])) for k in (one, other)]
             if np.hypot(*np.subtract(*ends)) < apart:
                 continue
             length = measure(run_of, *ends, view)
-            points = [depth[row, column] * _ray(column, row, shot.intrinsics) for column, row in ends]
-            true.append(float(np.linalg.norm(points[1] - points[0])))
+            for wanted, within in ((true, np.full((2, 2), 0.5)), (meant, rng.random((2, 2)))):
+                points = [
+                    depth[row, column] * _ray(column + x, row + y, shot.intrinsics)
+                    for (column, row), (x, y) in zip(ends, within, strict=True)
+                ]
+                wanted.append(float(np.linalg.norm(points[1] - points[0])))
             measured.append(length.length)
             stated.append(length.standard_error)
-    return Lengths(np.array(true), np.array(measured), np.array(stated))
+    return Lengths(np.array(true), np.array(meant), np.array(measured), np.array(stated))
 
 
 def true_depth(shot: Shot, scene: Scene, view: int) -> F64:
@@ -141,6 +148,6 @@ def on_solid(depth: F64) -> Bool:
     return inside
 
 
-def _ray(column: int, row: int, intrinsics: F64 | None) -> F64:
+def _ray(x: float, y: float, intrinsics: F64 | None) -> F64:
     assert intrinsics is not None
-    return np.asarray(np.linalg.inv(intrinsics) @ [column + 0.5, row + 0.5, 1.0])
+    return np.asarray(np.linalg.inv(intrinsics) @ [x, y, 1.0])

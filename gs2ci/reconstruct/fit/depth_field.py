@@ -12,13 +12,11 @@ Here: the field and its steps. Not here: the loops over Gaussians and maps (`dep
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaussians, move_map
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
@@ -27,6 +25,9 @@ from gs2ci.render.gaussians import Gaussians
 _QUANTILES = (0.02, 0.98)
 # Of a distance, as a share of itself, in one step.
 _MOST_GROWTH = 0.25
+# Of Adam's moments, as for everything else in a fit.
+_DECAY = 0.9
+_SQUARE_DECAY = 0.999
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class DepthFieldSettings:
         across: Knots across the picture.
         down: And down.
         deep: And over inverse depth.
-        rate: Adam's step at the start of the schedule, in units of inverse depth, whose median is about 1.
+        rate: Of a step at the start of the schedule, in units of inverse depth, whose median is about 1.
         final_rate: At its end; exponential in between.
     """
 
@@ -66,7 +67,14 @@ class DepthFieldSettings:
 
 @dataclass(frozen=True)
 class FieldStep:
-    """What is added to inverse depths in one step."""
+    """What is added to inverse depths in one step.
+
+    Args:
+        pose: Of the reference view, [4, 4].
+        low: The first knots' u, v and 1/z there, [3].
+        between: What is between knots, [3].
+        values: At the knots, [A, B, C].
+    """
 
     pose: F64
     low: F64
@@ -93,7 +101,7 @@ class FieldStep:
 
 
 class DepthField:
-    """Steps of the field by Adam, on the gradients that the scene has at the time.
+    """Steps of the field, on the gradients that the scene has at the time.
 
     Args:
         settings: Of the steps.
@@ -106,9 +114,8 @@ class DepthField:
         self._reference = reference
         self._widest = np.array(widest)
         shape = (settings.across, settings.down, settings.deep)
-        self._values = torch.zeros(shape, dtype=torch.float64)
+        self._mean, self._square, self._turns = np.zeros(shape), np.zeros(shape), 0
         self._grid: tuple[F64, F64] | None = None
-        self._adam = Adam()
 
     def step(self, scene: Gaussians, world_to_camera: Tensor, progress: float, iteration: int) -> FieldStep | None:
         """Choose a step by the present gradients; taking it is up to the caller; None when it is not time for one.
@@ -123,17 +130,32 @@ class DepthField:
             return None
         pose = world_to_camera[self._reference].detach().double().numpy()
         low, between = self._grid = self._grid or self._over(scene, pose)
-        gradient = np.empty(tuple(self._values.shape))
+        gradient = np.empty_like(self._mean)
         gather_gradient(
             *(t.detach().numpy() for t in (scene.means, scene.means.grad, scene.log_scales.grad)),
             *(pose, NEAR, low, between, gradient),
         )
         if not np.isfinite(gradient).all():
             return None
-        rates, before = self._settings, self._values.clone()
-        self._values.grad = torch.from_numpy(gradient)
-        self._adam.step(self._values, rates.rate * (rates.final_rate / rates.rate) ** progress)
-        return FieldStep(pose, low, between, (self._values - before).numpy())
+        return FieldStep(pose, low, between, -self._rate(progress) * self._direction(gradient))
+
+    def _rate(self, progress: float) -> float:
+        rates = self._settings
+        return float(rates.rate * (rates.final_rate / rates.rate) ** progress)
+
+    def _direction(self, gradient: F64) -> F64:
+        """Take a gradient into Adam's moments and return what is gone along, at most about 1 at every knot.
+
+        The mean over the knots is added to each one's squares: where a plain area hardly tells its depth, Adam's own
+        steps would be as long as anywhere.
+        """
+        self._turns += 1
+        self._mean += (1 - _DECAY) * (gradient - self._mean)
+        self._square += (1 - _SQUARE_DECAY) * (gradient**2 - self._square)
+        square = self._square / (1 - _SQUARE_DECAY**self._turns)
+        root = np.sqrt(square + square.mean() + np.finfo(np.float64).tiny)
+        direction: F64 = self._mean / (1 - _DECAY**self._turns) / root
+        return direction
 
     def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:
         """Lay the grid over a scene: its first knot and what is between knots, [3] each."""
@@ -141,4 +163,4 @@ class DepthField:
         far, near = np.quantile(1 / depth[depth > NEAR], _QUANTILES)
         low = np.array([*-self._widest, far])
         high = np.array([*self._widest, max(near, far * (1 + 1e-3))])
-        return low, (high - low) / (np.array(self._values.shape) - 1)
+        return low, (high - low) / (np.array(self._mean.shape) - 1)

@@ -92,7 +92,8 @@ def test_the_gradient_is_the_objectives_derivative_by_each_knot(scene):
     objective(leaf).backward()
     depth_field = DepthField(SETTINGS, 0, WIDEST)
     step = depth_field.step(leaf, torch.from_numpy(POSE)[None], 0.0, 0)
-    # Adam's first step is its rate, against the gradient's sign.
+    # The first step is the gradient by its root mean square and its own, against its sign.
+    found = []
     for knot in ((1, 2, 0), (3, 2, 1), (4, 3, 2)):
         values = []
         for small in (-1e-5, 1e-5):
@@ -101,8 +102,11 @@ def test_the_gradient_is_the_objectives_derivative_by_each_knot(scene):
             moved = scene.map(lambda tensor: tensor.clone())
             replace(step, values=bump).of_scene(moved)
             values.append(float(objective(moved)))
-        assert abs(values[1] - values[0]) > 1e-9
-        assert step.values[knot] == pytest.approx(-SETTINGS.rate * np.sign(values[1] - values[0]), rel=1e-6)
+        along = -step.values[knot] / SETTINGS.rate
+        assert 0 < abs(along) < 1
+        found.append((values[1] - values[0]) / (along / (1 - along**2) ** 0.5))
+    # g / sqrt(g^2 + m) for each, with the same m.
+    assert found == pytest.approx([found[0]] * 3, rel=1e-4)
 
 
 def test_a_region_that_surfaces_hold_at_a_wrong_depth_is_led_back_by_the_pictures_only_with_the_field(scene):
