@@ -10,9 +10,9 @@ from gs2ci.evaluate.evaluation import read_run
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.run_folder import write_run
 
-# Of the light; depth errs by half of it.
+# Of the light; depth errs by 0.6 of it.
 SPREAD = 0.01
-ERROR = 0.5 * SPREAD
+ERROR = 0.6 * SPREAD
 
 
 @pytest.fixture
@@ -49,9 +49,9 @@ def test_the_standard_error_is_that_of_repeated_measurements(wall):
 def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
     depth = wall.depth.copy()
     depth[0, 24, 33] = 8.0
-    # Next to the axis: 4 and 8 away, 0.5 % each.
+    # Next to the axis: 4 and 8 away, 0.6 % each.
     found = measure(replace(wall, depth=depth), (32, 24), (33, 24), 0)
-    assert found.standard_error == pytest.approx(0.5 * np.hypot(0.04, 0.08), rel=0.05)
+    assert found.standard_error == pytest.approx(0.6 * np.hypot(0.04, 0.08), rel=0.05)
     assert measure(wall, (32, 24), (32, 24), 0).length == 0
     assert measure(wall, (32, 24), (32, 24), 0).standard_error > 0.024
 
