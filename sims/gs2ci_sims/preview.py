@@ -65,9 +65,21 @@ class Preview(PreviewedCharge):
             BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
-    def of_masks(self, effect: Effect, change: NDArray[Any]) -> Bound:
-        """Bound what a change of the masks, [N, H, W], makes of the readings; it may vary in time with one sign."""
-        return self._of_changes(effect, ((one, np.abs(one)) for one in change), self.intervals_s)
+    def of_masks(self, effect: Effect, change: NDArray[Any], most: NDArray[Any] | None = None) -> Bound:
+        """Bound what a change of the masks, [N, H, W], makes of the readings.
+
+        Args:
+            effect: Which does it.
+            change: Its mean over each mask's interval; it may vary in time with one sign.
+            most: The largest at any time, [N, H, W]; that of a change that lasts if not given.
+        """
+        modulation = self._modulation(effect)
+        together = max(1.0, modulation) * np.maximum(change.max(axis=0), -change.min(axis=0))
+        changes = (
+            (one, np.abs(one), np.minimum(modulation * np.abs(largest), together))
+            for one, largest in zip(change, change if most is None else most, strict=True)
+        )
+        return self._of_changes(changes, self.intervals_s, modulation)
 
     def of_mask_effect(self, effect: Effect) -> Bound:
         """Bound what an effect on masks changes: applied to the masks that it meets, with its device's own pattern."""
@@ -75,7 +87,7 @@ class Preview(PreviewedCharge):
         after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
         return self.of_masks(effect, after - before)
 
-    def of_shares(self, effect: Effect, mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
+    def of_shares(self, effect: Effect, mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:
         """Bound what changing the light behind each mask by a share makes of the readings.
 
         Args:
@@ -83,36 +95,48 @@ class Preview(PreviewedCharge):
             mean: The share that its whole light changes by, [N].
             swing: The mean magnitude of the change over the interval, [N], at least that of the mean: what is taken
                 here and added there is light of another moment.
+            most: The largest share that the light changes by at any time; 1 where light is lost or moved.
             intervals_s: All of the time that each mask's light is taken from or added to, [N, 2], if that is not its
                 own interval.
         """
+        modulation = self._modulation(effect)
+        together = min(modulation * most, max(1.0, modulation) * float(swing.max(initial=0.0)))
         changes = (
-            (float(share) * mask, float(size) * mask) for mask, share, size in zip(self.shown, mean, swing, strict=True)
+            (float(share) * mask, float(size) * mask, together * mask)
+            for mask, share, size in zip(self.shown, mean, swing, strict=True)
         )
-        return self._of_changes(effect, changes, self.intervals_s if intervals_s is None else intervals_s)
+        return self._of_changes(changes, self.intervals_s if intervals_s is None else intervals_s, modulation)
 
     def _of_changes(
-        self, effect: Effect, changes: Iterable[tuple[NDArray[Any], NDArray[Any]]], intervals_s: F64
+        self,
+        changes: Iterable[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]],
+        intervals_s: F64,
+        modulation: float,
     ) -> Bound:
-        """Bound changes of masks, in the mean and in magnitude, as computed for the V_k and at worst for the D_n.
+        """Bound changes of masks as computed for the V_k and at worst for the D_n.
 
-        Where other effects change the light of some masks more than of others, changes that cancel no longer do, by
-        as large a share.
+        What other effects do to the light may coincide with a change, where it is largest or for all of its duration,
+        and may pass another mask's light through this one.
+
+        Args:
+            changes: Of each mask: in the mean, in magnitude, and by how much other effects may alter this change.
+            intervals_s: When, [N, 2].
+            modulation: By what share others change the light of some masks more than of others.
         """
         total, size = (np.zeros((len(self.views), *self.scene.size)) for _ in range(2))
 
         def magnitudes() -> Iterator[NDArray[Any]]:
-            for (mean, magnitude), nearest in zip(changes, self._nearest, strict=True):
+            for (mean, magnitude, altered), nearest in zip(changes, self._nearest, strict=True):
                 total[nearest] += mean
-                size[nearest] += np.abs(mean)
-                yield magnitude
+                size[nearest] += altered
+                yield magnitude + altered
 
         departures = self._departures(intervals_s)
         weights = WeightSet(magnitudes(), singly=bool(departures.any()))
         steady = np.einsum("khw,khwc->hwc", total, self.views)
-        brightest, modulation = self.scene.brightest, self._modulation(effect)
+        brightest = self.scene.brightest
         if modulation > 0:
-            steady = np.abs(steady) + modulation * np.einsum("khw,khwc->hwc", size, self.views)
+            steady = np.abs(steady) + np.einsum("khw,khwc->hwc", size, self.views)
         rms = float(np.sqrt(np.square(steady).mean()))
         unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
@@ -120,9 +144,14 @@ class Preview(PreviewedCharge):
             "S * (v + u)",
             *self._full_scale_steps,
             BoundStep(
-                "m", modulation, "", "by what share other effects treat masks differently, which undoes cancelling"
+                "m", modulation, "", "by what share other effects change when and through which mask light is collected"
             ),
-            BoundStep("v", rms, "", "changes of the masks times the previewed views, summed, rms; white is 1"),
+            BoundStep(
+                "v",
+                rms,
+                "",
+                "changes of the masks, and what m makes of each, times the previewed views, rms; white is 1",
+            ),
             BoundStep("u", unseen, "", "the same of what the image has changed since, where the masks lie worst"),
         )
 

@@ -75,7 +75,10 @@ FAMILY = {
     LcosResponse: lambda case: st.builds(LcosResponse, log_uniform(0.003 * case.interval, 3 * case.interval)),
     LensDistortion: lambda case: st.builds(LensDistortion, either_sign(log_uniform(1e-3, 0.15))),
     MaskEdges: lambda case: st.builds(MaskEdges, log_uniform(0.05, 1)),
-    MirrorTransition: lambda case: st.builds(MirrorTransition, log_uniform(0.003 * case.interval, case.interval)),
+    # The largest drawn may be an interval and a rounding error.
+    MirrorTransition: lambda case: log_uniform(0.003 * case.interval, case.interval).map(
+        lambda transition_s: MirrorTransition(min(transition_s, case.interval))
+    ),
     Misregistration: lambda case: st.builds(
         Misregistration, shift(), shift(), st.floats(-3, 3), st.floats(1 - 2e-3, 1 + 2e-3)
     ),

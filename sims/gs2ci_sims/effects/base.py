@@ -192,7 +192,7 @@ class Previewed(ViewPreview, Protocol):
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound the readings by fields of this rms (of each, [N], or of all) and peak, radiance, behind the masks."""
 
-    def of_masks(self, effect: "Effect", change: NDArray[Any]) -> Bound:
+    def of_masks(self, effect: "Effect", change: NDArray[Any], most: NDArray[Any] | None = None) -> Bound:
         """Bound the change of the readings by a change of the masks, [N, H, W]."""
 
     def of_mask_effect(self, effect: "Effect") -> Bound:
@@ -201,7 +201,7 @@ class Previewed(ViewPreview, Protocol):
     def of_photon_effect(self, effect: "Effect", most: float) -> Bound:
         """Bound the change by a linear effect on the photons: at most the share `most` of its input, rms."""
 
-    def of_shares(self, effect: "Effect", mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
+    def of_shares(self, effect: "Effect", mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:
         """Bound the change of the readings if the light behind each mask changes by a share, [N]."""
 
 
@@ -261,7 +261,10 @@ class Modulating(Effect, Protocol):
     """An effect that changes the light of some masks more than that of others."""
 
     def modulation(self, scene: ViewPreview) -> float:
-        """Return the largest share of a mask's light that it removes, adds, or shifts to another time."""
+        """Return the largest share of a mask's light that it removes, adds, or shifts to another time, summed.
+
+        Light that passes another mask than its own counts twice: it is missing at one mask and added at the other.
+        """
 
 
 @runtime_checkable

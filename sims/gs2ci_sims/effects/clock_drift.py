@@ -38,7 +38,7 @@ class ClockDrift:
         The time removed from its own interval and the time added after it are together at most twice the delay.
         """
         change, swing, taken_s = self._changes(scene, rig)
-        return scene.of_shares(self, change, swing, taken_s).after(
+        return scene.of_shares(self, change, swing, 1.0, taken_s).after(
             BoundStep("ppm", self.ppm, "1e-6", "slowness of the modulator's clock"),
             BoundStep("t", rig.exposure_s, "s", "exposure"),
             BoundStep("late", 1e-6 * self.ppm * rig.exposure_s, "s", "lateness at the end", "1e-6 * ppm * t"),

@@ -36,7 +36,7 @@ class IlluminationDrift:
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
         change = self._factor(times_s) - 1
-        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1)).after(
+        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1), self.modulation(scene)).after(
             BoundStep("r", self.rate_per_s, "1/s", "relative change of the light"),
             BoundStep("t", rig.exposure_s, "s", "exposure"),
             BoundStep(

@@ -43,7 +43,8 @@ class IlluminationFlicker:
         light = BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
         steps = mains, *swing_left(self.depth, light, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
+        kept, swing = np.full(masks, steps[-1].value), np.full(masks, self.depth)
+        return scene.of_shares(self, kept, swing, self.depth).after(*steps)
 
     def brightest(self, scene: ViewPreview) -> float:
         """The maximum of the oscillation."""

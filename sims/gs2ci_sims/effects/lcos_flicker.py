@@ -44,7 +44,8 @@ class LcosFlicker:
         drive = BoundStep("f", self.drive_hz, "Hz", "frequency of the drive")
         steps = swing_left(self.depth, drive, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
+        kept, swing = np.full(masks, steps[-1].value), np.full(masks, self.depth)
+        return scene.of_shares(self, kept, swing, self.depth).after(*steps)
 
     def brightest(self, scene: ViewPreview) -> float:
         """The maximum of the ripple."""

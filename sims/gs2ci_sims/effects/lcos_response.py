@@ -54,15 +54,16 @@ class LcosResponse:
             return NOTHING.by("0")
         weight = self._weight(rig)
         old = np.tensordot(self.states(len(scene.masks), rig), scene.shown, axes=1)
-        return scene.of_masks(self, weight * (old - scene.shown)).after(
+        apart = old - scene.shown
+        return scene.of_masks(self, weight * apart, apart).after(
             BoundStep("tau", self.tau_s, "s", "time constant"),
             BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
             BoundStep("c", weight, "", "mean weight of the older masks", "min(1, tau / T * (1 - exp(-T / tau)))"),
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """The share that belongs to older masks."""
-        return self._weight(scene.rig) if self.tau_s > 0 else 0.0
+        """The share that belongs to older masks, and as much that comes from the next one."""
+        return 2 * self._weight(scene.rig) if self.tau_s > 0 else 0.0
 
     def _weight(self, rig: Rig) -> float:
         """Return the mean weight of the old state over an interval."""

@@ -38,15 +38,16 @@ class MirrorTransition:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Half of the transition's share of the interval belongs to the previous mask."""
         share = 0.5 * self._share(rig)
-        return scene.of_masks(self, share * (_masks_before(scene.shown, rig) - scene.shown)).after(
+        apart = _masks_before(scene.shown, rig) - scene.shown
+        return scene.of_masks(self, share * apart, apart).after(
             BoundStep("t", self.transition_s, "s", "transition of the mirrors"),
             BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
             BoundStep("c", share, "", "share of a mask's light that goes through the mask before", "t / (2 * T)"),
         )
 
     def modulation(self, scene: ViewPreview) -> float:
-        """The share that belongs to the previous mask."""
-        return 0.5 * self._share(scene.rig)
+        """The share that belongs to the previous mask, and as much that comes from the next one."""
+        return self._share(scene.rig)
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Mix the previous mask into the start of each mask's time."""

@@ -42,7 +42,7 @@ class RollingShutter:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The light of each mask that each row misses."""
         missed = self._missed(scene)
-        return scene.of_masks(self, missed[..., None] * scene.shown).after(
+        return scene.of_masks(self, missed[..., None] * scene.shown, scene.shown).after(
             BoundStep("delay", self.line_delay_s, "s", "from each row to the next"),
             BoundStep("rows", float(scene.masks.shape[1]), "", "rows"),
             BoundStep(

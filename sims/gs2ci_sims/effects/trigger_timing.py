@@ -45,7 +45,7 @@ class TriggerTiming:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
         losses = list(self._missed_shares(scene, rig))
-        bounds = [scene.of_shares(self, lost, lost) for lost in losses]
+        bounds = [scene.of_shares(self, lost, lost, 1.0) for lost in losses]
         worst = max(range(2), key=lambda window: bounds[window].rms_dn)
         bound = Bound(bounds[worst].rms_dn, max(b.peak_dn for b in bounds), steps=bounds[worst].steps)
         return bound.after(

@@ -128,12 +128,12 @@ class PreviewedViews:
 
     def _modulation(self, effect: Effect) -> float:
         """Return by which share of a mask's light the other effects may change it against the others'."""
-        shares = [
-            other.modulation(self)
-            for other in self.effects
-            if isinstance(other, Modulating) and other.name != effect.name
-        ]
-        return float(np.prod([1 + share for share in shares])) - 1
+        return float(np.prod([1 + share for name, share in self._modulations.items() if name != effect.name])) - 1
+
+    @cached_property
+    def _modulations(self) -> dict[str, float]:
+        """By which share of a mask's light each effect may change it; kept, as every bound asks for all of them."""
+        return {effect.name: effect.modulation(self) for effect in self.effects if isinstance(effect, Modulating)}
 
     @cached_property
     def _spectrum(self) -> tuple[F64, F64]:

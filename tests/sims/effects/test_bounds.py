@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gs2ci_sims.effects.dust import Dust
+from gs2ci_sims.effects.illumination_drift import IlluminationDrift
+from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
+from gs2ci_sims.effects.lcos_flicker import LcosFlicker
+from gs2ci_sims.effects.lcos_response import LcosResponse
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
 from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.exact import ExactRenderer
 from tests.sims.adversaries import FAMILIES
 from tests.sims.families import FAMILY, SAMPLED, Case, ratios, reversing
@@ -87,3 +94,31 @@ def test_bounds_hold_in_the_company_of_other_effects(family, seed, masks, data):
         return ratios(case, effect, company=tuple(company), sampled=SAMPLED, **options)
 
     assert holds(ratios_of(), lambda: ratios_of(renderer=ExactRenderer()))
+
+
+# Effects whose change cancels over an interval, or lies at one end of it, beside others that act just there.
+COINCIDING = {
+    "a lamp that drifts and rows that open late": (
+        39,
+        "all open",
+        IlluminationDrift(-1.0),
+        (Dust(1.0, 1.0, 1.0), RollingShutter(4e-5)),
+    ),
+    "a lamp that drifts and an early trigger": (28, "grey", IlluminationDrift(1.6), (TriggerTiming(-3.2e-3, 4e-4),)),
+    "a lamp that drifts before slow crystals": (2, "hadamard", IlluminationDrift(1.0), (LcosResponse(3.5e-3),)),
+    "a panel and a lamp that beat": (
+        38,
+        "one-hot",
+        LcosFlicker(7.3e-3, 3535.323970469432),
+        (IlluminationFlicker(1.0, 1732.2126841860563),),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", COINCIDING)
+def test_a_bound_holds_where_what_two_effects_do_coincides_within_a_mask(case):
+    seed, masks, effect, company = COINCIDING[case]
+    seen = Case(seed, masks)
+    assert holds(
+        ratios(seen, effect, company=company), lambda: ratios(seen, effect, company=company, renderer=ExactRenderer())
+    )
