@@ -1,7 +1,7 @@
-"""Which cells make which table, and how its figures are laid out.
+"""The tables of figures: the cells and the columns of each.
 
-Here: `Table`, and the tables by name. Not here: their columns (`columns`) and cases (`case_sets`), the work (`works`),
-pages (`pages`).
+Here: `Table`, and the tables by name. Not here: their columns (`columns`) and cases (`case_sets`), the computation of
+a cell (`works`), the output files (`pages`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,10 +33,10 @@ from gs2ci_sims.scenes.files import scene_names
 
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24, 32)
-# Ways in which the paper's Tables IV and V compare each of their lines; where they are named.
+# Variants that the paper's Tables IV and V compare on each of their lines; made only if `--lines` names them.
 _RIVALS: Final = ("one fit", *RULES, *PAPER, *ON_PAPERS_SCHEDULE)
-# Fields of a `Case`, against the case untouched. Where more light would reach the sensor, the lens is stopped down:
-# else the line would show what clipped readings cost (of 32 views, up to half of all).
+# Changed fields of a `Case`. If more light would reach the sensor, the lens is stopped down: otherwise the line would
+# show the effect of clipped readings (with 32 views, up to half of all).
 CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "as it is": {},
     **{f"noise {percent} %": {"noise": percent / 100} for percent in (1, 2, 5)},
@@ -53,7 +53,7 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class TableEntry:
-    """One cell and where its figures go: one line of one case's table; seeds share a line."""
+    """A cell with the case and the line in which its figures appear; all seeds share a line."""
 
     case: str
     line: str
@@ -62,7 +62,7 @@ class TableEntry:
 
 @dataclass(frozen=True)
 class TableOptions:
-    """What a table is made of.
+    """The choices for a table.
 
     Args:
         cases: The measurements.
@@ -80,14 +80,14 @@ class Table:
     """A table of figures.
 
     Args:
-        title: Over the page.
+        title: Title of the page.
         about: What is compared, in a sentence or two.
-        entries: Its cells, from the options.
-        measures: Its columns; the first is drawn.
-        known: The cases there are: from a folder, or of our own without one.
-        axis: What lines that begin with a number are drawn against, on logarithmic axes; "" draws them side by side.
+        entries: Returns its cells for the options.
+        measures: Its columns; the picture shows the first.
+        known: Returns its cases: those of a folder, or the built-in ones without a folder.
+        axis: Label of the logarithmic axis for the numbers that lines begin with; "" plots the lines side by side.
         takes_data: Whether its cases may be the files of a folder.
-        takes_size: Whether its cases are measurements, which may be had at another size.
+        takes_size: Whether its cases are measurements, whose size can be changed.
     """
 
     title: str
@@ -103,16 +103,16 @@ class Table:
 def chosen_cases(
     name: TableName, folder: Path | None, size: tuple[int, int] | None, wanted: Sequence[str]
 ) -> tuple[Case, ...]:
-    """Return the cases of a table that are wanted, all that it has without any; a library scene may be named besides.
+    """Return the named cases of a table, or all of its own without names; any scene of the library may be named.
 
     Args:
-        name: Of the table.
+        name: Name of the table.
         folder: See `known_cases`.
         size: See `known_cases`.
         wanted: Names of cases.
 
     Raises:
-        InputError: As of `known_cases`; or there is no case of a name.
+        InputError: As in `known_cases`; or a name is not the name of a case.
     """
     known = known_cases(name, folder, size)
     others = scene_names() if any(case.scene for case in known) else ()
@@ -124,16 +124,16 @@ def chosen_cases(
 
 
 def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
-    """Return the cases that a table has, from a folder or of its own, at their size or another.
+    """Return the cases of a table, from a folder or built in, in their own size or in a requested one.
 
     Args:
-        name: Of the table.
-        folder: Where its files are; None for its own.
+        name: Name of the table.
+        folder: Folder of its files; None for the built-in cases.
         size: Height and width, px; None for their own.
 
     Raises:
-        InputError: The table takes no folder or no size, the folder holds no file of its kind, or a side is no count
-            of pixels.
+        InputError: The table takes no folder or no size, the folder holds no suitable file, or a side is less than
+            1 px.
     """
     for option, given, takers in (
         ("--data", folder, [other for other, one in TABLES.items() if one.takes_data]),
@@ -156,14 +156,14 @@ def reconstruction(case: Case, variant: str, seed: int) -> Cell:
 
 
 def initialisation(case: Case, variant: str, seed: int) -> Cell:
-    """Make the cell that finds a case's first geometry with a variant of the settings."""
+    """Make the cell that estimates a case's first geometry with a variant of the settings."""
     return replace(reconstruction(case, variant, seed), work=initialise_case)
 
 
 def _variants(
     names: Sequence[str], cell: Callable[[Case, str, int], Cell] = reconstruction, named: Sequence[str] = ()
 ) -> Callable[[TableOptions], list[TableEntry]]:
-    """Make a line of each of some variants; of further ones only where they are named."""
+    """Make a line for each of the variants `names`; for those in `named` only if the options name them."""
 
     def entries(options: TableOptions) -> list[TableEntry]:
         return [
@@ -177,7 +177,7 @@ def _variants(
 
 
 def _of_literature(options: TableOptions) -> list[TableEntry]:
-    """Decode or fit by the methods of the literature; those that are slow or need weights only where they are named."""
+    """Make the lines of the literature's methods; slow ones and those that need weights only if they are named."""
     chosen = _chosen(("default", *DECODERS), options.lines, (*PAPER, *LEARNED, FIELD))
     return [
         TableEntry(case.name, line, _literature(case, line, seed))
@@ -200,7 +200,7 @@ def _literature(case: Case, line: str, seed: int) -> Cell:
 def _changed(
     lines: Mapping[str, Mapping[str, Any]], variants: Sequence[str] = ()
 ) -> Callable[[TableOptions], list[TableEntry]]:
-    """Make a line of each changed case by the default way; by other variants («50% open, adc») where they are named."""
+    """Make a line for each changed case with the default; with other variants ("50% open, adc") if they are named."""
     ways = {line: (line, "default") for line in lines}
     further = {f"{line}, {variant}": (line, variant) for variant in variants for line in lines}
 
@@ -232,7 +232,7 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
 
 
 def _calibrations(options: TableOptions) -> list[TableEntry]:
-    """Calibrate masks with more and more frames, and predict them."""
+    """Measure masks with increasing numbers of frames, and predict them."""
     ways: dict[str, dict[str, int | bool]] = {
         f"measured, {frames} frames": {"frames": frames, "fast": False} for frames in FRAMES
     }
@@ -246,7 +246,7 @@ def _calibrations(options: TableOptions) -> list[TableEntry]:
 
 
 def _chosen(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the lines that are wanted, else all but those that are only made where they are named."""
+    """Return the lines `wanted`, or all of `lines` if none is; lines of `named` are made only if they are wanted."""
     unknown = [line for line in wanted if line not in lines and line not in named]
     if unknown:
         raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, (*lines, *named))))
@@ -256,22 +256,22 @@ def _chosen(lines: Sequence[str], wanted: Sequence[str], named: Sequence[str] = 
 TABLES: Final[dict[TableName, Table]] = {
     "methods": Table(
         "Methods",
-        "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "
-        "paper's own schedule.",
+        "The default, which is the mean of two fits; one fit; one fit with one change at a time; the paper's own "
+        "schedule.",
         _variants(tuple(name for name in VARIANTS if name not in ON_PAPERS_SCHEDULE), named=tuple(ON_PAPERS_SCHEDULE)),
         RECONSTRUCTION,
     ),
     "init": Table(
         "Geometry initialisation",
         "First poses and depth, before any fit: from decoded views and from the paper's proxies. "
-        "Unexplained: what the middle view, carried through the geometry and coded, leaves of the measurement.",
+        "Unexplained: the residual of the measurement when the middle view is warped to all poses and coded.",
         _variants(("default", *GEOMETRY), initialisation),
         INITIALISATION,
     ),
     "density": Table(
         "Density rules",
-        "Where Gaussians are added and removed in one fit; all else, the number of iterations included, is the "
-        "default's.",
+        "The rules by which one fit adds and removes Gaussians; all other settings, the number of iterations included, "
+        "are the default's.",
         _variants(("default", "one fit", *RULES), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
         POPULATION,
     ),
@@ -283,15 +283,16 @@ TABLES: Final[dict[TableName, Table]] = {
     ),
     "mask-ratio": Table(
         "Share of open mask pixels",
-        "Random binary masks; from files, true views are coded anew. Where more masks are open the lens of a scene is "
-        "stopped down, so that no more readings clip.",
+        "Random binary masks; the true views of a file are coded again. With a larger open share the lens of a "
+        "simulated scene is stopped down, so that no more readings clip.",
         _changed({f"{ratio:.0%} open": {"open_share": ratio, "stopped_down": True} for ratio in RATIOS}, _RIVALS),
         RECONSTRUCTION,
     ),
     "compression": Table(
         "Views in one measurement",
-        "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count. "
-        "Where more masks are open the lens of a scene is stopped down, so that no more readings clip.",
+        "As many masks as views, a quarter open. A file's views are subsampled, so lines with more views than it "
+        "holds stay empty. With more masks the lens of a simulated scene is stopped down, so that no more readings "
+        "clip.",
         _changed(
             {f"{views} views": {"views": views, "open_share": 0.25, "stopped_down": True} for views in VIEWS}, _RIVALS
         ),
@@ -299,49 +300,52 @@ TABLES: Final[dict[TableName, Table]] = {
     ),
     "conditions": Table(
         "Hard conditions",
-        "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
-        "view's full scale; masks that are more open, or grey; more views of the same path; a lamp that the weights do "
-        "not know of; no camera matrix; a stage that tells the path, its places off by a share of its extent. Where "
-        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks "
-        "and views code a file's true views anew, without the noise it came with. A line that a case cannot have says "
-        "why.",
+        "The measurement as it is, and with one condition of a real bench at a time: white noise, in percent of one "
+        "view's full scale; masks with a larger open share, or grey; more views of the same path; weights that miss "
+        "the lamp's flicker; no camera matrix; known stage poses, with position errors in percent of the path's "
+        "extent. With more light the lens of a simulated scene is stopped down, so that no more readings clip. For "
+        "other noise, masks or views, a file's true views are coded again, without the noise of its own measurement. "
+        "A line that is impossible for a case states the reason.",
         _changed(CONDITIONS),
         RECONSTRUCTION,
         condition_cases,
     ),
     "literature": Table(
         "Methods of the literature",
-        "The default beside decoders, which give views alone. Only where they are named: `paper`, `paper, fine` and "
-        "`scisplat` (ENI, tracks, MCMC), on the paper's 20,000 iterations; `pnp-ffdnet`, `pnp-ffdnet-colour`, "
-        "`pnp-fastdvdnet` and `video-decoder`, whose models have to be added (`gs2ci models`); "
-        "`field`, a radiance field fitted with its poses as SCINeRF does, which takes many minutes.",
+        "The default compared with decoders, which return views but no scene. Further lines are made only if `--lines` "
+        "names them: `paper`, `paper, fine` and `scisplat` (ENI, tracks, MCMC), with the paper's 20,000 iterations; "
+        "`pnp-ffdnet`, `pnp-ffdnet-colour`, `pnp-fastdvdnet` and `video-decoder`, whose models have to be added first "
+        "(`gs2ci models`); `field`, a radiance field fitted together with its poses as in SCINeRF, which takes many "
+        "minutes.",
         _of_literature,
         RECONSTRUCTION,
     ),
     "paper": Table(
         "The default and the paper's system",
-        "The default beside the system of the paper with its 20,000 iterations: views, novel views, path, depth, and "
-        "the population over the iterations. Only where they are named: `paper, fine` with the fine stage, `scisplat` "
-        "with SCISplat's choices, and one change to the paper's system at a time.",
+        "The default compared with the paper's system and its 20,000 iterations: views, novel views, path, depth, and "
+        "the number of Gaussians over the iterations. Further lines are made only if `--lines` names them: `paper, "
+        "fine` with the fine stage, `scisplat` with SCISplat's choices, and the paper's system with one change at a "
+        "time.",
         _variants(("default", "paper"), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
         AGAINST_PAPER,
     ),
     "path": Table(
         "Camera paths",
-        "All errors of the camera path that the paper's Table VI has, by density rule, in one fit.",
+        "All errors of the camera path in the paper's Table VI, for each density rule, in one fit.",
         _variants(("default", "one fit", *RULES), named=(*PAPER, *ON_PAPERS_SCHEDULE)),
         PATH,
     ),
     "seeds": Table(
         "Seeds",
-        "The default way under different masks, noise and draws.",
+        "The default with different masks, noise and random draws.",
         _variants(("default",)),
         RECONSTRUCTION,
     ),
     "simulate": Table(
         "What accuracy costs the simulator",
-        "Planned simulations against simulating everything, with ever more views until the readings settle. «Off» is "
-        "the difference before counting and rounding, «bound» what the plan promised; seconds include planning.",
+        "Planned simulations compared with a full simulation, whose number of views is increased until its readings "
+        "converge. `off` is the difference before photon counting and rounding, `bound` the upper bound that the plan "
+        "states; seconds include planning.",
         _tolerances,
         (
             Measure("seconds", "s", 3, more_is_better=False),
@@ -358,8 +362,8 @@ TABLES: Final[dict[TableName, Table]] = {
     ),
     "calibrate": Table(
         "What calibrated masks cost",
-        "Masks measured with more and more frames of each, and predicted from a registration with as many; errors "
-        "against the truth of simulated benches, time by their own clock, upload included.",
+        "Masks measured with increasing numbers of frames each, and masks predicted from a registration with the same "
+        "numbers; errors against the truth of simulated benches, time on the bench's clock, upload included.",
         _calibrations,
         CALIBRATION,
         bench_cases,
