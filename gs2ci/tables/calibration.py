@@ -1,4 +1,4 @@
-"""What mask calibration costs: simulated benches of known truth, calibrated through their drivers.
+"""The cost of mask calibration: simulated benches of known truth, calibrated through their drivers.
 
 Here: the benches, and the work of one cell. Not here: the table (`catalogue`), the calibration (`gs2ci_calibration`).
 """
@@ -40,7 +40,7 @@ BENCHES: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 def calibrate_masks(bench: str, frames: int, fast: bool, seed: int) -> Row:
-    """Calibrate a bench from dark frames to masks; figures against its truth.
+    """Calibrate a bench from dark frames to masks; return figures against its truth.
 
     Args:
         bench: A name in `BENCHES`.

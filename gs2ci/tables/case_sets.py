@@ -1,4 +1,4 @@
-"""The measurements that tables are made over: simulated scenes, the files of a folder, benches, at a size of choice.
+"""The cases of tables: simulated scenes, the files of a folder, or simulated benches, in a requested size.
 
 Not here: what a case is (`cases`), which table takes which (`catalogue`).
 """
@@ -18,12 +18,12 @@ TEXTURELESS: Final = "textureless"
 
 
 def simulated_cases() -> tuple[Case, ...]:
-    """Return scenes of the simulator's library, exposed by its light path."""
+    """Return cases with scenes of the simulator's library, exposed by its light path."""
     return tuple(Case(name, scene=name) for name in SIMULATED)
 
 
 def condition_cases(folder: Path | None) -> tuple[Case, ...]:
-    """Return the measurements of a folder, or simulated ones, and among these one that is hard by itself.
+    """Return the measurements of a folder, or simulated ones; these include a scene that is hard by itself.
 
     Raises:
         InputError: The folder holds none.
@@ -47,7 +47,7 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     """Return a case for each .npz file of a folder.
 
     Raises:
-        InputError: There are none.
+        InputError: The folder holds none.
     """
     files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
     if not files:
@@ -56,19 +56,19 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
 
 
 def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
-    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
+    """Return a case for each simulated bench that is calibrated, with its name alone; a folder is not used."""
     return tuple(Case(name) for name in BENCHES)
 
 
 def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
-    """Return scenes at another size, and files with all but their middle cut away.
+    """Return the cases in another size: scenes are rendered in it, files are cropped to their middle.
 
     Args:
         cases: Measurements.
         size: Height and width, px.
 
     Raises:
-        InputError: A side is no count of pixels.
+        InputError: A side is less than 1 px.
     """
     if min(size) < 1:
         raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")

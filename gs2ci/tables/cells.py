@@ -1,4 +1,4 @@
-"""One cell of a table: the function called, its arguments, and the row of figures that comes out.
+"""One cell of a table: the function called, its arguments, and the row of figures that it returns.
 
 Here: `Cell`, and doing one. Not here: what is done (`works`), who does it (`workers`), keeping it (`store`), which
 cells are needed (`catalogue`).
@@ -29,7 +29,7 @@ class Cell:
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what no other process would find.
+        """Refuse a function or arguments that another process could not load.
 
         Raises:
             InputError: The function is no module's own: a lambda, a method, or made within another.
@@ -44,7 +44,7 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """Get what names the result on disk.
+        """Get the hash that names the result on disk.
 
         Raises:
             StorageError: A file cannot be read.
@@ -53,7 +53,7 @@ class Cell:
 
 
 def run(cell: Cell) -> Row:
-    """Do the work; an error of ours becomes a row that says so, so that one bad cell does not cost the table."""
+    """Do the work; an error of ours becomes a row that states it, so that one failed cell does not end the table."""
     began_s = time.monotonic()
     try:
         row = cell.work(**cell.arguments)

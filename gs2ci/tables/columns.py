@@ -1,6 +1,6 @@
-"""The columns that tables of figures have: which figure of a row, under which title, to how many decimals.
+"""The columns of tables of figures: the figure of a row, its title, its number of decimals.
 
-Not here: what measures a figure (`works`), which table has which columns (`catalogue`).
+Not here: the computation of a figure (`works`), which table has which columns (`catalogue`).
 """
 
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ PATH: Final = (
     Measure("translation_mean", "mean off, translation", 5, more_is_better=False),
     Measure("rotation_deg", "mean off, °", 3, more_is_better=False),
 )
-"""Of a camera path, as the paper's Table VI has them; lengths in the unit of the true path."""
+"""Errors of a camera path, as in the paper's Table VI; lengths in the unit of the true path."""
 
 INITIALISATION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),

@@ -1,6 +1,6 @@
 """A finished table as one self-contained HTML page, in the frame that run pages have.
 
-Here: what the page says. Not here: what it is made of (`gs2ci.evaluate.pages`), means, markdown, CSV and picture
+Here: the text of the page. Not here: its components (`gs2ci.evaluate.pages`); means, markdown, CSV and picture
 (`pages`).
 """
 
@@ -33,7 +33,7 @@ def write_html_page(folder: Path, name: str, table: Table, figures: Sequence[Fig
 
 
 def html_page(table: Table, figures: Sequence[Figures], command: str) -> str:
-    """Lay a table out as a page: what came out, then a table and a chart for each case."""
+    """Lay a table out as a page: a summary, then a table and a chart for each case."""
     cases = {case: [one for one in figures if one.case == case] for case in dict.fromkeys(one.case for one in figures)}
     sections = [
         PageSection(case, _table(table, lines) + _chart(table.measures[0], lines)) for case, lines in cases.items()
@@ -63,7 +63,7 @@ def _masthead(table: Table, cases: Cases) -> Markup:
 
 
 def _headline(table: Table, best: Mapping[str, Figures]) -> str:
-    """Say which line is best most often, by the table's first measure."""
+    """State which line is best in the most cases, by the table's first measure."""
     winners = [one.line for one in best.values()]
     if not winners:
         return table.title

@@ -1,6 +1,6 @@
-"""The methods of the literature that tables set beside ours: decoders, and a radiance field.
+"""The methods of the literature that tables compare with ours: decoders, and a radiance field.
 
-Here: their names, how each is called, and the rows of figures that come out. Not here: the decoders
+Here: their names, their calls, and the rows of figures that they return. Not here: the decoders
 (`gs2ci.reconstruct.decode`), the field (`gs2ci.reconstruct.baselines`), SCISplat, which is a variant of our own
 settings (`variants`).
 """
@@ -43,7 +43,7 @@ from gs2ci.tables.store import Row
 _PUBLISHED: Final = GapTvSettings(weight=0.3, coupling=0.0)
 
 Decode = Callable[[Shot, int], F32]
-"""From a shot and a seed to views, [N, H, W, C]."""
+"""Decodes a shot, with a seed, to views, [N, H, W, C]."""
 
 DECODERS: Final[Mapping[str, Decode]] = MappingProxyType(
     {
@@ -54,7 +54,7 @@ DECODERS: Final[Mapping[str, Decode]] = MappingProxyType(
         "patches": lambda shot, _: patch_decode(shot),
     }
 )
-"""Decoders that need no weights. `gap-tv` is as published; `coupled` knows that consecutive views are alike."""
+"""Decoders that need no weights. `gap-tv` is as published; `coupled` also smooths between consecutive views."""
 
 LEARNED: Final[Mapping[str, ModelName]] = MappingProxyType(
     {
@@ -64,27 +64,27 @@ LEARNED: Final[Mapping[str, ModelName]] = MappingProxyType(
         "video-decoder": "video-decoder",
     }
 )
-"""Lines of models that a user has added by name: plug-and-play, and a network straight to views."""
+"""Lines with models that a user has added by name: plug-and-play denoisers, and a network that returns views."""
 
 FIELD: Final = "field"
 
 
 def model_files(line: str) -> tuple[str, ...]:
-    """Return the model file that a line needs, where one was added; the line's figures depend on it."""
+    """Return the model file that a line depends on, if the line needs one and it has been added."""
     known = known_model(LEARNED[line]) if line in LEARNED else None
     return () if known is None else (str(known.path),)
 
 
 def decode_case(case: dict[str, Any], method: str, seed: int) -> Row:
-    """Decode a case; figures in dB and seconds. A decode has neither scene nor path.
+    """Decode a case; return figures in dB and seconds. A decoder estimates neither scene nor path.
 
     Args:
         case: Fields of a `Case`.
         method: A name in `DECODERS` or `LEARNED`.
-        seed: Of masks and noise, and of the pixels that a decoder holds out.
+        seed: Seed of masks and noise, and of the pixels that a decoder holds out.
 
     Raises:
-        Gs2ciError: The case cannot be made, there is no such method, or its model was not added.
+        Gs2ciError: The case cannot be made, the method is unknown, or its model was not added.
     """
     decode = _decoder(method)
     shot = Case.of(case).shot(seed)
@@ -108,20 +108,20 @@ def _decoder(method: str) -> Decode:
 
 
 def field_case(case: dict[str, Any], iterations: int, seed: int) -> Row:
-    """Fit a radiance field to a case; figures in dB, full scales and seconds, None where no truth tells.
+    """Fit a radiance field to a case; return figures in dB, full scales and seconds, None without a truth.
 
     Args:
         case: Fields of a `Case`.
         iterations: Steps of its fit.
-        seed: Of masks, noise and the fit's draws.
+        seed: Seed of masks, noise and the fit's random draws.
 
     Raises:
-        Gs2ciError: The case cannot be made, or the field not be fitted.
+        Gs2ciError: The case cannot be made, or the field cannot be fitted.
     """
     made, settings = Case.of(case), Settings(seed=seed)
     shot = made.shot(seed)
     began_s = time.monotonic()
-    jury = Jury.of(shot, 0.0, seed)  # as the literature does, it sees all pixels
+    jury = Jury.of(shot, 0.0, seed)  # no pixels are held out, as in the literature
     prior = load_geometry_prior(settings.poses)
     first = look(jury, Lens.of(shot), prior, settings, Silent(), lambda _: None)
     fitted = fit_field(first.jury.shot, first.geometry, FieldSettings(iterations=iterations), seed)
@@ -147,7 +147,7 @@ def field_case(case: dict[str, Any], iterations: int, seed: int) -> Row:
 
 
 def _scores(views: F32, truth: F32 | None) -> Row:
-    """Score views; grey truth is met by the mean of their colours."""
+    """Score views; a grey truth is compared with the mean of their colours."""
     if truth is None:
         return {"psnr_db": None, "ssim": None}
     shown = views if views.shape[3] == truth.shape[3] else views.mean(axis=3, keepdims=True)

@@ -1,4 +1,4 @@
-"""The names of the tables, so that help and a misspelt name need not wait for what makes them.
+"""The names of the tables, for the help and the check of a name without importing the modules that make tables.
 
 Not here: the tables (`catalogue`).
 """

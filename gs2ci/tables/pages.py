@@ -1,6 +1,6 @@
 """A finished table as markdown, CSV and a picture.
 
-Here: means and spreads, and the three files. Not here: the work behind them (`works`), the HTML page
+Here: means and spreads, and the three files. Not here: the computation of the cells (`works`), the HTML page
 (`html_page`).
 """
 
@@ -28,13 +28,13 @@ class Figures:
     """One line of one case: a mean and a spread for each measure.
 
     Args:
-        case: Of which measurement.
-        line: Of which variant.
-        means: Per measure; None where no cell has a figure.
+        case: Name of the measurement.
+        line: Name of the variant.
+        means: Per measure; None if no cell has a figure.
         spreads: Sample standard deviation over the seeds; None for less than two.
-        count: Cells that succeeded: an error is none, nor is a result that is inside out (`evaluate.order`), however
-            good its views.
-        errors: What the others said.
+        count: Cells that succeeded. A cell with an error did not, nor did a result whose depth order is reversed
+            (`evaluate.order`), however good its views are.
+        errors: The reasons of the other cells.
     """
 
     case: str
@@ -111,7 +111,7 @@ def _machine_sentence() -> str:
 
 
 def best_of(measure: Measure, means: Sequence[float | None]) -> float | None:
-    """Find the best of a column's means; None where there are not two to compare."""
+    """Return the best of a column's means; None with less than two."""
     known = [value for value in means if value is not None]
     if len(known) < 2:
         return None
@@ -129,7 +129,7 @@ def _cell(measure: Measure, one: Figures, k: int, best: float | None) -> str:
 
 
 def as_csv(table: Table, figures: Sequence[Figures]) -> str:
-    """Lay the figures out with full digits, a line per case and line."""
+    """Write the figures with full digits, one row for each line of each case."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     columns = [f"{measure.key}{ending}" for measure in table.measures for ending in ("", "_sd")]
@@ -141,7 +141,7 @@ def as_csv(table: Table, figures: Sequence[Figures]) -> str:
 
 
 def draw(table: Table, figures: Sequence[Figures]) -> Figure:
-    """Draw the first measure of every line, with its spread, a panel per case, or all cases against an axis."""
+    """Plot the first measure of every line with its spread: a panel per case, or a curve per case if it has an axis."""
     if table.axis:
         return _draw_curves(table, figures)
     measure = table.measures[0]
@@ -159,7 +159,7 @@ def draw(table: Table, figures: Sequence[Figures]) -> Figure:
             fmt="o", color="#1f6f8b", ecolor="#9bbcc7", capsize=3,
         )  # fmt: skip
         axes.set_yticks(places, [one.line for one in lines])
-        axes.set_ylim(max(len(lines), 1) - 0.5, -0.5)  # the first line on top, and no point cut by the frame
+        axes.set_ylim(max(len(lines), 1) - 0.5, -0.5)  # the first line at the top, and no point clipped by the frame
         axes.set_title(case, loc="left", fontsize=10)
         axes.set_xlabel(measure.title)
         axes.grid(axis="x", color="#e4e4e4")
@@ -168,7 +168,7 @@ def draw(table: Table, figures: Sequence[Figures]) -> Figure:
 
 
 def _draw_curves(table: Table, figures: Sequence[Figures]) -> Figure:
-    """Draw a curve per case over the lines' numbers; a line without one is a dash at the left."""
+    """Plot a curve per case over the lines' numbers; a line without a number is a dash at the left."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.add_subplot()
     cases = list(dict.fromkeys(one.case for one in figures))
@@ -183,7 +183,7 @@ def _draw_curves(table: Table, figures: Sequence[Figures]) -> Figure:
         axes.plot([number for number, _ in curve], [value for _, value in curve], "o-", color=colour, ms=3, label=case)
         dashes = [value for number, value in known if number is None]
         axes.plot([left] * len(dashes), dashes, "_", color=colour, markersize=12)
-    # Nothing can be on a logarithmic axis of nothing, as where every cell failed.
+    # Matplotlib cannot scale a logarithmic axis without values, which happens if every cell failed.
     scale = "log" if any(one.means[0] for one in figures) else "linear"
     axes.set(xscale=scale, yscale=scale, xlabel=table.axis, ylabel=table.measures[0].title + others)
     axes.grid(color="#e4e4e4")

@@ -1,4 +1,4 @@
-"""What accuracy costs the simulator: plans against the simulation of everything, rig by rig.
+"""The cost of accuracy in simulations: planned and full simulations, rig by rig.
 
 Here: the cases, from calm to violent, and the work of one cell of `gs2ci tables simulate`. Not here: plans and the full
 simulation (`gs2ci_sims`), the table (`catalogue`).
@@ -32,7 +32,7 @@ _REPEAT_UNTIL_S: Final = 1.0
 
 
 def rig_cases(folder: Path | None) -> tuple[Case, ...]:
-    """Return a case for each rig file of a folder, or of the simulator's own.
+    """Return a case for each rig file of a folder, or for the simulator's own rig files.
 
     Raises:
         InputError: There are none.
@@ -44,7 +44,7 @@ def rig_cases(folder: Path | None) -> tuple[Case, ...]:
 
 
 def simulate_rig(file: str, tolerance_dn: float | None, seed: int) -> Row:
-    """Simulate a rig within a tolerance, planning included, or everything of it; how long, and how far off.
+    """Simulate a rig within a tolerance, planning included, or in full; return its time and its deviation.
 
     Args:
         file: The rig file; its own seed and tolerance are not read.
@@ -77,7 +77,7 @@ def simulate_rig(file: str, tolerance_dn: float | None, seed: int) -> Row:
 
 @dataclass(frozen=True)
 class _Bench:
-    """What a rig file says, built."""
+    """A simulated rig built from a rig file."""
 
     setup: Setup
     scene: Scene
@@ -103,7 +103,7 @@ class _Bench:
 
 @lru_cache(maxsize=1)
 def _everything(file: str, seed: int) -> tuple[BruteForce, float]:
-    """Simulate everything once for all tolerances of a rig; also how many seconds its last round and readout took."""
+    """Simulate a rig in full, once for all its tolerances; also return the seconds of its last round and readout."""
     bench = _Bench.of(file, seed)
     rig, effects = bench.setup.rig, bench.setup.effects
     bench.simulate(TOLERANCES_DN[-1])  # compiles

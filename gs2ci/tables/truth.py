@@ -1,6 +1,7 @@
-"""A simulated bench opened for calibration, and what is true of it. No procedure reads the truth.
+"""A simulated bench opened for calibration, and its true parameters. No calibration procedure reads these.
 
-Here: the true figures and maps behind a rig file's [world]. Not here: measuring them (`gs2ci_calibration`).
+Here: the true figures and maps that follow from a rig file's [world]. Not here: their measurement
+(`gs2ci_calibration`).
 """
 
 from collections.abc import Iterator
@@ -51,28 +52,28 @@ class BenchTruth:
 
     @property
     def gain_e_per_dn(self) -> float:
-        """Get the electrons of one DN: of the range from black to saturation over its readings."""
+        """Get the electrons per DN: the electrons from black to saturation over the readings of that range."""
         return self.full_well_e / self._range_dn
 
     @property
     def read_noise_e(self) -> float:
-        """Get the temporal dark noise before quantisation, as electrons of that gain."""
+        """Get the temporal dark noise before quantisation, in electrons by `gain_e_per_dn`."""
         return self.rig.sensor.read_noise_e * self.gain_e_per_dn / self.rig.sensor.electrons_per_dn
 
     @property
     def full_well_e(self) -> float:
-        """Get the saturation capacity: the electrons at which readings end, by the well or by the converter."""
+        """Get the saturation capacity: the electrons at which the well or the converter limits the readings."""
         sensor = self.rig.sensor
         top_e = (2.0**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn
         charge_e = min(sensor.full_well_e, top_e)
-        for _ in range(20 if top_e < sensor.full_well_e else 0):  # contracts by 4 d at each turn
+        for _ in range(20 if top_e < sensor.full_well_e else 0):  # a contraction by 4 `_bend` per iteration
             charge_e = top_e / (1 + 4 * self._bend * (1 - charge_e / sensor.full_well_e))
         return min(charge_e, sensor.full_well_e)
 
     @property
     def linearity_error(self) -> float:
         """Get the largest departure from the line between black and saturation, as a share of that range."""
-        # The chord of a parabola over a part of its range: its arrow goes with the square of that part.
+        # The largest distance of a parabola from its chord is proportional to the square of the chord's range.
         sensor = self.rig.sensor
         arrow_e = self._bend * self.full_well_e**2 / sensor.full_well_e
         return arrow_e / (self._range_dn * sensor.electrons_per_dn)
@@ -85,13 +86,13 @@ class BenchTruth:
 
     @property
     def dsnu_dn(self) -> float:
-        """Get the spread of the offsets."""
+        """Get the standard deviation of the offsets, DN."""
         effect = self._effect(Dsnu)
         return 0.0 if effect is None else effect.sigma_e / self.rig.sensor.electrons_per_dn
 
     @property
     def prnu(self) -> float:
-        """Get the spread of the pixels' sensitivities."""
+        """Get the relative standard deviation of the pixels' sensitivities."""
         effect = self._effect(Prnu)
         return 0.0 if effect is None else effect.spread
 
@@ -107,7 +108,7 @@ class BenchTruth:
 
     @property
     def exposure_offset_s(self) -> float:
-        """Get by how much longer than set a triggered exposure is."""
+        """Get the difference of a triggered exposure from the time that is set."""
         return self.camera.exposure_offset_s
 
     @property
@@ -136,21 +137,21 @@ class BenchTruth:
 
     @property
     def offset_dn(self) -> F64:
-        """Get each pixel's reading without light in no time, [H, W]."""
+        """Get each pixel's reading without light for an exposure of zero length, [H, W]."""
         dark = np.zeros((*self.light.scene.size, 1))
         return self.rig.sensor.black_level_dn + self._through(dark, Dsnu)[..., 0] * self.rig.dn_per_e
 
     @property
     def dark_current_dn_per_s(self) -> F64:
-        """Get each pixel's mean dark current, hot pixels and the bend of the response included, [H, W]."""
+        """Get each pixel's mean dark current, hot pixels and the response's nonlinearity included, [H, W]."""
         dark = np.zeros((*self.light.scene.size, 1))
         return self._through(dark, DarkCurrent, HotPixels, GainNonlinearity)[..., 0] * self.rig.dn_per_e
 
     @property
     def response(self) -> F64:
-        """Get each pixel's sensitivity to an even light over the mean one, fall-off and bend included, [H, W].
+        """Get each pixel's response to uniform light over the mean one, vignetting included, [H, W].
 
-        At half of the range, for a response that bends is another at each level.
+        It is given at half of the range, because a nonlinear response depends on the level.
         """
         ones = self._through(np.ones((*self.light.scene.size, 1)), Prnu)[..., 0]
         falling = self._effect(Vignetting)
@@ -189,8 +190,8 @@ def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
     """Return the truth of a simulated bench.
 
     Args:
-        bench: It.
-        bits: Of the format in which the sensor is read: the truth in DN depends on it.
+        bench: A bench built from a rig file.
+        bits: Bit depth of the format in which the sensor is read; the truth in DN depends on it.
 
     Raises:
         InputError: The bench's light was put in by a test.
@@ -203,7 +204,7 @@ def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
 
 @contextmanager
 def opened(table: RigTable) -> Iterator[tuple[Bench, BenchTruth]]:
-    """Open a simulated bench for calibration, with its truth; its devices are let go of afterwards."""
+    """Open a simulated bench for calibration, with its truth; its devices are released afterwards."""
     rig = Rig(table, table.model_dump_json(), Path(), build_bench(table))
     assert rig.bench is not None  # it has just been built
     devices = rig.open()

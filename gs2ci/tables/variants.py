@@ -1,9 +1,9 @@
-"""What a table compares: named changes to the settings of a reconstruction.
+"""Named changes to the settings of a reconstruction, which tables compare.
 
-The default is the mean of two fits. A line that changes one thing changes it in one fit, and is to be read against
-the line `one fit`: what a change does shows there at two thirds of the price.
+The default is the mean of two fits. A line with one change makes it to a single fit, and has to be compared with the
+line `one fit`: this shows the effect of the change at two thirds of the cost.
 
-Here: the names, and settings from a name. Not here: what a setting does.
+Here: the names, and the settings that belong to a name. Not here: the effect of a setting.
 """
 
 from collections.abc import Callable
@@ -78,7 +78,7 @@ RULES: Final[dict[str, Change]] = {
     "osgr by the book": partial(_with_osgr, Osgr()),
     **{name: partial(_with_rule, name) for name in RULE_NAMES if name != Settings().fit.density.name},
 }
-"""The default's density rule with the criteria of the literature, and the other rules, on the default's schedule."""
+"""OSGR with the criteria of the literature, and the other density rules, on the default's schedule."""
 
 ABLATION: Final[dict[str, Change]] = {
     **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},
@@ -92,7 +92,8 @@ GEOMETRY: Final[dict[str, Change]] = {
     "amdi": partial(_one_fit_with, proxy="amdi"),
     "adaptive": partial(_one_fit_with, proxy="routed"),
 }
-"""Where tracks are sought instead of decoded views: the masked measurement, the paper's proxies (its Table S-II)."""
+"""Images in which tracks are searched for instead of decoded views: the masked measurement, and the paper's proxies
+(its Table S-II)."""
 
 FITS: Final[dict[str, Change]] = {
     "one fit": _one_fit,
@@ -101,25 +102,27 @@ FITS: Final[dict[str, Change]] = {
     "four fits": lambda settings: replace(settings, fits=4),
     "one look": lambda settings: replace(settings, look_again=False),
 }
-"""How many fits are averaged, how they differ, and whether a doubtful path is sought twice."""
+"""How many fits are averaged, how they differ, and whether a doubtful path is estimated a second time."""
 
 FINE: Final[dict[str, Change]] = {
     "fine": partial(_one_fit_with, fine=FineSettings()),
     "fine, non-local means": partial(_one_fit_with, fine=FineSettings(prior="nlm")),
     "fine, no prior": partial(_one_fit_with, fine=FineSettings(prior="none")),
 }
-"""The fine stage with each prior that needs no weights, and with none: what its iterations alone are worth."""
+"""The fine stage with each prior that needs no weights, and without a prior, which shows the effect of its iterations
+alone."""
 
 PAPER: Final[dict[str, Change]] = {"paper": _paper, "paper, fine": _paper_fine, "scisplat": _scisplat}
-"""The system of the paper, with its fine stage, and SCISplat's choices on the same schedule: ENI, tracks, MCMC.
+"""The system of the paper, without and with its fine stage, and SCISplat's choices on the same schedule: ENI, tracks,
+MCMC.
 
 SCISplat (Li et al. 2024) has no public implementation; the paper reproduced it as well. Its own schedule is not known:
-the line has the paper's, without a cap on the population but that of `paper`.
+the line uses the paper's, and no other cap on the population than that of `paper`.
 """
 
 _PROXIES: Final[tuple[ProxyName, ...]] = ("naive", "eni", "amdi")
 BOUNDED_AT: Final = (5_000, 6_000, 8_000, 9_000)
-"""Iterations that the supplement compares with 7,000 as the one whose population bounds all later ones."""
+"""Iterations from which the population is bounded, which the supplement compares with 7,000."""
 
 _CHANGES: Final[dict[str, Change]] = {
     **{name: partial(Settings.with_density_rule, rule=name) for name in RULE_NAMES if name != Osgr.name},
@@ -131,9 +134,9 @@ _CHANGES: Final[dict[str, Change]] = {
 ON_PAPERS_SCHEDULE: Final[dict[str, Change]] = {
     f"paper, {name}": partial(_on_papers_schedule, change) for name, change in _CHANGES.items()
 }
-"""One change to the system of the paper, on its own schedule: other density rules, other proxies, a component left out
-(its Table VII), another iteration that bounds the population, copies and children that keep the opacity of the one
-(supplement II)."""
+"""The paper's system with one change, on its own schedule: another density rule, another proxy, a component left out
+(its Table VII), the population bounded from another iteration on, or copies and children that keep the opacity of
+their original (supplement II)."""
 
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,

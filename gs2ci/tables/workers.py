@@ -22,7 +22,7 @@ _LOST: Final[Row] = {"error": "the processes that worked on it died"}
 def complete(
     cells: Sequence[Cell], store: Store, *, processes: int = 1, scheduler: str = "", on_done: OnDone | None = None
 ) -> list[Row]:
-    """Return the rows of all cells, in their order; only those that are not in the store are worked on.
+    """Return the rows of all cells, in their order; only cells that are not in the store are computed.
 
     Args:
         cells: The work.
