@@ -53,7 +53,7 @@ class Estimate:
             raise NumericsError(
                 f"an estimate in {unit} holds NaN, infinity or a negative standard error",
                 allowed="finite numbers, standard errors of 0 or more",
-                remedy="report this with the frames: a procedure must refuse before it gets here",
+                remedy="report this with the frames: the procedure should have refused them before",
             )
         object.__setattr__(self, "value", number)
         object.__setattr__(self, "standard_error", error)

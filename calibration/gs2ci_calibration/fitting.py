@@ -76,7 +76,7 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
         notes.append("the rig file has changed since the calibration")
     before, after = bundle.provenance.temperature_c, provenance.temperature_c
     if before is not None and after is not None and abs(before - after) > 5:
-        notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current is another")
+        notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current has changed")
     return Fit(tuple(misfits), tuple(notes))
 
 
@@ -137,5 +137,5 @@ def _masks(section: Section, bench: Bench) -> Sequence[str]:
         found.append("its masks are of other patterns")
     mask_s = float(section.facts.get("mask_s", bench.capture.mask_s))
     if abs(mask_s - bench.capture.mask_s) > TIME_TOLERANCE * mask_s:
-        found.append(f"its masks are on show for {mask_s * 1e3:g} ms, the capture's for {bench.capture.mask_s * 1e3:g}")
+        found.append(f"its masks are shown for {mask_s * 1e3:g} ms, the capture's for {bench.capture.mask_s * 1e3:g}")
     return found

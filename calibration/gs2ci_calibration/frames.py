@@ -73,7 +73,7 @@ def check_stack(step: str, frames: F32) -> None:
         raise CalibrationError(
             step,
             Reason.TOO_FEW_FRAMES,
-            f"{len(frames) if frames.ndim == 3 else 1} frame(s): one frame has no noise to be judged by",
+            f"{len(frames) if frames.ndim == 3 else 1} frame(s): noise cannot be estimated from one frame",
             allowed="2 or more",
             remedy="raise `frames` in [calibration]",
         )
@@ -85,7 +85,7 @@ def check_stack(step: str, frames: F32) -> None:
             Reason.NO_VARIANCE,
             f"all {len(frames)} frames are the same, bit for bit",
             allowed="live readings, which differ by their noise",
-            remedy="see whether the sensor repeats a frame, or clips everything at black: raise its black level, or "
+            remedy="check whether the sensor repeats a frame, or clips everything at black: raise its black level, or "
             "read it with more bits",
         )
 
@@ -248,7 +248,7 @@ def check_dead(step: str, dead: Bool) -> None:
         raise CalibrationError(
             step,
             Reason.DEAD_PIXELS,
-            f"{int(dead.sum())} pixels ({100 * share:.2f} %) do not answer to light"
+            f"{int(dead.sum())} pixels ({100 * share:.2f} %) do not respond to light"
             + (f", all of {' and '.join(lines)}" if lines else ""),
             allowed=f"at most {100 * DEAD_SHARE:.0f} %, no whole row or column",
             remedy="crop the sensor in [sensor], clean it, or look for what shades it",

@@ -76,7 +76,7 @@ class Probe:
             raise CalibrationError(
                 STEP,
                 Reason.WRONG_ORDER,
-                f"what should be mask {self.mask} resembles mask {self.most_alike} of the bundle",
+                f"the picture of mask {self.mask} resembles mask {self.most_alike} of the bundle",
                 remedy=remedy,
             )
         if self.difference > DIFFERENCE_LIMIT or self.moved:
@@ -84,7 +84,7 @@ class Probe:
             raise CalibrationError(
                 STEP,
                 Reason.DOES_NOT_FIT,
-                f"mask {self.mask} differs from the bundle's by {100 * self.difference:.1f} % rms; the picture of the "
+                f"mask {self.mask} differs from the bundle's by {100 * self.difference:.1f} % rms; the image of the "
                 f"modulator has moved by {right:+.2f} px right and {down:+.2f} px down",
                 allowed=f"{100 * DIFFERENCE_LIMIT:.0f} % and {SHIFT_LIMIT_PX} px",
                 remedy=remedy,
@@ -139,7 +139,7 @@ def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Pr
         raise CalibrationError(
             STEP,
             Reason.NO_LIGHT,
-            f"{int(lit.sum())} pixels are lit well enough to tell a mask",
+            f"{int(lit.sum())} pixels are lit well enough to recognise a mask",
             allowed=f"{LEAST_PIXELS} or more",
             remedy="light the scene, or leave the probe out with --no-probe",
         )

@@ -255,7 +255,7 @@ class _Capture:
                 frames = tuple(self._collect(fire, 1, last=shot == shots - 1))
             except (FrameLostError, FrameCorruptError) as error:
                 skipped = error.lost if isinstance(error, FrameLostError) else 1
-                self._devices.sensor.incidents.append(f"{error.at_trigger(first_trigger)}; passed over")
+                self._devices.sensor.incidents.append(f"{error.at_trigger(first_trigger)}; skipped")
                 fire.frames += skipped
                 self._next_trigger += skipped
                 shot += skipped

@@ -134,7 +134,7 @@ class BadReplyError(LinkError):
             f"bad reply {shown}: {why}",
             asked=asked,
             allowed=allowed,
-            remedy="check the cable and the baud rate; record a wire trace with `trace = true` if it comes back",
+            remedy="check the cable and the baud rate; record a wire trace with `trace = true` if the error returns",
         )
         self.reply = reply
 

@@ -146,7 +146,7 @@ def check_sequence(device: str, info: ModulatorInfo, sequence: PatternSequence) 
     if sequence.trigger not in info.trigger_outs:
         raise UnsupportedError(
             device,
-            f"trigger output {sequence.trigger.value!r} is not there",
+            f"trigger output {sequence.trigger.value!r} is not available",
             asked="upload",
             allowed=", ".join(sorted(out.value for out in info.trigger_outs)),
             remedy="choose another `mode` in [capture]",

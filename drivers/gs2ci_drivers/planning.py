@@ -166,7 +166,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
         *_unsettled(sequence, info),
         Figure(
             "shots",
-            f"{settings.shots} in fires of {settings.burst}",
+            f"{settings.shots} in bursts of {settings.burst}",
             "1 or more, a multiple of `burst`",
             broken=settings.shots < 1 or settings.burst < 1 or settings.shots % max(settings.burst, 1) != 0,
             remedy="set `shots` and `burst`",
@@ -185,7 +185,7 @@ def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
             info.pulses_unsettled,
             "a stated one",
             broken=True,
-            remedy="run `gs2ci doctor`, which finds it out, and write what it says into [modulator]",
+            remedy="run `gs2ci doctor`, which determines them, and write its result into [modulator]",
         )
     ]
 
@@ -213,9 +213,9 @@ def _sensor_figures(
             f"{exposure_s * 1e3:.3f} ms",
             f"{needed_s * 1e3:.3f} ms, which its masks need, or more"
             if alone
-            else f"{needed_s * 1e3:.3f} to {longest_s * 1e3:.3f} ms, after which others follow",
+            else f"{needed_s * 1e3:.3f} to {longest_s * 1e3:.3f} ms, after which other masks follow",
             broken=exposure_s < needed_s or (not alone and exposure_s > longest_s),
-            remedy="change `mask_s` or `margin_s`; the sensor may have no longer exposures or ignore the control",
+            remedy="change `mask_s` or `margin_s`; the sensor may lack longer exposures or ignore the control",
         ),
         Figure(
             "exposure + readout",
@@ -258,8 +258,8 @@ def _continuous_figures(
         ),
         Figure(
             "writing",
-            f"beside the next exposures; {settings.ring} may wait, {waiting_s:.2f} s of a busy disk and "
-            f"{waiting_mb:.1f} MB",
+            f"during the next exposures; {settings.ring} may wait: they bridge {waiting_s:.2f} s of a busy disk and "
+            f"take {waiting_mb:.1f} MB",
         ),
     ]
 

@@ -361,7 +361,7 @@ def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:
     if config.trigger not in info.triggers:
         raise UnsupportedError(
             device,
-            f"trigger mode {config.trigger.value!r} is not there",
+            f"trigger mode {config.trigger.value!r} is not available",
             asked="configure",
             allowed=", ".join(sorted(mode.value for mode in info.triggers)),
             remedy='set mode = "gate" in [capture]: this sensor exposes as long as its line is held'
@@ -371,7 +371,7 @@ def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:
     names = sorted({fmt.fourcc for fmt in info.formats})
     if config.fourcc and config.fourcc not in names:
         raise UnsupportedError(
-            device, f"format {config.fourcc!r} is not there", asked="configure", allowed=", ".join(names)
+            device, f"format {config.fourcc!r} is not available", asked="configure", allowed=", ".join(names)
         )
     slack_s = info.exposure_step_s / 2
     if config.trigger is not TriggerMode.LEVEL and not (

@@ -20,11 +20,11 @@ REQUESTS = {
     Arrangement.DARK: "put the lens cap on",
     Arrangement.FLAT: "take the lens cap off and let an evenly lit field fill the view (opal glass, or a white screen "
     "far out of focus)",
-    Arrangement.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted another way, filling the "
-    "view",
+    Arrangement.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted in another direction, "
+    "filling the view",
     Arrangement.FIXED_BOARD: "fix the ChArUco board on a stand, square to the camera and filling half of its view, "
     "with the stage in mid-travel",
-    Arrangement.SCENE: "let the camera look at a textured scene at rest",
+    Arrangement.SCENE: "point the camera at a textured scene at rest",
 }
 
 

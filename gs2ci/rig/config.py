@@ -247,7 +247,7 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         raise InputError(
             f"{path} describes a simulation, not a bench",
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
-            remedy=f"for what it would simulate: gs2ci plan {path}",
+            remedy=f"to see what it would simulate: gs2ci plan {path}",
         )
     return rig_from_tables(tables, path), text
 

@@ -127,9 +127,9 @@ def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Bench
     verdict = pulses.verdict
     found.update(verdict.settings)
     light = {
-        True: "; their light says the same",
-        False: "; but their light says that they come with other masks",
-        None: "; there is too little light to see it in the frames",
+        True: "; the light in the frames confirms it",
+        False: "; but the light in the frames is that of other masks",
+        None: "; the frames have too little light to confirm it",
     }[pulses.by_light]
     agrees = verdict.agrees and pulses.by_light is not False
     remedy = verdict.remedy or "check that nothing but the modulator's trigger output triggers the sensor"
@@ -150,9 +150,11 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
         yield _finding_of_error("trigger gate", error)
         return
     seen = f"{gate.count} exposures in {PASSES} passes, " + (
-        "while the masks are on show" if gate.right else "not while the masks are on show"
+        "while the masks are shown" if gate.right else "not while the masks are shown"
     )
-    light = "; their light says the same" if gate.by_light else "; there is too little light to see it in the frames"
+    light = (
+        "; the light in the frames confirms it" if gate.by_light else "; the frames have too little light to confirm it"
+    )
     remedy = "check the trigger cable, the level of the line (often 1.8 V) and the sensor's trigger"
     if gate.inverted and isinstance(modulator, Dlpc900Options):
         edges = modulator.trigger_out_1.model_copy(update={"inverted": not modulator.trigger_out_1.inverted})
@@ -247,7 +249,7 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
     if port == SIMULATED:
         return
     if not Path(port).exists():
-        yield BenchFinding(what, "bad", f"{port} is not there", "plug it in; `gs2ci devices` lists what there is")
+        yield BenchFinding(what, "bad", f"{port} does not exist", "connect it; `gs2ci devices` lists what is connected")
     elif not os.access(port, os.R_OK | os.W_OK):
         yield BenchFinding(
             what,
@@ -280,7 +282,9 @@ def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:
     info = devices.modulator.connect()
     yield BenchFinding("modulator", "ok", f"{info.model} answers")
-    yield BenchFinding("modulator firmware", "ok" if info.firmware else "note", info.firmware or "it does not tell")
+    yield BenchFinding(
+        "modulator firmware", "ok" if info.firmware else "note", info.firmware or "the device does not report it"
+    )
     if info.experimental:
         yield BenchFinding(
             "modulator protocol",
@@ -319,15 +323,15 @@ def _stage(devices: Devices) -> Iterator[BenchFinding]:
     yield BenchFinding(
         "stage reference",
         "ok" if status.referenced else "bad",
-        "it knows where it is" if status.referenced else "it does not know where it is",
-        "" if status.referenced else "home it with `gs2ci devices --home` when it has free way",
+        "its position is known" if status.referenced else "its position is unknown",
+        "" if status.referenced else "home it with `gs2ci devices --home` when nothing is in its way",
     )
     if status.faults or status.warnings:
         yield BenchFinding(
             "stage state",
             "bad" if status.faults else "note",
             ", ".join((*status.faults, *status.warnings)),
-            "clear the way, release the emergency stop, check its supply" if status.faults else "",
+            "remove obstacles, release the emergency stop, check its supply" if status.faults else "",
         )
 
 
@@ -375,6 +379,6 @@ def _clock(stamped: bool, stamps_ns: Callable[[], list[int]], period_s: float) -
     return BenchFinding(
         "clocks",
         "ok" if good else "bad",
-        f"the modulator's second lasts {drift_ppm:+.0f} ppm of the computer's",
+        f"the modulator's second is {drift_ppm:+.0f} ppm longer than the computer's",
         "" if good else "check the modulator's firmware profile and its time unit",
     )

@@ -32,7 +32,7 @@ def foreseen_plan(rig: Rig, tolerance_dn: float | None = None) -> Plan:
     table = rig.table
     if table.world is None or not table.simulated:
         raise InputError(
-            f"the devices of {table.name!r} are real: nothing of it is simulated",
+            f"the devices of {table.name!r} are real: there is nothing to simulate",
             allowed='a rig file whose ports are "simulated"',
             remedy="for the plan of its exposure: gs2ci capture --dry-run",
         )

@@ -124,7 +124,7 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
         raise CalibrationError(
             STEP,
             Reason.NOT_REGISTERED,
-            f"none of {len(shots)} shots shows where its masks are",
+            f"the position of the masks cannot be found in any of {len(shots)} shots",
             allowed="a shot in which the pattern of the masks' sum can be found",
             remedy="take shots of a lit scene that are neither dark nor clipped, or run `gs2ci calibrate masks`",
         )
@@ -228,8 +228,8 @@ def _check_order(file: Path, found: "Registered") -> None:
         raise CalibrationError(
             STEP,
             Reason.FLIPPED,
-            f"in {file} the masks are {found.orientation} against the bundle",
-            remedy="see what was turned on the bench, and run `gs2ci calibrate registration` and `masks`",
+            f"in {file} the masks are {found.orientation} compared with the bundle",
+            remedy="check what was turned on the bench, and run `gs2ci calibrate registration` and `masks`",
         )
     if found.first_mask:
         raise CalibrationError(
@@ -260,7 +260,7 @@ def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | N
             Reason.BAD_FIT,
             f"the shots contradict each other: {name} from {found.min():.3g} to {found.max():.3g} {UNITS[name]}",
             allowed=f"{most:g} {UNITS[name]} apart, or three of their standard errors",
-            remedy="the masks moved between the shots: take them one after another, and update by those",
+            remedy="the masks moved between the shots: take new ones in quick succession, and update with those",
         )
     return Estimate(mean, np.sqrt(max(chi2, 1.0) / weights.sum()), UNITS[name])
 
@@ -319,7 +319,7 @@ def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], fi
         estimates={**section.estimates, "masks": Estimate(masks, error, before.unit)},
         arrays={**section.arrays, "valid": known.astype(np.uint8)},
         facts={**section.facts, "updated_from": [str(file) for file in files]},
-        notes=(*section.notes, f"moved by what coded shots told: {told}"),
+        notes=(*section.notes, f"displaced as estimated from coded shots: {told}"),
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
     )
 

@@ -149,7 +149,7 @@ def test_an_inverted_modulator_and_another_mask_are_told_apart(tmp_path, calibra
         write_bundle(bundle, replace(read_bundle(bundle).with_section(replace(section, estimates=estimates))))
 
     rewrite(masks[[1, 0, 2]])
-    with pytest.raises(CalibrationError, match="what should be mask 0 resembles mask 1") as refused:
+    with pytest.raises(CalibrationError, match="the picture of mask 0 resembles mask 1") as refused:
         loaded(bundle)
     assert refused.value.reason is Reason.WRONG_ORDER
     rewrite(1 + leakage - masks)
@@ -171,7 +171,7 @@ def test_the_probe_wants_light(rig, tmp_path, calibrate, loaded):
     [
         ("density = 0.4", "density = 0.5", "of other patterns"),
         ("masks = 3", "masks = 4", "its masks are"),
-        ("mask_s = 0.02", "mask_s = 0.03", "on show for 20 ms"),
+        ("mask_s = 0.02", "mask_s = 0.03", "are shown for 20 ms"),
         ('format = "Y12"', 'format = "Y10"', "readings end at 4095 DN"),
         ("black_level_dn = 64.0", "black_level_dn = 64.0\ngain_db = 3.0", "at a gain of None dB"),
         ('kind = "scpi"', 'kind = "dlpc900"', "its modulator is"),

@@ -90,7 +90,7 @@ def test_missing_nodes_and_permissions_are_found_with_the_udev_rule(tmp_path, mo
     monkeypatch.setattr(doctor.os, "access", lambda path, how: False)
     found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
     assert 'ATTRS{idVendor}=="0451"' in found["permissions for the modulator"].remedy
-    assert "is not there" in found["permissions for the sensor"].detail
+    assert "does not exist" in found["permissions for the sensor"].detail
     assert 'SUBSYSTEM=="tty", KERNEL=="tty9"' in found["permissions for the stage"].remedy
 
 

@@ -100,7 +100,7 @@ def refused(path, shots, reason, words):
 
 
 def test_shots_that_cannot_tell_are_refused(path, masks):
-    refused(path, [shot_through(masks, masks, light=0.0)], Reason.NOT_REGISTERED, "none of 1 shots shows")
+    refused(path, [shot_through(masks, masks, light=0.0)], Reason.NOT_REGISTERED, "cannot be found in any of 1 shots")
 
 
 def test_shots_of_other_masks_are_refused(path, masks):

@@ -224,7 +224,7 @@ SPOILED = {
     "a panel slower than its masks": (
         LCOS.replace("tau_s = 3e-4", "tau_s = 2e-3"),
         ("dark-flat", "registration", "masks"),
-        "masks: bad fit: of mask 7's time on show an exposure spans",
+        "masks: bad fit: an exposure covers",
     ),
 }
 

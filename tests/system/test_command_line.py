@@ -195,7 +195,7 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "tables", "--help") == 0
     told = capsys.readouterr().out
-    assert "that is kept. For" in " ".join(told.split())
+    assert "that is kept. A small" in " ".join(told.split())
     assert not any(line.rstrip(" │").endswith("that is kept.") for line in told.splitlines())
 
 

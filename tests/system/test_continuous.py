@@ -51,7 +51,7 @@ def test_every_exposure_is_what_the_masks_make_and_they_follow_each_other_withou
 def test_the_plan_says_how_fast_and_what_overlaps(make_small):
     figures = {figure.what: figure for figure in plan_of(make_small(dlp5500=True, capture=CAPTURE)).figures}
     assert "exposures a second" in figures["continuous"].value
-    assert "beside the next exposures; 16 may wait" in figures["writing"].value
+    assert "during the next exposures; 16 may wait" in figures["writing"].value
 
 
 @pytest.mark.parametrize("change", [{"axis": "x"}, {"mode": "per-mask"}])

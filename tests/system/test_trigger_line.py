@@ -36,7 +36,7 @@ def test_the_doctor_finds_the_polarity_by_number_and_by_light(make_small, truth,
     small = make_small(modulator={"trigger_out_2_bit": stated}, capture=FAST, world={"trigger_out_2_bit": truth})
     found = findings(small)["trigger pulses"]
     assert f"the bit {truth} a pulse" in found.detail
-    assert "their light says the same" in found.detail
+    assert "the light in the frames confirms it" in found.detail
     assert found.verdict == ("ok" if stated == truth else "bad")
     assert (f'trigger_out_2_bit = "{truth}"' in found.remedy) is (stated != truth)
 

@@ -187,7 +187,7 @@ def _all_seen(shots: Sequence[StagePicture | SweepPicture]) -> list[Sighting]:
                 STEP,
                 Reason.DEGENERATE_VIEWS,
                 f"picture {number + 1} of {len(shots)}, {where}, shows one line of the board's corners",
-                remedy="show more of the board: corners on a line leave its turn about that line free",
+                remedy="show more of the board: corners on one line do not determine its rotation about that line",
             )
         seen.append(shot.sighting)
     return seen

@@ -93,7 +93,7 @@ def require_moving(name: str, per_mm: F64, travel_mm: float, noise_mm: float) ->
             STEP,
             Reason.STAGE_STILL,
             f"axis {name} moves the camera by {length * travel_mm:.3g} mm over a commanded {travel_mm:g} mm",
-            remedy="see that the camera stands on the stage, that its clamp is closed and the coupling holds",
+            remedy="check that the camera stands on the stage, that its clamp is closed and the coupling holds",
         )
 
 
@@ -108,17 +108,17 @@ def require_faithful(axis: FittedAxis, expected: tuple[float, float, float] | No
         raise CalibrationError(
             STEP,
             Reason.STAGE_SLIPS,
-            f"axis {axis.name} comes back to one target up to {axis.worst_return_mm:.3g} mm elsewhere and leaves a "
+            f"axis {axis.name} returns to a target with errors up to {axis.worst_return_mm:.3g} mm and leaves a "
             f"straight line by {axis.linearity_mm:.3g} mm (rms) over {axis.travel_mm:g} mm",
             allowed=f"{allowed_mm:.3g} mm",
-            remedy="tighten coupling and clamps, move slower, take load off the stage, see that the board is firm",
+            remedy="tighten coupling and clamps, move slower, take load off the stage, check that the board is firm",
         )
     length = float(np.linalg.norm(axis.per_mm))
     if not SCALE_RANGE[0] <= length <= SCALE_RANGE[1]:
         raise CalibrationError(
             STEP,
             Reason.STAGE_WRONG_WAY,
-            f"axis {axis.name} moves the camera {length:.3g} times as far as it says",
+            f"axis {axis.name} moves the camera {length:.3g} times as far as it reports",
             allowed=f"{SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times",
             remedy="check the axis's microstep or steps per mm, and square_mm of the board",
         )
@@ -137,7 +137,7 @@ def _require_direction(axis: FittedAxis, expected: F64) -> None:
         f"axis {axis.name} moves the camera by {np.round(axis.per_mm, 3).tolist()} per mm, {angle_deg:.0f} degrees off "
         f"{expected.tolist()} in [stage.mount]",
         allowed=f"{ANGLE_MAX_DEG:g} degrees",
-        remedy="turn the sign in [stage.mount], or the axis's"
+        remedy="reverse the sign in [stage.mount], or the axis's"
         if angle_deg > OPPOSITE_DEG
         else "check which axis is plugged in where, or correct [stage.mount]",
     )

@@ -67,7 +67,7 @@ def section_of(camera: CameraEstimate, **facts: float) -> Section:
             **facts,
         },
         notes=(
-            f"{camera.corners} corners in {len(camera.residuals_px)} pictures, {camera.residual_px:.3f} px left (rms)",
+            f"{camera.corners} corners in {len(camera.residuals_px)} pictures, residual {camera.residual_px:.3f} px",
         ),
     )
 

@@ -95,7 +95,7 @@ def estimate_camera(sightings: Sequence[Sighting | None], size: tuple[int, int])
             Reason.DEGENERATE_VIEWS,
             f"the board was held nearly parallel in all {len(seen)} pictures ({tilts:.1f} degrees between the normals)",
             allowed=f"{TILT_SPREAD_MIN_DEG:g} degrees or more between two of them",
-            remedy="tilt the board by 20 to 40 degrees to all sides: parallel boards leave the focal length free",
+            remedy="tilt the board by 20 to 40 degrees to all sides: parallel boards do not determine the focal length",
         )
     pictures = [_picture(*one) for one in zip(seen, [values] * len(seen), rotations, translations, strict=True)]
     estimate = _judge(pictures, size, values, tilts)
@@ -132,7 +132,7 @@ def _usable(sightings: Sequence[Sighting | None], size: tuple[int, int]) -> list
             STEP,
             Reason.DEGENERATE_VIEWS,
             f"the corners found lie on one line of the board in all of {len(found)} pictures",
-            remedy="show more of the board: corners on a line leave its turn about that line free",
+            remedy="show more of the board: corners on one line do not determine its rotation about that line",
         )
     if len(seen) < POSES_MIN:
         raise CalibrationError(
@@ -177,7 +177,7 @@ def _minimise(seen: Sequence[Sighting], size: tuple[int, int]) -> tuple[F64, F64
         raise CalibrationError(
             STEP,
             Reason.BAD_FIT,
-            "no camera explains these pictures of the board: its figures left the finite numbers",
+            "no camera explains these pictures of the board: the fit diverged",
             remedy="check [calibration.board] against its print, and tilt the board more",
         )
     return values, poses[0].astype(np.float64), poses[1].astype(np.float64)

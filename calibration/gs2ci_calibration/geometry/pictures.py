@@ -135,7 +135,7 @@ class Pictures:
             Reason.SATURATED,
             f"with the modulator closed, pixels are {filled:.0%} full after {exposure_s * 1e3:.3g} ms",
             allowed=f"up to {FULL_SHARE:.0%}",
-            remedy="keep light that does not come by the modulator from the sensor, or dim it",
+            remedy="shield the sensor from light that does not come from the modulator, or dim it",
         )
 
     def _refuse_bright(self, signal_dn: float, exposure_s: float) -> None:

@@ -71,7 +71,7 @@ def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None
             Reason.BAD_FIT,
             f"one orientation of the board explains all {len(sightings)} pictures to {residual:.2g} px only",
             allowed=f"{RESIDUAL_MAX_PX:g} px",
-            remedy="see that the board and the camera's mount are firm: this stage seems to turn the camera",
+            remedy="check that the board and the camera's mount are firm: this stage seems to rotate the camera",
         )
     return Places(rotation, shifts, residual, covariance_mm2)
 

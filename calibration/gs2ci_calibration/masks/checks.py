@@ -56,7 +56,7 @@ def require_order(
         raise CalibrationError(
             step,
             Reason.DEAD_PIXELS,
-            f"{int(valid.sum())} pixels see the modulator: masks cannot be told apart by them",
+            f"{int(valid.sum())} pixels see the modulator, which is too few to distinguish masks",
             allowed=f"{PIXELS_MIN} or more",
             remedy="use a larger part of the sensor",
         )
@@ -92,7 +92,7 @@ def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating],
         raise CalibrationError(
             step,
             Reason.MISPREDICTED,
-            f"a pattern that took no part in any fit is seen unlike its prediction (correlation {alike:.2f})",
+            f"a pattern that was used in no fit differs from its prediction (correlation {alike:.2f})",
             allowed=f"{LIKE} or more",
             remedy="check that nothing moved, and run `gs2ci calibrate registration` again",
         )
@@ -111,9 +111,9 @@ def _other_order(step: str, shown: int, seen: int | None) -> CalibrationError:
     return CalibrationError(
         step,
         Reason.WRONG_ORDER,
-        f"where mask {shown} should be on show, {what} is",
+        f"instead of mask {shown}, {what} is shown",
         remedy="check how patterns are packed into the modulator's images (bit and image order), and that the first "
-        "trigger meets the first pattern",
+        "trigger comes with the first pattern",
     )
 
 
@@ -125,7 +125,7 @@ def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | No
             step,
             Reason.WRONG_POLARITY,
             f"mask {first} is the negative of its pattern (correlation {alike[first, first]:.2f})",
-            remedy="set invert in [modulator] the other way",
+            remedy="change `invert` in [modulator]",
         )
     return _other_order(step, first, best) if alike[first, best] > LIKE else None
 
@@ -142,7 +142,7 @@ def _turned(
             return CalibrationError(
                 step,
                 Reason.FLIPPED,
-                f"the modulator's image is {orientation(turned.pixels)}; registered was an image that is "
+                f"the modulator's image is {orientation(turned.pixels)}; it was registered as "
                 f"{orientation(relay.pixels)}",
                 remedy="turn the modulator back, or register it again as it is now",
             )
@@ -170,7 +170,7 @@ def _unlike_mask(alike: F64, first: int, step: str) -> CalibrationError:
     return CalibrationError(
         step,
         Reason.MISPREDICTED,
-        f"mask {first} is unlike every pattern that was sent (correlation {alike[first].max():.2f} at best)",
+        f"mask {first} matches none of the patterns that were sent (correlation {alike[first].max():.2f} at best)",
         allowed=f"{LIKE} or more",
         remedy="check the focus of the relay and what the modulator shows, and register again",
     )

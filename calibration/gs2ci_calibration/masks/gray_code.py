@@ -94,7 +94,7 @@ def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bool) -> Pix
             Reason.NOT_REGISTERED,
             f"only {readable.mean():.1%} of the pixels can read the stripes on the modulator",
             allowed=f"{SEEN_SHARE_MIN:.0%} or more",
-            remedy="focus the relay, open its aperture, and see that the modulator's image falls on the sensor",
+            remedy="focus the relay, open its aperture, and check that the modulator's image falls on the sensor",
         )
     # Chosen at random: a regular choice could interfere with the stripes.
     chosen = np.random.default_rng(0).permutation(np.flatnonzero(readable))[:PIXELS_USED]
@@ -128,8 +128,8 @@ def _require_spread(x: F64, y: F64, read: F64, code: GrayCode) -> None:
                 "registration",
                 Reason.NOT_REGISTERED,
                 f"{what} lie on one line (they spread {least:.2g} px across it)",
-                allowed="readings all over the sensor, which alone fix an affine map",
-                remedy="light the whole field, and see that both row and column stripes are shown",
+                allowed="readings all over the sensor, which an affine map needs",
+                remedy="light the whole field, and check that both row and column stripes are shown",
             )
 
 

@@ -71,7 +71,7 @@ class LampRecord:
             raise CalibrationError(
                 "masks",
                 Reason.LAMP_FLICKERS,
-                f"the light differs by {self.flicker:.2%} rms from frame to frame, which leaves {left:.2%} in masks "
+                f"the light differs by {self.flicker:.2%} rms from frame to frame, an error of {left:.2%} in masks "
                 f"of {frames} frames",
                 allowed=f"{LAMP_SHARE_MAX * accuracy:.2%}",
                 remedy="feed the lamp with direct current, expose for whole periods of the mains (10 or 8.33 ms each), "
@@ -83,7 +83,7 @@ class LampRecord:
                 Reason.LAMP_DRIFTS,
                 f"the lamp's level changed by {self.drift:.1%} from reference to reference",
                 allowed=f"up to {DRIFT_MAX:.0%}",
-                remedy="let the lamp warm up, keep daylight out, touch nothing meanwhile",
+                remedy="let the lamp warm up, keep daylight out, do not touch the bench meanwhile",
             )
 
 

@@ -51,7 +51,7 @@ def fit_noise(signal_dn: F64, variance_dn2: F64, step: str) -> NoiseModel:
             step,
             Reason.NO_VARIANCE,
             "all frames of a stack are the same",
-            remedy="see that the sensor streams live frames, and expose so that readings exceed the black level",
+            remedy="check that the sensor streams live frames, and expose so that readings exceed the black level",
         )
     kept = np.ones(len(signal_dn), bool)
     model = NoiseModel(float(variance_dn2.mean()), 0.0)

@@ -27,7 +27,7 @@ def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, 
         raise CalibrationError(
             step,
             Reason.TOO_FEW_FRAMES,
-            f"the error of the dark frames alone leaves {fixed_se:.2%} rms in the masks",
+            f"the error of the dark frames alone causes {fixed_se:.2%} rms in the masks",
             allowed=f"less than {accuracy:.2%} (mask_accuracy in [calibration])",
             remedy="take more dark frames (frames in [calibration]) with `gs2ci calibrate dark-flat`",
         )
@@ -37,7 +37,7 @@ def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, 
         raise CalibrationError(
             step,
             Reason.TOO_FEW_FRAMES,
-            f"{wanted} frames of each mask would be needed for an error of {accuracy:.2%} rms: one frame leaves "
+            f"{wanted} frames of each mask would be needed for an error of {accuracy:.2%} rms: one frame has "
             f"{np.sqrt(falling):.0%}",
             allowed=f"{FRAMES_MAX}",
             remedy="more light, or a larger mask_accuracy in [calibration]",

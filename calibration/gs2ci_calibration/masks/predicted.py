@@ -64,7 +64,7 @@ def fit_kernel(
         raise CalibrationError(
             "registration",
             Reason.NOT_REGISTERED,
-            f"{len(right)} pixels with texture do not tell the {len(taps)} taps of the relay's blur",
+            f"{len(right)} pixels with texture do not determine the {len(taps)} taps of the relay's blur",
             allowed="fine random patterns all over the sensor",
             remedy="light the whole field and focus the relay",
         )

@@ -97,7 +97,7 @@ def judge(
             Reason.DEAD_PIXELS,
             f"{(~valid).mean():.1%} of the pixels do not see the mirrors switch",
             allowed=f"at most {BLIND_SHARE_MAX:.0%}",
-            remedy="light the whole field evenly, and see that the modulator's image covers the sensor",
+            remedy="light the whole field evenly, and check that the modulator's image covers the sensor",
         )
     references = References(on, off, valid, noise)
     _require_lines(references, step)
@@ -113,7 +113,7 @@ def _require_sound(on_frames: NDArray[Any], off_frames: NDArray[Any], saturation
                 step,
                 Reason.TOO_FEW_FRAMES,
                 f"{count} frames with every mirror {what}",
-                allowed=f"at least {FRAMES_MIN}: one alone tells nothing of the noise",
+                allowed=f"at least {FRAMES_MIN}: noise cannot be estimated from one",
             )
     clipped = np.mean(on_frames >= saturation_dn, axis=0) > 0
     if clipped.mean() > SATURATED_SHARE_MAX:
@@ -160,9 +160,9 @@ def require_in_place(
                 step,
                 Reason.WRONG_ORDER,
                 f"pattern {shown} of pass {k}, every mirror {'on' if is_on[shown] else 'off'}, reads "
-                f"{level[shown, k]:.0%} of the open field: another pattern is on show in its place",
-                remedy="check how patterns are packed into the modulator's images, and that the first trigger meets "
-                "the first pattern",
+                f"{level[shown, k]:.0%} of the open field: another pattern is shown instead",
+                remedy="check how patterns are packed into the modulator's images, and that the first trigger comes "
+                "with the first pattern",
             )
 
 
@@ -179,7 +179,7 @@ def _require_lines(references: References, step: str) -> None:
             Reason.DEAD_PIXELS,
             f"all of {' and '.join(lines)} do not see the mirrors switch",
             allowed="no whole row or column",
-            remedy="crop the sensor in [sensor], or see that the modulator's image covers it",
+            remedy="crop the sensor in [sensor], or check that the modulator's image covers it",
         )
 
 
@@ -202,7 +202,7 @@ def _require_switching_light(on: F64, off: F64, error_dn: float, step: str) -> N
             Reason.WRONG_POLARITY,
             f"the field is brighter with every mirror off ({off_dn:.0f} DN) than with every mirror on ({on_dn:.0f} DN):"
             " the modulator shows patterns inverted",
-            remedy="set invert in [modulator] the other way, or look at the mirrors' other side",
+            remedy="change `invert` in [modulator], or look at the mirrors' other side",
         )
     if max(on_dn, off_dn) < least:
         raise CalibrationError(
@@ -218,7 +218,7 @@ def _require_switching_light(on: F64, off: F64, error_dn: float, step: str) -> N
             Reason.LOW_CONTRAST,
             f"on - off is {swing_dn:.2g} DN: light reaches the sensor, but the mirrors do not change it",
             allowed=f"at least {least:.2g} DN",
-            remedy="see that the modulator runs its sequence, is not parked, and lies in the light's path",
+            remedy="check that the modulator runs its sequence, is not parked, and lies in the light's path",
         )
     if on_dn < ON_OVER_OFF_MIN * off_dn:
         raise CalibrationError(

@@ -208,7 +208,7 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
     raise CalibrationError(
         "registration",
         Reason.NOT_REGISTERED,
-        f"the map does not settle: after {ITERATIONS_MAX} steps it still moves by {moved_px:.3g} px",
+        f"the map does not converge: after {ITERATIONS_MAX} steps it still moves by {moved_px:.3g} px",
         allowed=f"{CONVERGED_PX:g} px",
         remedy="hold the bench still, take more frames, or show squares of more pixels",
     )
@@ -284,7 +284,7 @@ def _require_tiles(textures: Textures, kept: Bool) -> None:
             "registration",
             Reason.NOT_REGISTERED,
             f"the {kept.sum()} tiles that show the pattern lie on one line",
-            allowed="tiles all over the sensor, which alone fix an affine map",
+            allowed="tiles all over the sensor, which an affine map needs",
             remedy="light the whole field",
         )
 
@@ -295,7 +295,7 @@ def _require_hold(basis: F64) -> None:
         raise CalibrationError(
             "registration",
             Reason.NOT_REGISTERED,
-            f"the {len(basis)} tiles that show the pattern lie in too few rows or columns for so bent a map",
+            f"the {len(basis)} tiles that show the pattern lie in too few rows or columns for a map of this degree",
             allowed="tiles all over the sensor",
             remedy="light the whole field",
         )
@@ -306,7 +306,7 @@ def _require_likeness(state: Fitted) -> None:
         raise CalibrationError(
             "registration",
             Reason.WRONG_ORDER,
-            f"what is seen follows the pattern shown by a factor of {state.scale:.2f}",
+            f"the recorded image follows the pattern by a factor of {state.scale:.2f}",
             allowed=f"{LIKENESS_MIN} or more",
-            remedy="another pattern is on show, or an inverted one: check the order and the polarity of the patterns",
+            remedy="another pattern is shown, or an inverted one: check the order and the polarity of the patterns",
         )

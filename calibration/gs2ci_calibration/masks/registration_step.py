@@ -108,14 +108,14 @@ def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, fa
     notes = [
         f"The modulator's image is {found.orientation}, turned by {found.turn_mrad:+.2f} mrad beyond that; one sensor "
         f"pixel spans {pixels.ratio[0]:.4f} x {pixels.ratio[1]:.4f} modulator pixels.",
-        f"Where a pixel looks is known to {found.rms_se_px:.4f} px (rms over the sensor), from {found.tiles} tiles.",
+        f"The map is known to {found.rms_se_px:.4f} px (rms over the sensor), from {found.tiles} tiles.",
     ]
     if pixels.degree > 1:
         notes.append(
-            f"The map bends by {found.bend_px():.3f} px rms: a polynomial of degree {pixels.degree} follows it."
+            f"The map bends by {found.bend_px():.3f} px rms: a polynomial of degree {pixels.degree} describes it."
         )
     if found.dropped:
-        notes.append(f"{found.dropped} tiles show something else than the pattern (dust?) and were left out.")
+        notes.append(f"{found.dropped} tiles show something other than the pattern (dust?) and were left out.")
     return Section(
         name=STEP,
         estimates={

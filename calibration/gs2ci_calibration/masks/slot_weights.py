@@ -62,7 +62,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
     black = float(np.median(field.dark_dn))
     range_dn = saturation_dn - black
     if not reason and not LEVELS[0] * range_dn < slot_dn + len(planned) * off_dn < LEVELS[1] * range_dn:
-        reason = "one slot of this light does not suit the sensor's range"
+        reason = "the light of one slot does not suit the sensor's range"
     if reason:
         return SlotWeights(Estimate(planned, PLANNED_SE, "1"), False, f"Slot weights are as planned: {reason}.")
     ends = (0, len(planned) - 1)
@@ -77,14 +77,14 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
         raise CalibrationError(
             step,
             Reason.BAD_FIT,
-            f"of mask {worst}'s time on show an exposure spans {mean[worst]:.1%}; by the plan {planned[worst]:.1%}",
+            f"an exposure covers {mean[worst]:.1%} of the time of mask {worst}; by the plan {planned[worst]:.1%}",
             allowed=f"within {OFF_PLAN:.0%}",
             remedy="check the trigger's latency (`gs2ci calibrate timing`) and the sensor's true exposure",
         )
     return SlotWeights(
         Estimate(mean, error, "1"),
         True,
-        f"Of the first and the last mask's time on show an exposure spans {mean[0]:.2%} and {mean[-1]:.2%}, by light.",
+        f"By light, an exposure covers {mean[0]:.2%} and {mean[-1]:.2%} of the first and the last mask's time.",
     )
 
 
@@ -94,7 +94,7 @@ def _why_not_measured(bench: Bench, whole: Bool) -> str:
     if bench.capture.dark_s > 0:
         return "dark time between the masks hides their edges"
     if len(whole) < 3 or not whole[1:-1].all():
-        return "no mask's time on show between the first and the last is exposed whole, to compare with"
+        return "no mask between the first and the last is exposed for its whole time, as a comparison needs"
     return ""
 
 

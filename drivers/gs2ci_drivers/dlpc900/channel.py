@@ -117,7 +117,7 @@ class Channel:
         asked = "read the error register"
         reply = self._exchange(read_request(Command.ERROR_CODE, self._next_sequence()), asked)
         if reply.refused:
-            raise BadReplyError(self.device, asked, reply.data, "refused to tell the error", allowed="1 byte")
+            raise BadReplyError(self.device, asked, reply.data, "refused to report its error", allowed="1 byte")
         code = reply.data[0]
         if code == 0:
             return 0, ""
@@ -133,7 +133,7 @@ class Channel:
         """
         code, text = self.take_error()
         if code:
-            self._raise_code(asked, code, text, remedy="upload again: what arrived is not what was sent")
+            self._raise_code(asked, code, text, remedy="upload again: the device received other data than were sent")
 
     def drain(self, asked: str) -> None:
         """Discard what an interrupted exchange left in the device, in both directions.
@@ -151,7 +151,7 @@ class Channel:
                 stale = self._port.read(0.0)
                 if not stale:
                     return
-        raise BadReplyError(self.device, asked, stale, "the device keeps sending unasked", allowed="silence")
+        raise BadReplyError(self.device, asked, stale, "the device keeps sending without a request", allowed="silence")
 
     def _next_sequence(self) -> int:
         self._sequence = (self._sequence + 1) & 0xFF

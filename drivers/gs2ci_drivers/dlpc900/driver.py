@@ -268,7 +268,7 @@ class Dlpc900(Modulator):
                 self.name,
                 asked,
                 hardware.faults,
-                remedy="upload again; if it comes back, power-cycle the controller",
+                remedy="upload again; if the fault returns, power-cycle the controller",
             )
         if MainStatus.decode(self._channel.read(Command.MAIN_STATUS, asked)).parked:
             raise DeviceFaultError(
@@ -338,7 +338,7 @@ class Dlpc900(Modulator):
         while self._is_running(asked):
             if self.clock.now_s() >= deadline_s:
                 raise NoAnswerError(
-                    self.name, asked, _STOP_TIMEOUT_S, remedy="power-cycle the controller: it does not obey"
+                    self.name, asked, _STOP_TIMEOUT_S, remedy="power-cycle the controller: it ignores its commands"
                 )
             self.clock.sleep_s(POLL_S)
 

@@ -85,7 +85,7 @@ ERROR_CODES: Final[dict[int, ErrorCode]] = {
     4: ErrorCode("controller and mirror device do not match", "flash the firmware made for this mirror device"),
     5: ErrorCode("command not allowed in this mode", "stop the sequence and select pattern-on-the-fly mode first"),
     6: ErrorCode("bad parameter", _AGAIN),
-    7: ErrorCode("item absent", "the firmware lacks the item that was asked for"),
+    7: ErrorCode("item absent", "the firmware lacks the requested item"),
     8: ErrorCode("out of memory", "use fewer images or larger superpixels"),
     9: ErrorCode("bad compression of a pattern image", _AGAIN),
     10: ErrorCode("bit depth out of range", "use 1 to 8 bits per mask"),

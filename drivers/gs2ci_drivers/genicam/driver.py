@@ -169,7 +169,7 @@ class GenicamSensor(Sensor):
 
     def _running(self) -> BufferJudge:
         if self._judge is None or self._identity is None:
-            raise DisconnectedError(self.name, "read", "it went away earlier")
+            raise DisconnectedError(self.name, "read", "it was disconnected earlier")
         return self._judge
 
     def _fetch(self, timeout_s: float) -> TakenFrame | None:
@@ -206,7 +206,7 @@ class GenicamSensor(Sensor):
     def _do_status(self) -> SensorStatus:
         with self._noticing_loss():
             if self._identity is None:
-                raise DisconnectedError(self.name, "status", "it went away earlier")
+                raise DisconnectedError(self.name, "status", "it was disconnected earlier")
             self._features.read("PixelFormat")
         judge = self._judge
         if judge is None:

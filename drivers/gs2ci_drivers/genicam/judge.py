@@ -121,7 +121,7 @@ class BufferJudge:
         if ahead < 0:
             self.frame_index += 1
             self._next = taken.number + 1
-            self._spoil(f"its number {taken.number} came before, or out of order")
+            self._spoil(f"its number {taken.number} arrived before, or out of order")
         self._next = self._expected(taken) + 1
         self.frame_index += 1
 

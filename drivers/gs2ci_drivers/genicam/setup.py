@@ -143,7 +143,7 @@ class GenicamSetup:
         for name, value in self._options.features.items():
             in_force = self._features.write(name, value)
             if in_force != value:
-                self._incidents.append(f"{self._device}: {name} = {value} was asked for, {in_force} is in force")
+                self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
         self.chunks = self._set_chunks()
         self.set_trigger(config.trigger)
         self.settings = SensorSettings(
@@ -200,7 +200,7 @@ class GenicamSetup:
             if left != neutral and (found.kind != "enumeration" or neutral in found.symbols):
                 features.write(name, neutral)
                 self._incidents.append(
-                    f"{self._device}: {name} was left at {left} and is {neutral} now; [sensor.features] can set it"
+                    f"{self._device}: {name} was {left} and has been reset to {neutral}; [sensor.features] can set it"
                 )
 
     def _turn_automatics_off(self) -> None:
@@ -274,7 +274,7 @@ class GenicamSetup:
         on_grid = int(found.low) + (place - int(found.low)) // step * step
         in_force = int(self._features.write(name, on_grid))
         if wanted is not None and in_force != wanted:
-            self._incidents.append(f"{self._device}: {name} = {wanted} was asked for, {in_force} is in force")
+            self._incidents.append(f"{self._device}: {name} = {wanted} was requested, {in_force} is set")
 
     def _limits(self, name: str) -> Feature:
         found = self._features.find(name)

@@ -131,7 +131,7 @@ class GrblStage(Stage):
                     self.name,
                     asked,
                     [f"axis {axis} at rest at {here[axis]:.4f} mm, short of its target"],
-                    remedy="somebody or something cancelled the motion; look for an obstacle",
+                    remedy="the motion was cancelled: look for an obstacle or a pressed button",
                 )
 
     def _do_positions_mm(self) -> dict[str, float]:

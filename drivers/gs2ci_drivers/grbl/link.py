@@ -129,7 +129,7 @@ class GrblLink:
             self._name,
             asked,
             [f"ALARM:{'?' if number is None else number} ({meaning})"],
-            remedy="clear the way, then home the stage: `gs2ci devices --home`",
+            remedy="remove the obstacle, then home the stage: `gs2ci devices --home`",
         )
 
     def _one_status(self) -> Status:

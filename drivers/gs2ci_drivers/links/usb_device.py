@@ -143,7 +143,7 @@ def _find_one(device: str, vendor_id: int, product_id: int, bus_port: str, find:
         found = list(find(find_all=True, idVendor=vendor_id, idProduct=product_id))
     except usb.core.NoBackendError as error:
         raise AccessError(
-            device, "libusb is not there", asked="open", remedy="install it: `apt install libusb-1.0-0`"
+            device, "libusb is not installed", asked="open", remedy="install it: `apt install libusb-1.0-0`"
         ) from error
     places = {_bus_port(one): one for one in found}
     if bus_port:
@@ -160,7 +160,7 @@ def _find_one(device: str, vendor_id: int, product_id: int, bus_port: str, find:
     if len(found) > 1:
         raise AccessError(
             device,
-            f"{len(found)} of {name} are there",
+            f"{len(found)} of {name} are connected",
             asked="open",
             allowed=", ".join(sorted(places)),
             remedy=f'set port = "usb:{min(places)}" for one of them, in its table of the rig file',

@@ -199,7 +199,7 @@ class ControlTable:
             near = difflib.get_close_matches(normal_name(str(key)), names, 3, 0.5) or names
             raise UnsupportedError(
                 self._node.device,
-                f"control {key if isinstance(key, str) else hex(key)!r} is not there",
+                f"control {key if isinstance(key, str) else hex(key)!r} is not available",
                 allowed=", ".join(near) or "none: the node has no controls",
                 remedy="see `gs2ci devices`; sensors behind a media controller have theirs on `subdevice`",
             )
@@ -209,7 +209,7 @@ class ControlTable:
         """Read a control's value.
 
         Raises:
-            UnsupportedError: It is not there.
+            UnsupportedError: It is not available.
             AccessError: It can only be written.
         """
         control = self.require(key)
@@ -221,7 +221,7 @@ class ControlTable:
         """Set a control to the nearest value that it can take; return the requested and the resulting value.
 
         Raises:
-            UnsupportedError: It is not there.
+            UnsupportedError: It is not available.
             AccessError: It is read-only, or another stream holds it (EACCES, EBUSY).
             OutOfRangeError: The value is no entry of a menu, or the driver refuses it although it is in the range.
         """

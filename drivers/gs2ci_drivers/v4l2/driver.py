@@ -83,7 +83,7 @@ class V4l2Sensor(Sensor):
             self._setup = self._open().apply(config)
         self._config = config
         self.incidents += [
-            f"{self.name}: {one.control} = {one.requested} was asked for, {one.applied} is in force"
+            f"{self.name}: {one.control} = {one.requested} was requested, {one.applied} is set"
             for one in self._setup.applied
             if one.clamped
         ]
@@ -141,7 +141,7 @@ class V4l2Sensor(Sensor):
 
     def _running(self) -> tuple[BufferQueue, FrameJudge]:
         if self._queue is None or self._judge is None:
-            raise DisconnectedError(self.name, "read", "it went away earlier")
+            raise DisconnectedError(self.name, "read", "it was disconnected earlier")
         return self._queue, self._judge
 
     def _take(self, queue: BufferQueue, judge: FrameJudge, timeout_s: float) -> TakenBuffer:
@@ -182,7 +182,7 @@ class V4l2Sensor(Sensor):
     def _do_status(self) -> SensorStatus:
         with self._noticing_loss():
             if self._camera is None:
-                raise DisconnectedError(self.name, "status", "it went away earlier")
+                raise DisconnectedError(self.name, "status", "it was disconnected earlier")
             self._camera.node.identity()
         judge = self._judge
         if judge is None:

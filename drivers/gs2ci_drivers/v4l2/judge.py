@@ -108,7 +108,7 @@ class FrameJudge:
             raise FrameLostError(self.device, first, ahead)
         self._next = (number + 1) % _WRAP
         if ahead:
-            self._spoil(self.frame_index, f"its number {number} came before, or out of order")
+            self._spoil(self.frame_index, f"its number {number} arrived before, or out of order")
         self.frame_index += 1
 
     def _check_payload(self, taken: TakenBuffer) -> None:

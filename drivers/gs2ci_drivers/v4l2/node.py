@@ -35,12 +35,12 @@ _ACCESS: Final = {
     errno.EBUSY: "it is in use: by another program, or by buffers that are still allocated",
 }
 _FAULTS: Final = {
-    errno.EIO: "EIO: the transfer from the sensor broke down",
+    errno.EIO: "EIO: the transfer from the sensor failed",
     errno.EPIPE: "EPIPE: the stream has ended, or the formats along the media pipeline do not agree",
     errno.ENOLINK: "ENOLINK: the media pipeline has a link missing",
     errno.ENOSPC: "ENOSPC: the bus has no bandwidth left for this format and frame rate",
     errno.ENOMEM: "ENOMEM: the kernel has no memory for so many or so large buffers",
-    errno.EPROTO: "EPROTO: the device answered against the bus protocol",
+    errno.EPROTO: "EPROTO: the device violated the bus protocol",
     errno.ETIMEDOUT: "ETIMEDOUT: the device did not answer its kernel driver",
 }
 

@@ -18,7 +18,7 @@ MAX_IDLE_WAKES: Final = 64
 
 _BAD: Final = select.POLLERR | select.POLLHUP | select.POLLNVAL
 _EVENTS: Final = {
-    abi.EventType.SOURCE_CHANGE: "SOURCE_CHANGE: the picture's size or format changed under way",
+    abi.EventType.SOURCE_CHANGE: "SOURCE_CHANGE: the picture's size or format changed during the stream",
     abi.EventType.EOS: "EOS: the device ended the stream",
 }
 
@@ -98,7 +98,7 @@ class BufferQueue:
     def _unexplained(self, came: int) -> DriverError:
         if came & select.POLLHUP:
             return DisconnectedError(self._node.device, "poll", "POLLHUP")
-        return DeviceFaultError(self._node.device, "poll", ["POLLERR: the stream broke down"])
+        return DeviceFaultError(self._node.device, "poll", ["POLLERR: the stream failed"])
 
     def _check_event(self) -> None:
         kind = self._node.dequeue_event()

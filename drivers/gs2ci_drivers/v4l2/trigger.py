@@ -113,7 +113,7 @@ class ModuleTrigger:
                 self._device,
                 f"{self._path} reads {now!r} after {value!r} was written",
                 asked="switch the trigger",
-                remedy="this module's trigger works otherwise; see its documentation",
+                remedy="this module's trigger works differently; see its documentation",
             )
         return True
 

@@ -103,7 +103,7 @@ class VideoOut(Modulator):
         """Raise an error if the output is gone: the window of a missing output still accepts pictures."""
         with port_errors(self.name, asked):
             if self._output not in self._port.list_outputs():
-                raise DisconnectedError(self.name, asked, "no such video output any more")
+                raise DisconnectedError(self.name, asked, "the video output has been disconnected")
 
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._require_output("arm")

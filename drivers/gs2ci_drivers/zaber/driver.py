@@ -212,7 +212,7 @@ class ZaberStage(Stage):
         faults = [describe(flag) for flag in flags if is_fault(flag) or flag in INTERRUPTED]
         if faults:
             raise MoveFailedError(
-                self.name, asked, faults, remedy="clear the way or the fault, then home if the stage lost steps"
+                self.name, asked, faults, remedy="remove the obstacle or the fault, then home if the stage lost steps"
             )
         lost = [describe(flag) for flag in flags if flag in UNREFERENCED]
         if lost:

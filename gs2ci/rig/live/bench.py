@@ -128,7 +128,7 @@ class LiveBench:
             try:
                 self._calibrated = load(self._rig, self._devices, None, probe=False)
             except Gs2ciError as error:
-                self._note(f"masks are as drawn: {error}")
+                self._note(f"the masks as drawn are used: {error}")
             info = self._devices.sensor.info
             self._exposure_s = min(max(FIRST_EXPOSURE_S, info.min_exposure_s), info.max_exposure_s)
             self._publish()

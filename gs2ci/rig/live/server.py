@@ -101,7 +101,7 @@ class LiveServer:
     def act(self, token: str, request: dict[str, Any]) -> tuple[HTTPStatus, dict[str, Any]]:
         """Carry out an action of the controlling page; refuse those of other pages."""
         if not token or not self.hold(token):
-            return HTTPStatus.FORBIDDEN, {"error": "another page holds this bench: you may look, and press nothing"}
+            return HTTPStatus.FORBIDDEN, {"error": "another page controls this bench; this page only shows it"}
         given = {key: value for key, value in request.items() if key != "action"}
         try:
             self._bench.act(str(request.get("action", "")), **given)
@@ -186,7 +186,7 @@ def _handler(live: LiveServer) -> type[BaseHTTPRequestHandler]:
             elif (picture := live.picture(path)) is not None:
                 self._answer(HTTPStatus.OK, picture, "image/png")
             else:
-                self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such thing"})
+                self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such page"})
 
         def do_POST(self) -> None:
             length = int(self.headers.get("Content-Length") or 0)
@@ -216,7 +216,7 @@ def _handler(live: LiveServer) -> type[BaseHTTPRequestHandler]:
         def _allowed(self) -> bool:
             if live.allows(self.headers.get("Host", "")):
                 return True
-            self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "this is another machine"})
+            self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "the request was sent to another host name"})
             return False
 
         def _tell(self, status: HTTPStatus, answer: dict[str, Any]) -> None:

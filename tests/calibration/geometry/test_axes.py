@@ -146,7 +146,7 @@ def test_an_axis_that_goes_another_distance_is_refused(known):
 
 
 @pytest.mark.parametrize(
-    ("expected", "remedy"), [((-1.0, 0.0, 0.0), "turn the sign"), ((0.0, 1.0, 0.0), "which axis is plugged in")]
+    ("expected", "remedy"), [((-1.0, 0.0, 0.0), "reverse the sign"), ((0.0, 1.0, 0.0), "which axis is plugged in")]
 )
 def test_an_axis_that_goes_elsewhere_than_the_rig_file_says_is_refused(known, expected, remedy):
     camera, stage = known

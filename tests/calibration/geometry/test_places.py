@@ -37,7 +37,7 @@ def test_the_covariance_of_a_place_is_true(cameras):
 
 def test_a_stage_that_turns_the_camera_is_refused(camera):
     _, sightings = shifted(camera, np.random.default_rng(0), turn=0.05)
-    with pytest.raises(CalibrationError, match="turn the camera") as caught:
+    with pytest.raises(CalibrationError, match="rotate the camera") as caught:
         find_places(sightings, camera.values)
     assert caught.value.reason is Reason.BAD_FIT
 

@@ -31,7 +31,7 @@ def test_another_order_is_refused(order):
     found = refusal(SEEN[list(order)])
     assert found.reason is Reason.WRONG_ORDER
     first = next(i for i, j in enumerate(order) if i != j)
-    assert f"where mask {first} should be on show, mask {order[first]} is" in str(found)
+    assert f"instead of mask {first}, mask {order[first]} is shown" in str(found)
 
 
 def test_negatives_are_refused():

@@ -65,7 +65,7 @@ def test_two_masks_in_each_others_place_are_refused_by_image(bench_of_truth, reg
     bench = bench_of_truth(shuffle=swapped(3, 4))
     found = refusal(bench if way == "measured" else fast(bench), registered)
     assert found.reason is Reason.WRONG_ORDER
-    assert "where mask 1 should be on show, mask 2 is" in str(found)
+    assert "instead of mask 1, mask 2 is shown" in str(found)
 
 
 def test_masks_that_come_one_place_late_are_refused(bench_of_truth, registered):

@@ -90,7 +90,7 @@ def test_what_somebody_else_has_left_set_is_set_back_and_told(name, left):
     one.pulse()
     np.testing.assert_array_equal(one.sensor.read(0.5).pixels[3], np.arange(48))
     assert value(one, name) == neutral
-    assert [text for text in one.sensor.incidents if f"{name} was left at {left}" in text]
+    assert [text for text in one.sensor.incidents if f"{name} was {left} and" in text]
 
 
 def test_what_the_rig_file_asks_for_is_left_and_bends_the_picture():
@@ -117,7 +117,7 @@ def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     assert value(one, "ExposureTime") == pytest.approx(4568.0)
     assert value(one, "Gain") == pytest.approx(6.0)
     assert value(one, "ExposureAuto") == value(one, "GainAuto") == "Off"
-    assert any("AcquisitionFrameRate = 12.3456 was asked for, 12.346" in text for text in one.sensor.incidents)
+    assert any("AcquisitionFrameRate = 12.3456 was requested, 12.346" in text for text in one.sensor.incidents)
 
 
 def test_a_region_lies_in_the_middle_or_where_it_is_wanted_on_the_cameras_grid():
@@ -127,7 +127,7 @@ def test_a_region_lies_in_the_middle_or_where_it_is_wanted_on_the_cameras_grid()
     one.sensor.stop()
     one.start(height=32, width=40, top=10, left=21)
     assert one.twin.region == (10, 20, 32, 40)
-    assert any("OffsetX = 21 was asked for, 20 is in force" in text for text in one.sensor.incidents)
+    assert any("OffsetX = 21 was requested, 20 is set" in text for text in one.sensor.incidents)
     one.sensor.stop()
     one.start(height=64, width=96)  # wider than the offset left room for
     assert one.twin.region == (0, 0, 64, 96)
@@ -295,7 +295,7 @@ def test_a_number_that_came_before_is_corrupt():
     one.sensor.read(0.5)
     one.twin._frames = 0
     one.pulse()
-    with pytest.raises(FrameCorruptError, match="number 1 came before"):
+    with pytest.raises(FrameCorruptError, match="number 1 arrived before"):
         one.sensor.read(0.5)
 
 
@@ -391,9 +391,9 @@ def test_a_camera_that_goes_away_is_told_in_every_call_until_it_is_back():
     one.twin.unplug()
     with pytest.raises(DisconnectedError):
         one.sensor.status()
-    with pytest.raises(DisconnectedError, match="went away earlier"):
+    with pytest.raises(DisconnectedError, match="disconnected earlier"):
         one.sensor.read(0.1)
-    with pytest.raises(DisconnectedError, match="went away earlier"):
+    with pytest.raises(DisconnectedError, match="disconnected earlier"):
         one.sensor.status()
     one.sensor.stop()
     one.twin.plug_in()

@@ -92,7 +92,7 @@ def test_what_the_camera_refuses_is_typed(camera):
     camera.connect()
     with pytest.raises(OutOfRangeError, match="Width = 900; allowed: 100 to 800"):
         camera.configure(SensorConfig(fourcc="Mono8", width=900, trigger=TriggerMode.FREE_RUN, exposure_s=0.01))
-    with pytest.raises(UnsupportedError, match="trigger mode 'edge' is not there"):
+    with pytest.raises(UnsupportedError, match="trigger mode 'edge' is not available"):
         camera.configure(SensorConfig(fourcc="Mono8", exposure_s=0.01))
     with pytest.raises(RefusedError):
         camera._features.write("AspectRatio", 2.0)  # a float that can only be read

@@ -256,7 +256,7 @@ def test_a_region_that_the_sensor_moves_is_told_and_one_that_it_widens_is_refuse
     b = bench(SUBDEVICE, on_subdevice=True, **REGION)
     b.begin(height=400, width=600, top=101, left=8)
     assert b.twin.region == (104, 8, 400, 600)
-    assert [text for text in b.sensor.incidents if "top = 101" in text and "104 is in force" in text]
+    assert [text for text in b.sensor.incidents if "top = 101" in text and "104 is set" in text]
     b.sensor.stop()
     with pytest.raises(UnsupportedError, match=r"reads out 404 x 600 instead.*allowed: 404 x 600"):
         b.begin(height=402, width=600)

@@ -111,7 +111,7 @@ def test_a_repeated_number_is_a_corrupt_frame_and_the_count_goes_on(bench: Build
     b.faults.inject("v4l2.frame_repeated")
     b.fire(3)
     assert b.sensor.read(TIMEOUT_S).sequence == 0
-    with pytest.raises(FrameCorruptError, match="number 0 came before"):
+    with pytest.raises(FrameCorruptError, match="number 0 arrived before"):
         b.sensor.read(TIMEOUT_S)
     assert b.sensor.read(TIMEOUT_S).sequence == 1
     assert b.sensor.status().corrupt == 1
@@ -333,7 +333,7 @@ def test_a_control_that_the_camera_ignores_is_told_as_clamped(bench: Build) -> N
     b.faults.inject("v4l2.control_ignored", about="IO Mode")
     b.begin(controls={"io_mode": 3})
     assert b.sensor.applied_controls[-1].clamped
-    assert [note for note in b.sensor.incidents if "io_mode = 3 was asked for, " in note]
+    assert [note for note in b.sensor.incidents if "io_mode = 3 was requested, " in note]
 
 
 def test_an_exposure_that_the_camera_ignores_is_seen_in_the_settings(bench: Build) -> None:
@@ -414,7 +414,7 @@ def test_a_warm_up_frame_that_never_comes_is_told_in_time_and_the_next_start_wor
     ("event", "error", "says"),
     [
         (select.POLLHUP, DisconnectedError, "POLLHUP"),
-        (select.POLLERR, DeviceFaultError, "the stream broke down"),
+        (select.POLLERR, DeviceFaultError, "the stream failed"),
     ],
 )
 def test_a_poll_that_reports_trouble_without_a_reason_is_a_typed_error(

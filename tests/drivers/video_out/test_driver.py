@@ -124,5 +124,5 @@ def test_a_sequence_that_runs_for_ever_is_not_waited_for_longer_than_allowed():
 def test_an_output_that_is_unplugged_is_told():
     bench = Bench()
     bench.twin.unplug()
-    with pytest.raises(DisconnectedError, match="no such video output"):
+    with pytest.raises(DisconnectedError, match="the video output has been disconnected"):
         bench.modulator.status()

@@ -41,7 +41,7 @@ def test_the_first_page_holds_the_bench_and_the_second_looks_on(served):
     assert seen["shown"] == "dark"
     assert press(server, "a", action="show", what="open") == (200, {})
     status, told = press(server, "b", action="disarm")
-    assert (status, "press nothing" in told["error"]) == (403, True)
+    assert (status, "another page controls" in told["error"]) == (403, True)
     assert press(server, "", action="disarm")[0] == 403
     assert bench.armed
     assert not json.loads(ask(server, "/state")[1])["holds"]  # a program that only reads
