@@ -1,4 +1,4 @@
-"""A Santec SLM-200 class panel, as its controller would answer: frames, memory slots, a slow liquid crystal.
+"""The twin of a Santec SLM-200 class panel and its controller: frames, memory slots, a slow liquid crystal.
 
 Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`). It shares no
 code with the driver.
@@ -16,10 +16,10 @@ from gs2ci_sims.world import World
 
 REFUSES = declare("slm.refuses", "the panel answers NG")
 BUSY = declare("slm.busy", "the panel answers BS for `value` seconds (booting)")
-MUTE = declare("slm.no_response", "the panel never has a word for a command")
+MUTE = declare("slm.no_response", "the panel never answers a command")
 ROW_LOST = declare("slm.row_lost", "an image row is lost")
-PIXEL_SPOILT = declare("slm.pixel_spoilt", "a pixel of an uploaded image is spoilt: the sum does not fit")
-WRONG_KIND = declare("slm.wrong_kind", "a status comes as a frame of another kind")
+PIXEL_SPOILT = declare("slm.pixel_spoilt", "a pixel of an uploaded image is spoilt: its checksum is wrong")
+WRONG_KIND = declare("slm.wrong_kind", "a status arrives as a frame of another kind")
 
 HEIGHT: Final = 1200
 WIDTH: Final = 1920
@@ -35,7 +35,7 @@ class DisplaySlmTwin(SerialTwin):
 
     Args:
         world: Clock, trigger line `<name>.out`, and where masks are shown.
-        faults: What will go wrong.
+        faults: The faults to inject.
         name: Prefix of its trigger line.
         response_s: Time constant of the liquid crystal.
     """
@@ -54,7 +54,7 @@ class DisplaySlmTwin(SerialTwin):
         return b"\r"
 
     def power_cycle(self) -> None:
-        """Cut the power for a moment: the connection and all slots are gone."""
+        """Cut the power for a moment: the connection and all slots are lost."""
         self.unplug()
         self._restart()
 

@@ -1,8 +1,8 @@
 """The DLPC900's firmware behind a HID port: answers reports, keeps patterns, runs sequences in the world.
 
-Here: the USB side (64-byte reports, one shared buffer, numbering) and what can befall it. Not here: what commands do
-(`dlpc900_firmware`), how images are read (`dlpc900_images`) and shown (`dlpc900_sequencer`). It shares no code with the
-driver.
+Here: the USB side (64-byte reports, one shared buffer, numbering) and its faults. Not here: the effect of commands
+(`dlpc900_firmware`), the reading of images (`dlpc900_images`), their display (`dlpc900_sequencer`). It shares no code
+with the driver.
 """
 
 from errno import EBUSY, ENODEV
@@ -22,7 +22,7 @@ REPLY_GARBLED = declare("dlpc900.reply_garbled", "the header of a reply is overw
 REPLY_SHORT = declare("dlpc900.reply_short", "a reply ends after `value` bytes (2 when not given)")
 REPLY_OTHER = declare("dlpc900.reply_other_sequence", "a reply carries another sequence number")
 STALE = declare("dlpc900.stale", "an answer of an earlier session waits when the port is opened")
-BABBLE = declare("dlpc900.babble", "100 unasked reports come before a reply")
+BABBLE = declare("dlpc900.babble", "100 unrequested reports come before a reply")
 NACK = declare("dlpc900.nack", "a command is refused with error `value` (255 when not given)")
 REPORT_LOST = declare("dlpc900.report_lost", "a 64-byte report from the host is lost")
 WRITE_STUCK = declare("dlpc900.write_stuck", "the device takes no report: write timeout")
@@ -40,7 +40,7 @@ class Dlpc900Twin:
 
     Args:
         world: Clock, trigger lines, and where masks are shown.
-        faults: What will go wrong.
+        faults: The faults to inject.
         name: Prefix of its trigger lines on the bus.
         dmd: Type of the mirrors: 1 DLP6500, 2 DLP9000, 3 DLP670S, 4 DLP500YX, 5 DLP5500.
         counts_repeats: Whether the count of 0x1A31 counts repeats (DLPU018F) or masks (DLPU018J).
@@ -75,7 +75,7 @@ class Dlpc900Twin:
         self._answering: list[Event] = []
 
     def open(self) -> "_Session":
-        """Open the interface, as the operating system would: a `HidPort`.
+        """Open the interface as the operating system does; return a `HidPort`.
 
         Raises:
             OSError: ENODEV when unplugged, EBUSY when open already.
@@ -89,7 +89,7 @@ class Dlpc900Twin:
         return self._session
 
     def unplug(self) -> None:
-        """Pull the USB cable: open sessions are dead, patterns stay in memory."""
+        """Pull the USB cable: open sessions fail from now on, patterns stay in memory."""
         self.plugged = False
         self._session = None
         self._drop_message()
@@ -105,7 +105,7 @@ class Dlpc900Twin:
         self.firmware.reset()
 
     def host_sends(self, report: bytes) -> None:
-        """Take one report from the host, at once."""
+        """Receive one report from the host and process it at once."""
         if not self._message:
             self._drop_replies()  # one buffer serves both directions
             if not self._begin_message(report):
@@ -117,7 +117,7 @@ class Dlpc900Twin:
             self._handle(message)
 
     def device_sends(self) -> bytes | None:
-        """Return the next report for the host, None when there is none."""
+        """Return the next report for the host, or None."""
         return self._outgoing.pop(0) if self._outgoing else None
 
     def current_command(self, report: bytes) -> str:
@@ -174,7 +174,7 @@ class Dlpc900Twin:
         delay_s = REPLY_LATENCY_S + (late.value if late else 0.0)
         for i, report in enumerate(reports):
             event = self.clock.after(delay_s + i * REPORT_S, partial(self._deliver, report))
-            if not late:  # a late one sits in the host's queue already and outlives the next request
+            if not late:  # a late reply is in the host's queue already, and the next request does not drop it
                 self._answering.append(event)
 
     def _deliver(self, report: bytes) -> None:
@@ -211,7 +211,7 @@ class _Session:
         twin.host_sends(report)
 
     def _loses_report(self, report: bytes, timeout_s: float) -> bool:
-        """Let faults strike on the way; return whether the report is lost."""
+        """Apply the faults of the transfer; return whether the report is lost."""
         twin, name = self._twin, self._twin.current_command(report)
         if twin.faults.take(UNPLUGGED, name):
             twin.unplug()
@@ -235,7 +235,7 @@ class _Session:
         return twin.device_sends() or b""
 
     def close(self) -> None:
-        """Let go; a second call does nothing."""
+        """Close the session; a second call does nothing."""
         if self._open:
             self._open = False
             if self._twin._session is self:

@@ -2,7 +2,7 @@
 
 Here: the state machine off → standby or normal; video, flash, video-pattern or on-the-fly; empty → table → configured →
 loading → ready → running ⇄ paused. Not here: reports (`dlpc900`), image codings (`dlpc900_images`), time
-(`dlpc900_sequencer`). numbers are the programmer's guide's, typed in anew.
+(`dlpc900_sequencer`). The numbers are those of the programmer's guide, entered independently of the driver.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,9 @@ from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
 from gs2ci_sims.wires.dlpc900_tables import ERROR_TEXT, MIRRORS
 from gs2ci_sims.world import World
 
-PARKED = declare("dlpc900.parked", "the mirrors park: the status says so and nothing is shown")
-FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a start, silently")
-STANDBY = declare("dlpc900.standby", "somebody has sent the controller to standby")
+PARKED = declare("dlpc900.parked", "the mirrors park: the status reports it, and nothing is shown")
+FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a start, without an error")
+STANDBY = declare("dlpc900.standby", "another program has sent the controller to standby")
 STAYS_RUNNING = declare("dlpc900.ignores_stop", "a stop is acknowledged and ignored")
 
 _ON_THE_FLY: Final = 3
@@ -28,7 +28,7 @@ _SETTLE_S: Final = 3.0
 
 
 class Refusal(Exception):  # noqa: N818 - a refusal is the firmware's ordinary answer, not an error of ours
-    """The firmware says no, with its error code."""
+    """The firmware refuses a command with an error code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -37,7 +37,7 @@ class Refusal(Exception):  # noqa: N818 - a refusal is the firmware's ordinary a
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of the sequence table as the 12 bytes say."""
+    """One entry of the sequence table, read from its 12 bytes."""
 
     exposure_us: int
     dark_us: int
@@ -50,7 +50,7 @@ class Entry:
 
 @dataclass
 class Loading:
-    """An image on its way into memory."""
+    """An image that is being loaded into memory."""
 
     image: int
     total: int
@@ -62,7 +62,7 @@ class Firmware:
 
     Args:
         world: Where masks are shown.
-        faults: What will go wrong.
+        faults: The faults to inject.
         name: Prefix of its trigger lines.
         dmd: Type of the mirrors.
         counts_repeats: Whether the count of 0x1A31 counts repeats.
@@ -109,7 +109,7 @@ class Firmware:
         self.reset()
 
     def reset(self) -> None:
-        """Be as after power-on: video mode, empty memory."""
+        """Return to the state after power-on: video mode, empty memory."""
         self.sequencer.stop()
         self.sequencer.aborted = False
         self.sequencer.outputs = [Output(), Output()]
@@ -138,14 +138,14 @@ class Firmware:
         }
 
     def note_error(self, code: int) -> None:
-        """Put a code into the error register; the first one stays until it is read."""
+        """Set the error register; the first code stays until it is read."""
         self._error = self._error or code
 
     def read(self, number: int) -> bytes:
         """Return a register.
 
         Raises:
-            Refusal: There is no such register.
+            Refusal: The register does not exist.
         """
         if self.faults.take(STANDBY):
             self._settings[0x0200] = b"\x01"
@@ -156,7 +156,7 @@ class Firmware:
         raise Refusal(3)
 
     def write(self, number: int, data: bytes) -> bytes:
-        """Obey a command; returns the empty payload of its acknowledgement.
+        """Execute a command; return the empty payload of its acknowledgement.
 
         Raises:
             Refusal: Unknown, malformed, out of range, or not in this state.
@@ -174,7 +174,7 @@ class Firmware:
         return b""
 
     def _require_images_whole(self) -> None:
-        """Any other command ends a load; one that still lacks bytes is an error."""
+        """Refuse a command while an image still lacks bytes; this ends the load."""
         if any(self._loading):
             self._loading = [None, None]
             raise Refusal(9)

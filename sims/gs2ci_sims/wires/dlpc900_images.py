@@ -1,7 +1,7 @@
-"""How the DLPC900's firmware reads an uploaded pattern image: header, then one of three codings, strictly.
+"""The reading of an uploaded pattern image by the DLPC900's firmware: a header, then one of three codings, strictly.
 
-Here: bytes → 24-bit words, or the reason why not. Not here: loading, memory, showing (`dlpc900`). It shares no line
-with the driver's encoder: an error there must be seen here.
+Here: bytes → 24-bit words, or an error with its reason. Not here: loading, memory, display (`dlpc900`). It shares no
+code with the driver's encoder, so that it detects errors there.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ def read_image(block: bytes, width: int, height: int) -> U32:
         One 24-bit word per mirror, [H, W] uint32.
 
     Raises:
-        BadImageError: Header or stream break the rules.
+        BadImageError: Header or stream are invalid.
     """
     header = block[:HEADER_BYTES]
     if len(header) < HEADER_BYTES or header[0:4] != b"\x53\x70\x6c\x64":
@@ -69,7 +69,7 @@ _REPEAT, _LITERAL, _COPY, _ROW_END, _CUT = 0, 1, 2, 3, 4
 
 
 def _erle_head_kernel(coded: U8, i: int) -> tuple[int, int, int]:
-    """Read what a run is: (kind, pixels, byte behind)."""
+    """Read the head of a run; return its kind, its number of pixels and the index of the byte after the head."""
     size = coded.size
     kind = _REPEAT
     if coded[i] == 0:

@@ -1,4 +1,4 @@
-"""The DLPC900's sequencer in the world: shows bit-planes, keeps their times, drives the two trigger outputs.
+"""The DLPC900's sequencer in the world: shows bit-planes for their times and drives the two trigger outputs.
 
 Here: one run from start to stop. Not here: commands and image memory (`dlpc900_firmware`).
 """
@@ -15,9 +15,9 @@ ABORTS = declare("dlpc900.sequencer_abort", "the sequencer's watchdog aborts the
 PULSE_LOST = declare("dlpc900.pulse_lost", "a pulse of trigger output 2 is missing")
 PULSE_TWICE = declare("dlpc900.pulse_twice", "trigger output 2 pulses twice for one mask, 60 µs apart")
 POLARITY = declare("dlpc900.suppress_inverted", "the firmware takes the suppress bit of trigger output 2 inverted")
-COUNT_OFF = declare("dlpc900.count_off", "the sequence shows `value` masks more than asked (1 when not given)")
+COUNT_OFF = declare("dlpc900.count_off", "the sequence shows `value` masks more than requested (1 when not given)")
 
-# From a start to the first step, unless set otherwise.
+# Default time from a start to the first step.
 START_LATENCY_S = 500e-6
 _DOUBLE_PULSE_S = 60e-6
 _NEVER = 1 << 62
@@ -30,8 +30,8 @@ class Step:
     Args:
         levels: Mirror levels, [H, W] uint8.
         top: Level of a fully open mirror.
-        exposure_s: On show for this long.
-        dark_s: Dark afterwards.
+        exposure_s: Time for which it is shown.
+        dark_s: Dark time afterwards.
         pulse: Whether trigger output 2 fires at its beginning.
         waits: Whether trigger input 1 must rise first.
     """
@@ -59,7 +59,7 @@ class Sequencer:
     Args:
         world: Where masks are shown.
         name: Prefix of the lines: `<name>.out1`, `<name>.out2`, `<name>.in1`.
-        faults: What will go wrong.
+        faults: The faults to inject.
     """
 
     def __init__(self, world: World, name: str, faults: FaultSet) -> None:
@@ -85,7 +85,7 @@ class Sequencer:
         self._drive(output, active=False)
 
     def start(self, steps: list[Step], total: int) -> None:
-        """Begin with the first step, or go on where it was paused; `total` masks in all, 0 for ever."""
+        """Begin with the first step, or continue after a pause; show `total` masks in all, 0 for ever."""
         if self.paused:
             self.paused, self.running = False, True
             self._plan(self.shown, self.world.clock.now_s() + self.start_latency_s)
@@ -98,7 +98,7 @@ class Sequencer:
         self._plan(0, self.world.clock.now_s() + self.start_latency_s)
 
     def pause(self) -> None:
-        """Stop, to go on with the current step later."""
+        """Stop; the next start continues with the current step."""
         if self.running:
             shown = self.shown
             self.stop()

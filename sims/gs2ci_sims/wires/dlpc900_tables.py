@@ -1,7 +1,7 @@
-"""The DLPC900's commands, error texts and mirror devices, typed in from the programmer's guide (DLPU018).
+"""The DLPC900's commands, error texts and mirror devices, entered from the programmer's guide (DLPU018).
 
-Here: tables. Not here: what commands do (`dlpc900_firmware`). Only the twin's files import this one; the driver has
-tables of its own, so that a slip in either is seen.
+Here: tables. Not here: the effect of commands (`dlpc900_firmware`). Only the twin's files import this one; the driver
+has its own tables, so that a mistake in either is detected.
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class Mirrors:
 
     @property
     def blocks(self) -> int:
-        """Get the number of mirror blocks, 0 where the guide gives none."""
+        """Get the number of mirror blocks, 0 if the guide states none."""
         return len(self.block_us)
 
 

@@ -1,15 +1,15 @@
 """A GenICam camera with its GenTL producer: the twin below `CameraPort`.
 
-What it follows: features by SFNC 2.7 (`genicam_nodes`); pixels by PFNC 2.4; frame numbers from 1, in 16 bits, without a
-0, as GigE Vision 1 counts blocks, or from 0 as USB3 Vision does; stamps of a clock of the camera's own
-that began at some other time, at the start of exposure as SFNC's ChunkTimestamp has it («generated when frame
-acquisition was triggered», Basler ace user's manual), or later as other makers have it; a frame for which no buffer is
-free is lost and its number with it; packets that do not arrive leave the buffer incomplete (GenTL 1.6,
-BUFFER_INFO_IS_INCOMPLETE), which harvesters hands to nobody and whose number it does not tell. After AcquisitionStart a
-camera takes a while until it listens for triggers (AcquisitionStatus[FrameTriggerWait]); a trigger before that is lost.
+Its features follow SFNC 2.7 (`genicam_nodes`), its pixels PFNC 2.4. Frame numbers count in 16 bits from 1, without 0,
+as the blocks of GigE Vision 1, or from 0 as in USB3 Vision. Time stamps are those of the camera's own clock, which has
+another origin; they mark the start of exposure as SFNC's ChunkTimestamp ("generated when frame acquisition was
+triggered", Basler ace user's manual), or a later event as with other makers. A frame without a free buffer is lost
+together with its number. Lost packets leave the buffer incomplete (GenTL 1.6, BUFFER_INFO_IS_INCOMPLETE); harvesters
+delivers neither such a buffer nor its number. After AcquisitionStart a camera needs some time until it accepts
+triggers (AcquisitionStatus[FrameTriggerWait]); a trigger before that is lost.
 
-Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`v4l2_camera.CameraShutter`, which knows
-nothing of V4L2).
+Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`v4l2_camera.CameraShutter`, which is
+independent of V4L2).
 """
 
 from collections import deque
@@ -28,13 +28,13 @@ from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
 from gs2ci_sims.wires.v4l2_camera import CameraModel, CameraShutter, Exposed, Shutting, Stamps
 from gs2ci_sims.world import World
 
-UNPLUGGED = declare("genicam.unplugged", "the camera goes away (ENODEV) until plugged in again")
+UNPLUGGED = declare("genicam.unplugged", "the camera disappears (ENODEV) until plugged in again")
 HELD = declare("genicam.held", "another program holds the camera (EBUSY)")
 INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buffer is incomplete")
-LOST = declare("genicam.frame_lost", "a frame is lost on the way, and its number with it")
+LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
 OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
-REFUSED = declare("genicam.feature_refused", "the camera refuses to have a feature written")
-NEVER_READY = declare("genicam.never_ready", "the camera never says that it waits for triggers")
+REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature")
+NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
 US = 1e-6
@@ -53,17 +53,17 @@ class GenicamModel:
         height: Rows of the pixel array.
         width: Columns.
         formats: Pixel formats by their PFNC names; the first is the default.
-        padding_bytes: Bytes behind each row.
-        transport: Transport layer, which decides on frame numbers.
+        padding_bytes: Padding after each row, in bytes.
+        transport: Transport layer, which determines the frame numbers.
         trigger_line: Line on the world's trigger bus that is wired to `trigger_input`.
-        trigger_input: The camera's name of that input.
+        trigger_input: The camera's name for that input.
         gated: Whether it has ExposureMode TriggerWidth.
-        stamps: What a stamp is the time of.
+        stamps: The event that a time stamp marks.
         stamped: Whether its clock can be latched.
         chunks: Whether it appends chunks.
-        clock_epoch_s: What its clock showed when the world's began.
-        clock_ppm: By how much its clock runs fast.
-        ready_s: From AcquisitionStart until it listens for triggers.
+        clock_epoch_s: Time on its clock when the world's clock is at 0.
+        clock_ppm: Rate error of its clock; positive runs fast.
+        ready_s: From AcquisitionStart until it accepts triggers.
         latency_s: Mean time from an edge to the start of exposure, beyond TriggerDelay.
         jitter_s: Standard deviation of it.
         exposure_offset_s: Constant added to every triggered exposure.
@@ -101,10 +101,10 @@ def bits_of(name: str) -> int:
 
 
 def pack_pfnc(pixels: U16, name: str, padding_bytes: int = 0) -> bytes:
-    """Write pixels, [H, W] uint16, as a camera sends them; padding reads 0xA5.
+    """Pack pixels, [H, W] uint16, as a camera sends them; padding bytes are 0xA5.
 
     PFNC 2.4: "p" is one stream of bits, the lowest bit of the first pixel first (written here bit by bit); "Packed"
-    puts the high eight bits of two pixels round a byte with the low bits of both, the first one's in its low half.
+    puts the high eight bits of two pixels around a byte with the low bits of both, those of the first in its low half.
     """
     rows = pixels if padding_bytes else pixels.reshape(1, -1)
     packed = _pack_rows(rows.astype(np.uint32), name)
@@ -132,10 +132,10 @@ class GenicamTwin:
     """A camera and its producer, as a `CameraPort`.
 
     Args:
-        world: Where it stands.
+        world: The simulated world, with clock, light and trigger bus.
         model: Its data sheet.
-        faults: What will go wrong.
-        rng: Draws jitter; seeded with 0 where none is given.
+        faults: The faults to inject.
+        rng: Draws jitter; the default is seeded with 0.
     """
 
     def __init__(
@@ -190,26 +190,26 @@ class GenicamTwin:
         return top, left, height, width
 
     def unplug(self) -> None:
-        """Take the camera off."""
+        """Unplug the camera."""
         self._halt()
         self._plugged = self._opened = False
 
     def plug_in(self) -> None:
-        """Put the camera back, with nothing set."""
+        """Plug the camera in again, with its default settings."""
         if not self._plugged:
             self._plugged = True
             self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
 
     def list_cameras(self, producer: str) -> list[CameraIdentity]:
-        """List the camera where it is plugged in."""
+        """List the camera if it is plugged in."""
         del producer
         return [self._identity()] if self._plugged else []
 
     def open(self, producer: str, serial: str) -> CameraIdentity:
-        """Open the camera; any serial number is its own.
+        """Open the camera, with any serial number.
 
         Raises:
-            OSError: ENOENT: it is not plugged in; EBUSY: held.
+            OSError: ENOENT if it is not plugged in; EBUSY if another program holds it.
         """
         del producer, serial
         self.calls.append("open")
@@ -223,7 +223,7 @@ class GenicamTwin:
         return self._identity()
 
     def describe(self, name: str) -> Feature | None:
-        """Return what a feature is now."""
+        """Return a feature's present value and limits."""
         self._alive(f"describe {name}")
         return self.nodes.describe(name)
 
@@ -249,12 +249,12 @@ class GenicamTwin:
     def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
         """Begin the acquisition."""
         self._alive("AcquisitionStart")
-        del chunks  # a frame carries what ChunkEnable says, and whoever asks for more of it gets no more
+        del chunks  # frames carry the chunks that ChunkEnable selects, whatever is requested here
         self._buffers, self._frames, self.streaming = buffers, 0, True
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take(NEVER_READY) is not None
         if any(self.nodes.of("TriggerMode", other) == "On" for other in ("AcquisitionStart", "FrameBurstStart")):
-            return buffers  # a trigger of another kind is waited for, and nobody sends it
+            return buffers  # the camera waits for another kind of trigger, which is never sent
         if self.nodes.of("TriggerMode", "FrameStart") == "Off":
             self._shutter.start(Shutting.FREE)
         elif self.nodes.of("TriggerSource", "FrameStart") == self.model.trigger_input:
@@ -281,7 +281,7 @@ class GenicamTwin:
         return self._clock.now_ns()
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Close the camera."""
         self.calls.append("close")
         self._halt()
         self._opened = False
@@ -312,7 +312,7 @@ class GenicamTwin:
         return round((when_s - self._clock_zero_s) * (1 + self.model.clock_ppm * 1e-6) * 1e9)
 
     def _deliver(self, exposed: Exposed) -> None:
-        """Integrate the light of an exposure and send it on its way."""
+        """Integrate the light of an exposure and schedule the delivery of the frame."""
         _, _, height, width = self.region
         name = str(self.nodes.read("PixelFormat"))
         pixels = self._pixels(exposed, height, width, bits_of(name))
@@ -345,7 +345,7 @@ class GenicamTwin:
         self._full.append(buffer)
 
     def _pixels(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
-        """Return what the camera makes of its light by whatever was left set on it, [H, W]."""
+        """Return the camera's readings of its light with the settings that were left on it, [H, W]."""
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
         size = {"height": height * down, "width": width * right}
         pixels = self._world.integrate(exposed.start_s, exposed.end_s, **size, bits=bits)
@@ -399,7 +399,7 @@ class GenicamTwin:
             "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
             "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
-            # Set back by nothing but a loss of power or UserSetLoad: whoever was there before may have left them.
+            # Only a loss of power or UserSetLoad resets these: another program may have left them.
             "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
             "BinningVertical": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
             "ReverseX": Node("boolean", False, locked=True),
@@ -416,7 +416,7 @@ class GenicamTwin:
         return nodes
 
     def _sizes(self) -> dict[str, Node]:
-        """Make the sizes: what an offset takes, a size cannot have."""
+        """Return the nodes of size and offset, whose sum is limited to the pixel array."""
         found: dict[str, Node] = {}
 
         def left_by(name: str, largest: int) -> Callable[[], float]:

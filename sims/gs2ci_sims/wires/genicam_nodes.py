@@ -1,10 +1,10 @@
-"""The features of the GenICam twin: what the Standard Features Naming Convention says that they are.
+"""The features of the GenICam twin, after the Standard Features Naming Convention.
 
-From SFNC 2.7 (EMVA), by chapters: Image Format Control (Width shrinks what OffsetX may be and the other way round, and
-binning both; sizes are locked while streaming), Acquisition Control (each trigger has a mode of its own, chosen by
-TriggerSelector; times are microseconds; ExposureMode TriggerWidth exposes while the line is held), Analog Control
-(gain, gamma), Chunk Data Control, Transport Layer Control (TLParamsLocked), Device Control (TimestampLatch,
-TimestampLatchValue). What is written stays until the camera loses power.
+From SFNC 2.7 (EMVA), by chapters: Image Format Control (Width limits OffsetX and conversely, binning limits both; sizes
+are locked while streaming), Acquisition Control (each trigger has its own mode, chosen by TriggerSelector; times are
+in microseconds; ExposureMode TriggerWidth exposes while the line is held), Analog Control (gain, gamma), Chunk Data
+Control, Transport Layer Control (TLParamsLocked), Device Control (TimestampLatch, TimestampLatchValue). Written values
+stay until the camera loses power.
 
 Here: `NodeTable`: values, limits, locks. Not here: the camera behind them (`genicam`).
 """
@@ -24,17 +24,17 @@ class Node:
     """One feature.
 
     Args:
-        kind: What it holds.
-        value: What it is now.
-        low: Its least value.
+        kind: Type of its value.
+        value: Its present value.
+        low: Its smallest value.
         high: Its largest value.
         step: Its step.
         symbols: Its entries.
         fixed: Whether it can only be read.
         locked: Whether it cannot be written while streaming.
-        selector: The feature by whose entries it has values of its own.
-        read: Makes its value where it is none that was written.
-        run: What a command does.
+        selector: The feature that selects it: it has one value for each of the selector's entries.
+        read: Computes its value if it is not a written one.
+        run: Executes it if it is a command.
     """
 
     kind: Kind
@@ -64,7 +64,7 @@ class NodeTable:
         self._streaming = streaming
 
     def describe(self, name: str) -> Feature | None:
-        """Return what a feature is now; None where there is none."""
+        """Return a feature's present value and limits; None if it does not exist."""
         node = self._nodes.get(name)
         if node is None:
             return None
@@ -82,7 +82,7 @@ class NodeTable:
         """Return a feature's value.
 
         Raises:
-            FeatureRefusalError: Not there, or a command.
+            FeatureRefusalError: The feature does not exist, or is a command.
         """
         node = self._node(name)
         if node.kind == "command":
@@ -100,7 +100,7 @@ class NodeTable:
         """Set a feature.
 
         Raises:
-            FeatureRefusalError: Not there, fixed, locked, or a value that it cannot have.
+            FeatureRefusalError: The feature does not exist, is read-only or locked, or the value is not allowed.
         """
         node = self._node(name)
         if node.fixed or node.kind == "command":
@@ -125,7 +125,7 @@ class NodeTable:
         """Run a command.
 
         Raises:
-            FeatureRefusalError: Not there, or no command.
+            FeatureRefusalError: The feature does not exist, or is not a command.
         """
         node = self._node(name)
         if node.run is None:

@@ -1,8 +1,8 @@
 """The twin of a GRBL 1.1 controller with three axes: real-time bytes, line replies, jogs, homing, alarms.
 
-It has its own reading of lines. States, alarms, early Idle, reboot and locking as in reference 3.3. The motors are open
-loop: when an axis is blocked the controller goes on counting, and only the carriage stands still. Not here: the byte
-level (`serial_twin`), the driver.
+It parses lines with its own code. States, alarms, early Idle, reboot and locking are as in reference 3.3. The motors
+run in open loop: if an axis is blocked the controller continues to count, and only the carriage stands still. Not here:
+the byte level (`serial_twin`), the driver.
 """
 
 import re
@@ -19,7 +19,7 @@ from gs2ci_sims.world import VirtualClock
 HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
 RESET_MOVING = declare("grbl.reset_moving", "the controller resets itself after half of the next move: ALARM:3")
 POWER_CYCLE = declare("grbl.power_cycle", "the controller reboots after half of the next move: banner, position 0")
-EARLY_IDLE = declare("grbl.early_idle", "the first reports after a move say Idle although it still moves")
+EARLY_IDLE = declare("grbl.early_idle", "the first reports after a move state Idle although it still moves")
 DOOR = declare("grbl.door", "the safety door opens after half of the next move")
 HOLD = declare("grbl.hold", "somebody presses feed hold after half of the next move")
 JOG_CANCELLED = declare("grbl.jog_cancelled", "somebody cancels the next jog half-way")
@@ -43,8 +43,8 @@ class GrblMachine:
     Args:
         settings: Values of `$n`, on top of the defaults.
         start_mm: Machine position at power-on.
-        homed: Whether it was homed before we came (else it is locked in Alarm when homing is enabled).
-        mechanics: For each axis what lies between counted and true position.
+        homed: Whether it has been homed before (otherwise it is locked in Alarm if homing is enabled).
+        mechanics: For each axis the errors between counted and true position.
     """
 
     settings: Mapping[int, float] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class GrblTwin(SerialTwin):
     Args:
         clock: The world's clock.
         machine: The machine.
-        faults: What will go wrong.
+        faults: The faults to inject.
         board: "uno": a rising DTR resets it (the 100 nF between the USB chip's DTR and RESET in the Uno's schematic);
             "native": USB of its own, which answers only while DTR is high (an RP2040's CDC); "plain": DTR is not wired.
     """
@@ -99,7 +99,7 @@ class GrblTwin(SerialTwin):
         return b"\r\n"
 
     def open(self, *, hangs_up: bool = False, lowers: bool = False) -> SerialSession:
-        """Open the port: Linux raises DTR, which resets an Uno where it was low.
+        """Open the port: Linux raises DTR, which resets an Uno if DTR was low.
 
         Args:
             hangs_up: Whether DTR falls when the session is closed (HUPCL, the default of a tty).
@@ -113,7 +113,7 @@ class GrblTwin(SerialTwin):
         return session
 
     def unplug(self) -> None:
-        """Take the device off: the USB chip loses its lines."""
+        """Unplug the device: the USB chip loses its lines."""
         super().unplug()
         self._dtr = False
 
@@ -126,11 +126,11 @@ class GrblTwin(SerialTwin):
             super()._reply(data, about, delay_s)
 
     def positions_mm_at(self, when_s: float) -> dict[str, float]:
-        """Return where the carriages truly were."""
+        """Return the true positions of the carriages."""
         return {name: axis.true_position_at(when_s) for name, axis in zip(AXES, self._axes, strict=True)}
 
     def reboot(self) -> None:
-        """Start anew: motion ends, the position counts from 0, locked when homing is enabled."""
+        """Restart: motion ends, the position counts from 0, and the machine is locked if homing is enabled."""
         now_s = self.clock.now_s()
         self._generation += 1
         self._incoming = b""
@@ -146,7 +146,7 @@ class GrblTwin(SerialTwin):
 
     def _realtime(self, byte: int) -> bool:
         if self.clock.now_s() < self._booting_until_s:
-            return True  # the boot loader swallows what is sent
+            return True  # the boot loader discards received bytes
         if byte == ord("?"):
             if self._state != "Home" and not self.faults.take(SILENT_STATUS):
                 self._reply(self._report(), "?")
@@ -320,7 +320,7 @@ class GrblTwin(SerialTwin):
         self._later(ends_s + 0.5, done)
 
     def _later(self, when_s: float, action: Callable[[], None]) -> None:
-        """Schedule something that a newer motion, a stop or a reset calls off."""
+        """Schedule an action that a newer motion, a stop or a reset cancels."""
         generation = self._generation
 
         def act() -> None:

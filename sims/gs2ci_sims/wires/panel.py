@@ -1,6 +1,6 @@
 """A light modulator panel in the world: shows masks with a response time, plays timed sequences, drives one line.
 
-Here: what the LCoS-like twins have in common. Not here: any protocol (`scpi_modulator`, `display_slm`), the mirrors of
+Here: the common part of the LCoS-like twins. Not here: the protocols (`scpi_modulator`, `display_slm`), the mirrors of
 the DLPC900, which switch at once.
 """
 
@@ -16,7 +16,7 @@ from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Event, World
 
 STOPS_EARLY = declare("panel.stops_early", "the sequence ends before a mask")
-MASK_SKIPPED = declare("panel.mask_skipped", "a mask is not shown, its time passes dark")
+MASK_SKIPPED = declare("panel.mask_skipped", "a mask is not shown, the modulator stays dark for its time")
 PULSE_LOST = declare("panel.pulse_lost", "a trigger pulse is missing")
 PULSE_TWICE = declare("panel.pulse_twice", "the trigger line pulses twice, `value` seconds apart (60 µs)")
 
@@ -24,14 +24,14 @@ Levels = U8 | U16
 
 PULSE_S = 50e-6
 _TOP_16 = 0xFFFF
-# The transition is drawn in steps of half a time constant, until one per mille of it is left.
+# The transition is drawn in steps of half a time constant, until one per mille of it remains.
 _STEPS_PER_TIME_CONSTANT = 2
 _TIME_CONSTANTS = 7
 
 
 @enum.unique
 class Out(enum.Enum):
-    """What the trigger line does during a sequence."""
+    """The signal of the trigger line during a sequence."""
 
     NONE = "NONE"
     EXPOSURE = "EXPOSURE"
@@ -46,11 +46,11 @@ class Show:
     Args:
         masks: Levels of each mask, [H, W].
         top: Level of a fully open pixel.
-        exposure_s: Each mask's time on show.
+        exposure_s: Time for which each mask is shown.
         dark_s: Dark time between masks.
         pause_s: Dark time after a pass.
         repeats: Passes; 0 for ever.
-        out: What the trigger line does.
+        out: Signal of the trigger line.
     """
 
     masks: list[Levels]
@@ -63,12 +63,12 @@ class Show:
 
 
 class Panel:
-    """Pixels that follow what they are set to with a first-order response.
+    """Pixels that follow the set levels with a first-order response.
 
     Args:
         world: Where masks are shown.
         line: The trigger line ("lcos0.out").
-        faults: What will go wrong.
+        faults: The faults to inject.
         response_s: Time constant of rise and fall; 0 switches at once.
     """
 
@@ -99,7 +99,7 @@ class Panel:
         step_s = self.response_s / _STEPS_PER_TIME_CONSTANT
 
         def draw(step: int) -> None:
-            # The level in the middle of the step stands for all of it.
+            # The level in the middle of the step is used for the whole step.
             left = math.exp(-(step + 0.5) / _STEPS_PER_TIME_CONSTANT)
             mixed = np.asarray(new + (old - new) * left)
             self.world.show_mask(np.rint(mixed * _TOP_16).astype(np.uint16), _TOP_16)
@@ -129,7 +129,7 @@ class Panel:
         self.world.bus.drive(self.line, False)
 
     def pulse(self) -> None:
-        """Pulse the trigger line, or not, or twice, as faults have it."""
+        """Pulse the trigger line once; with a fault not at all, or twice."""
         if self.faults.take(PULSE_LOST):
             return
         self.world.bus.pulse(self.line, PULSE_S)

@@ -1,4 +1,4 @@
-"""A modulator that speaks the open SCPI-style protocol, as its firmware would: the protocol's reference device.
+"""The twin of a modulator with the open SCPI-style protocol: the protocol's reference device.
 
 Here: lines, blocks, error queue, the sequence's states (docs/scpi-modulator.md). Not here: bytes on the line
 (`serial_twin`), pixels (`panel`). It shares no code with the driver.
@@ -24,7 +24,7 @@ REFUSES = declare("scpi.refuses", "a command is refused with error `value` (-200
 BLOCK_SPOILT = declare("scpi.block_spoilt", "one bit of a pattern block is flipped on the line")
 BLOCK_SHORT = declare("scpi.block_short", "a byte of a pattern block is lost on the line")
 FAULTY = declare("scpi.fault", "the device reports a fault of its own (over-temperature)")
-RESTARTS = declare("scpi.restarts", "the device restarts: patterns are gone, it answers on")
+RESTARTS = declare("scpi.restarts", "the device restarts: it has lost its patterns, and answers")
 
 QUIET_S: Final = 0.5
 START_LATENCY_US: Final = 1000
@@ -55,7 +55,7 @@ class CommandError(Exception):
 
 @dataclass(frozen=True)
 class ScpiPanel:
-    """What the device is.
+    """The device's data sheet.
 
     Args:
         height: Rows.
@@ -79,9 +79,9 @@ class ScpiModulatorTwin(SerialTwin):
 
     Args:
         world: Clock, trigger line `<name>.out`, and where masks are shown.
-        faults: What will go wrong.
+        faults: The faults to inject.
         name: Prefix of its trigger line.
-        panel: What it is.
+        panel: Its data sheet.
         baud: Bits per second.
     """
 
@@ -138,7 +138,7 @@ class ScpiModulatorTwin(SerialTwin):
         return b"\n"
 
     def power_cycle(self) -> None:
-        """Cut the power for a moment: the port disappears, patterns are gone."""
+        """Cut the power for a moment: the port disappears, patterns are lost."""
         self.unplug()
         self._restart()
 
@@ -190,7 +190,7 @@ class ScpiModulatorTwin(SerialTwin):
 
     def _take_block(self, block: re.Match[bytes]) -> bool:
         tag = int(block[1]) if block[1] else None
-        # Taken out first: the match reads the buffer that is cut below.
+        # The groups are read first, because the match refers to the buffer that is cut below.
         index, expected = int(block[2]), int(block[3], 16)
         digits = int(block[4])
         length = int(block[5][:digits]) if digits else -1
@@ -214,7 +214,7 @@ class ScpiModulatorTwin(SerialTwin):
         return True
 
     def _lose_track(self, tag: int | None, code: int) -> None:
-        """Ignore everything up to the next silence: where lines begin is not known any more."""
+        """Ignore everything up to the next silence, because the begin of lines is unknown."""
         self._input.clear()
         self._skips_until_quiet = True
 

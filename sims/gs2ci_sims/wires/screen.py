@@ -1,9 +1,9 @@
-"""A panel on a video output, as the twin below `ScreenPort`: refreshes by its own clock, a picture late, a photodiode.
+"""A panel on a video output, as the twin below `ScreenPort`: refreshes by its own clock, a delay, a photodiode.
 
-What it follows: an output that is refreshed at a fixed rate and takes a picture at the next refresh (double buffering,
-as eglSwapBuffers and glXSwapBuffers with a swap interval of 1 are specified); electronics of displays that hold
-pictures back by whole refreshes; a photodiode with a comparator before a patch of the panel, which drives a trigger
-line and lets no light of that patch through.
+The output is refreshed at a fixed rate and takes a picture at the next refresh (double buffering, as specified for
+eglSwapBuffers and glXSwapBuffers with a swap interval of 1). The display's electronics delay pictures by whole
+refreshes. A photodiode with a comparator in front of a patch of the panel drives a trigger line and blocks the light of
+that patch.
 
 Here: `ScreenTwin`. Not here: a real X display (`tests/drivers/links/test_sdl_screen.py`).
 """
@@ -19,24 +19,24 @@ from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("screen.unplugged", "the display is unplugged (ENODEV)")
-DOUBLED = declare("screen.doubled", "a picture stays on show for two refreshes")
-DROPPED = declare("screen.dropped", "two pictures are taken within one refresh: the first is never seen")
+DOUBLED = declare("screen.doubled", "a picture is shown for two refreshes")
+DROPPED = declare("screen.dropped", "two pictures are taken within one refresh: the first is never shown")
 
 TOP = 255
 
 
 class ScreenTwin:
-    """A second display and what hangs on it.
+    """A second display with its photodiode.
 
     Args:
         world: Clock, trigger line `<name>.out`, and where masks are shown.
-        faults: What will go wrong.
+        faults: The faults to inject.
         name: Prefix of its trigger line.
         height: Rows.
         width: Columns.
         refresh_hz: Pictures a second.
-        frames_late: Refreshes by which its electronics hold a picture back.
-        patch: First row and column, rows and columns before the photodiode.
+        frames_late: Refreshes by which its electronics delay a picture.
+        patch: First row and column, rows and columns of the patch below the photodiode.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class ScreenTwin:
         self.faults = faults or FaultSet()
         self.output = ScreenOutput("TWIN-1", height, width, refresh_hz)
         self.refreshes = 0
-        """How many pictures were taken."""
+        """Number of pictures that were taken."""
         self._world, self._clock = world, world.clock
         self._line = f"{name}.out"
         self._late_s = frames_late / refresh_hz
@@ -65,23 +65,23 @@ class ScreenTwin:
         self.fault = ""
 
     def unplug(self) -> None:
-        """Take the display off: it goes dark."""
+        """Unplug the display: it goes dark."""
         self._plugged = self._opened = False
         self._show(None)
 
     def plug_in(self) -> None:
-        """Put it back."""
+        """Plug it in again."""
         self._plugged = True
 
     def list_outputs(self) -> list[ScreenOutput]:
-        """List the output where it is plugged in."""
+        """List the output if it is plugged in."""
         return [self.output] if self._plugged else []
 
     def open(self, name: str = "") -> ScreenOutput:
-        """Cover the output.
+        """Open a window that covers the output.
 
         Raises:
-            OSError: ENODEV: not plugged in.
+            OSError: ENODEV if it is not plugged in.
         """
         del name
         if self.faults.take(UNPLUGGED, "open"):
@@ -92,7 +92,7 @@ class ScreenTwin:
         return self.output
 
     def flip(self, levels: U8) -> int:
-        """Take a picture at the next refresh and return when that was."""
+        """Take a picture at the next refresh and return the time of that refresh."""
         if self.faults.take(UNPLUGGED, "flip"):
             self.unplug()
         if not self._plugged or not self._opened:
@@ -116,7 +116,7 @@ class ScreenTwin:
         return self._clock.now_ns()
 
     def close(self) -> None:
-        """Uncover the output, which is dark then."""
+        """Close the window; the output is dark then."""
         if self._opened:
             self._opened = False
             self._show(None)
@@ -131,7 +131,7 @@ class ScreenTwin:
             picture[top : top + height, left : left + width] = 0
             dark = not picture.any()
         shown = None if dark else picture
-        # A panel that is given what it shows goes on showing it.
+        # A panel that is set to the shown levels does not change.
         both = shown is not None and self._shown is not None
         same = shown is self._shown or (both and bool(np.array_equal(np.asarray(shown), np.asarray(self._shown))))
         if not same:

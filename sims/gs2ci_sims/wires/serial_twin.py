@@ -1,10 +1,9 @@
 """The common part of all twins behind a serial line: bytes at a baud rate, and the faults of such a line.
 
-A twin's firmware gets each line as it is complete (`_line`) and each byte that bypasses lines (`_realtime`), and
-answers with `_reply`. The line itself can lose, delay, repeat, cut, join and spoil what passes, vanish and
-come back.
+A twin's firmware receives each complete line (`_line`) and each byte that bypasses lines (`_realtime`), and answers
+with `_reply`. Faults of the line lose, delay, repeat, cut, join and corrupt messages, and unplug the port.
 
-Here: the byte level. Not here: any protocol. `gs2ci.rig` and tests call `open`, `plug_in` and the fault set.
+Here: the byte level. Not here: the protocols. `gs2ci.rig` and tests call `open`, `plug_in` and the fault set.
 """
 
 from abc import ABC, abstractmethod
@@ -36,7 +35,7 @@ class SerialTwin(ABC):
 
     Args:
         clock: The world's clock.
-        faults: What will go wrong.
+        faults: The faults to inject.
         baud: Bits per second, 8N1.
     """
 
@@ -52,7 +51,7 @@ class SerialTwin(ABC):
         self._line_free_s = 0.0
 
     def open(self) -> "SerialSession":
-        """Open the port, as the operating system would.
+        """Open the port as the operating system does.
 
         Raises:
             OSError: ENODEV when unplugged, EBUSY when open already.
@@ -66,13 +65,13 @@ class SerialTwin(ABC):
         return self._session
 
     def unplug(self) -> None:
-        """Take the device off; an open session is dead from now on."""
+        """Unplug the device; an open session fails from now on."""
         self.plugged = False
         self._session = None
         self._incoming = self._outgoing = self._held = b""
 
     def plug_in(self) -> None:
-        """Put the device back; a session has to be opened anew. Its power was never cut by this."""
+        """Plug the device in again; a new session has to be opened. Unplugging does not cut its power."""
         self.plugged = True
 
     @property
@@ -82,22 +81,22 @@ class SerialTwin(ABC):
 
     @abstractmethod
     def _line(self, line: bytes) -> None:
-        """Take one request without its end."""
+        """Receive one request without its terminator."""
 
     @abstractmethod
     def _stale(self) -> bytes:
-        """Return a valid reply to something that nobody asked in this session."""
+        """Return a valid reply to a request that this session has not sent."""
 
     def _closed(self) -> None:
-        """Take note that the session was closed: the host lets go of the lines, and most devices do not care."""
+        """React to the end of a session, in which the host releases the modem lines; most devices ignore it."""
         self._incoming = b""
 
     def _realtime(self, byte: int) -> bool:
-        """Take a byte that bypasses lines; return whether it was one."""
+        """Process a byte that bypasses lines; return whether it was one."""
         return False
 
     def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
-        """Send bytes to the host, with whatever befalls them on the way."""
+        """Send bytes to the host, with the faults of the line."""
         take = self.faults.take
         if take(REPLY_LOST, about):
             return
@@ -140,7 +139,7 @@ class SerialTwin(ABC):
         self.clock.at(when_s, deliver)
 
     def _receive(self, data: bytes) -> None:
-        """Take bytes from the host."""
+        """Receive bytes from the host."""
         for byte in data:
             if self._realtime(byte):
                 continue
@@ -160,10 +159,10 @@ class SerialSession:
         self._open = True
 
     def write(self, data: bytes, timeout_s: float) -> None:
-        """Send bytes to the twin; takes as long as the baud rate says.
+        """Send bytes to the twin, which takes the time that follows from the baud rate.
 
         Raises:
-            OSError: The device is not there, or is unplugged now.
+            OSError: The device is unplugged.
             TimeoutError: The line is stuck.
         """
         twin = self._twin
@@ -188,7 +187,7 @@ class SerialSession:
         return data
 
     def close(self) -> None:
-        """Let go; a second call does nothing."""
+        """Close the session; a second call does nothing."""
         if self._open:
             self._open = False
             if self._twin._session is self:

@@ -1,10 +1,10 @@
 """A V4L2 camera and the kernel above it: the twin of `gs2ci_drivers.v4l2`, below `SysPort`.
 
-It answers system calls as Linux does. Time is the world's: a trigger edge on the world's bus exposes, and the
-world's light falls on the sensor between the begin and the end of that exposure.
+It answers system calls as Linux does. Its time is that of the simulated world: a trigger edge on the world's bus starts
+an exposure, during which the world's light falls on the sensor.
 
-Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. Not here: what a request does
-(`v4l2_device`). drivers never do.
+Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. Not here: the effect of a request
+(`v4l2_device`).
 """
 
 import fnmatch
@@ -23,7 +23,7 @@ from gs2ci_sims.world import World
 
 UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
 CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
-WAKE_EMPTY = declare("v4l2.wake_empty", "poll promises a frame that is not there")
+WAKE_EMPTY = declare("v4l2.wake_empty", "poll announces a frame that does not exist")
 PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
 PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
@@ -35,12 +35,12 @@ class V4l2Twin:
     """A camera with its kernel, as a `SysPort`.
 
     Args:
-        world: Where it stands.
+        world: The simulated world, with clock, light and trigger bus.
         model: Its data sheet.
-        faults: What will go wrong.
-        rng: Draws jitter; seeded with 0 where none is given.
+        faults: The faults to inject.
+        rng: Draws jitter; the default is seeded with 0.
         path: Its capture node.
-        subdevice: Its sensor's node, there where the model has the controls on it.
+        subdevice: Its sensor's node, if the model has its controls there.
     """
 
     def __init__(
@@ -77,14 +77,14 @@ class V4l2Twin:
         return self._device.region
 
     def unplug(self) -> None:
-        """Take the camera off: its nodes are gone, descriptors are dead."""
+        """Unplug the camera: its nodes disappear, open descriptors fail."""
         if self._plugged:
             self._device.power_down()
             self._plugged = False
             self._generation += 1
 
     def plug_in(self) -> None:
-        """Put the camera back, with nothing set."""
+        """Plug the camera in again, with its default settings."""
         if not self._plugged:
             self._plugged = True
             self._device.power_up()
@@ -115,7 +115,7 @@ class V4l2Twin:
         """Answer an ioctl in place.
 
         Raises:
-            OSError: With the errno that the kernel would give.
+            OSError: With the errno of the kernel.
         """
         table = self._device.requests | self._device.sensor_requests
         name, handler = table.get(request, (hex(request), None))
@@ -134,7 +134,7 @@ class V4l2Twin:
         """Map a buffer.
 
         Raises:
-            OSError: EINVAL: no buffer lies there.
+            OSError: EINVAL: there is no buffer at this offset.
         """
         self.calls.append("mmap")
         self._alive(fd, "mmap")
@@ -176,7 +176,7 @@ class V4l2Twin:
         return self._clock.now_ns()
 
     def list_nodes(self, pattern: str) -> list[str]:
-        """List the nodes there are."""
+        """List the existing nodes."""
         return sorted(fnmatch.filter(self._nodes, pattern)) if self._plugged else []
 
     def read_file(self, path: str) -> bytes:

@@ -1,9 +1,9 @@
-"""The camera behind the V4L2 twin: what it is made of, when it exposes, and the bytes it sends.
+"""The camera behind the V4L2 twin: its data sheet, the times of its exposures, and the bytes that it sends.
 
 Here: `CameraModel` (a data sheet), `CameraShutter` (triggers and exposures on the world's clock) and `pack_frame`. Not
 here: ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`). Timing of an edge-triggered sensor without
-overlap: edge, latency, exposure, readout, transfer; an edge that comes before the readout has ended is lost without a
-trace in the frame numbers.
+overlap: edge, latency, exposure, readout, transfer; an edge before the end of the readout is lost, which the frame
+numbers do not show.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ FIVE_FOURTHS = ("Y10P", "pRAA")
 THREE_HALVES = ("Y12P", "pRCC")
 ONE = ("GREY", "RGGB")
 PADDING_BYTE = 0xA5
-"""What stands behind the pixels of a row: whoever ignores the stride gets it into the picture."""
+"""The padding after the pixels of a row, visible in the picture of a program that ignores the stride."""
 
 
 Stamps = Literal["start-of-exposure", "start-of-frame", "end-of-frame"]
@@ -39,15 +39,15 @@ STAMPING: dict[str, tuple[Stamps, bool]] = {
     "uvcvideo": ("start-of-frame", True),
     "other": ("end-of-frame", False),
 }
-"""What kernel drivers stamp, and whether they flag it as the start of exposure, as their sources have it: unicam_isr in
-bcm2835-unicam.c and cfe_sof_isr_handler in rp1-cfe/cfe.c stamp the bus's frame start, with MONOTONIC alone in the
-queue's flags; uvc_queue.c flags SOE and uvc_video_decode_start stamps the first packet; videobuf2 drivers in general
-stamp a buffer when its frame is complete."""
+"""The event that kernel drivers stamp, and whether they flag it as the start of exposure, by their sources: unicam_isr
+in bcm2835-unicam.c and cfe_sof_isr_handler in rp1-cfe/cfe.c stamp the frame start on the bus, and set only MONOTONIC
+in the queue's flags; uvc_queue.c flags SOE and uvc_video_decode_start stamps the first packet; videobuf2 drivers in
+general stamp a buffer when its frame is complete."""
 
 
 @unique
 class Shutting(Enum):
-    """What begins an exposure."""
+    """The event that begins an exposure."""
 
     FREE = "free"
     EDGE = "edge"
@@ -61,14 +61,14 @@ class CameraModel:
     Args:
         height: Rows of the pixel array, a multiple of 2.
         width: Columns, a multiple of 4.
-        formats: Four-character codes on offer; the first is the default.
-        significant_bits: Bits of the converter where fewer than the format's; 0 for the format's.
+        formats: Four-character codes of its formats; the first is the default.
+        significant_bits: Bits of the converter if they are fewer than the format's; 0 for the format's.
         left_aligned: Whether 16-bit containers carry the value in their upper bits.
-        stride_multiple: Bytes to a multiple of which rows are padded.
-        multi_plane: Whether it captures through the multi-plane interface, each plane behind a header.
+        stride_multiple: Rows are padded to a multiple of this number of bytes.
+        multi_plane: Whether it captures through the multi-plane interface, with a header before each plane.
         header_bytes: Header before the pixels of a plane (multi-plane only).
         max_buffers: Most buffers that the kernel gives.
-        exposure: Control it has: lines, 100 µs units, or none.
+        exposure: Its exposure control: in lines, in units of 100 µs, or none.
         line_s: Time of one line.
         own_period_s: Frame period by its own clock, at least.
         trigger: Adapter for external triggers.
@@ -80,18 +80,18 @@ class CameraModel:
         readout_s: From the end of exposure until the next edge is taken.
         transfer_s: From the end of readout until the buffer is full.
         ignored_triggers: Edges lost after each start.
-        clock_ppm: How much longer its seconds are than the world's.
-        power_down_s: How long after a stop it stays powered; the module parameter is read at power-up.
+        clock_ppm: Difference of its second from the world's; positive is longer.
+        power_down_s: Time after a stop for which it stays powered; the module parameter is read at power-up.
         driver: Name of the kernel driver; see `STAMPING`.
-        stamps: What time a stamp is of: the start of exposure, the start of the frame on its way (the exposure has
-            just ended) or its end.
+        stamps: The event of a time stamp: the start of exposure, the start of the frame's transfer (at the end of the
+            exposure) or the end of the transfer.
         flags_start: Whether stamps are flagged as the start of exposure (V4L2_BUF_FLAG_TSTAMP_SRC_SOE).
         monotonic: Whether stamps count on CLOCK_MONOTONIC.
         restarts_numbers: Whether frame numbers restart with each start.
         has_events: Whether source changes can be subscribed to.
         on_subdevice: Whether the controls are on the sub-device.
-        crops: Whether a region of the pixel array can be read out, and no other size: as imx296_set_selection and
-            imx296_set_format of drivers/media/i2c/imx296.c have it, places and sizes rounded up to multiples of 4.
+        crops: Whether a region of the pixel array can be read out, and no other size: as in imx296_set_selection and
+            imx296_set_format of drivers/media/i2c/imx296.c, offsets and sizes are rounded up to multiples of 4.
     """
 
     height: int = 64
@@ -130,7 +130,7 @@ class CameraModel:
     def active_low(self) -> bool:
         """Get whether it exposes while its line is low.
 
-        The IMX296 does: «exposure time = XTRIG low level pulse width + 14.26 us» (its data sheet, as quoted in
+        The IMX296 does: "exposure time = XTRIG low level pulse width + 14.26 us" (its data sheet, as quoted in
         raspberrypi/linux pull request 5560).
         """
         return self.trigger == "module" and self.module == "imx296"
@@ -154,7 +154,7 @@ class CameraModel:
 
 
 def row_bytes(code: str, width: int) -> int:
-    """Return how many bytes a row takes without padding."""
+    """Return the bytes of a row without padding."""
     if code in ONE:
         return width
     if code in FIVE_FOURTHS:
@@ -163,12 +163,12 @@ def row_bytes(code: str, width: int) -> int:
 
 
 def pack_frame(pixels: U16, code: str, stride: int, shift: int = 0) -> U8:
-    """Write pixels as a sensor sends them.
+    """Pack pixels as a sensor sends them.
 
     Args:
         pixels: [H, W] uint16, W a multiple of 4.
         code: Four-character code.
-        stride: Bytes per row; those behind the pixels are `PADDING_BYTE`.
+        stride: Bytes per row; those after the pixels are `PADDING_BYTE`.
         shift: By how many bits 16-bit containers are left-aligned.
 
     Returns:
@@ -203,17 +203,17 @@ class Exposed:
 
 
 class CameraShutter:
-    """Opens and closes by its own clock or by a trigger line, while it runs.
+    """The shutter, which exposes by its own clock or by a trigger line while it runs.
 
     Args:
-        world: Whose clock and trigger bus it hangs on.
+        world: The simulated world, with clock and trigger bus.
         model: The data sheet.
-        faults: What will go wrong.
+        faults: The faults to inject.
         rng: Draws the jitter.
-        exposure_s: Tells the exposure that is set.
-        deliver: Is called when a frame has been read out.
-        active_low: Tells whether it exposes while its line is low; without it, the data sheet does.
-        delay_s: Tells what wait is set between a trigger and its exposure.
+        exposure_s: Returns the exposure that is set.
+        deliver: Called when a frame has been read out.
+        active_low: Returns whether it exposes while its line is low; the default is that of the data sheet.
+        delay_s: Returns the delay that is set between a trigger and its exposure.
     """
 
     def __init__(
@@ -246,14 +246,14 @@ class CameraShutter:
             world.bus.listen(model.trigger_line, self._on_edge)
 
     def start(self, how: Shutting) -> None:
-        """Begin to expose by the given rule."""
+        """Begin to expose, triggered by `how`."""
         self._how, self._stalled, self._edges = how, False, 0
         self._opened_s, self._busy_until_s = None, self._clock.now_s()
         if how is Shutting.FREE:
             self._plan(self._clock.now_s(), self._free_run)
 
     def stop(self) -> None:
-        """End whatever is under way; nothing more is delivered."""
+        """End the current exposure or readout; no frame is delivered any more."""
         self._how = None
         for event in self._pending:
             event.cancel()

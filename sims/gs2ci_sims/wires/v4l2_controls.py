@@ -1,9 +1,9 @@
-"""The controls of the V4L2 twin, as the kernel's control framework keeps them.
+"""The controls of the V4L2 twin, as in the kernel's control framework.
 
-Integers are rounded into their range, menu entries that are not there are refused (ERANGE beyond the menu, EINVAL
-in a hole), read-only and grabbed controls say EACCES and EBUSY. Structures are read and written as plain bytes.
+Integers are rounded into their range, missing menu entries are refused (ERANGE beyond the menu, EINVAL in a hole),
+read-only and grabbed controls fail with EACCES and EBUSY. Structures are read and written as plain bytes.
 
-Here: `TwinControl`, `ControlBank`. Not here: what a control does to the camera (`v4l2_device`).
+Here: `TwinControl`, `ControlBank`. Not here: the effect of a control on the camera (`v4l2_device`).
 """
 
 import struct
@@ -43,12 +43,12 @@ class TwinControl:
 
     Args:
         cid: Number.
-        name: As the kernel prints it.
+        name: The kernel's name for it.
         kind: INTEGER, BOOLEAN, MENU, BUTTON or INTEGER64.
         low: Smallest value.
         high: Largest value.
-        step: Grain.
-        value: Present value, the default at first.
+        step: Step of the value.
+        value: Present value, at first the default.
         flags: READ_ONLY, WRITE_ONLY or GRABBED.
         menu: Entries of a menu by number.
     """
@@ -64,10 +64,10 @@ class TwinControl:
     menu: dict[int, str] = field(default_factory=dict)
 
     def rounded(self, value: int) -> int:
-        """Return what the framework makes of a value.
+        """Return a value as the framework rounds it.
 
         Raises:
-            OSError: ERANGE or EINVAL for a menu entry that is not there.
+            OSError: ERANGE or EINVAL for a missing menu entry.
         """
         if self.kind == MENU:
             if not self.low <= value <= self.high:
@@ -86,9 +86,9 @@ class ControlBank:
     """The controls of one camera.
 
     Args:
-        model: The data sheet; decides which there are.
-        faults: What will go wrong.
-        grabbed: Tells whether the camera streams, which locks the trigger mode.
+        model: The data sheet, which determines the controls.
+        faults: The faults to inject.
+        grabbed: Returns whether the camera streams, which locks the trigger mode.
     """
 
     def __init__(self, model: CameraModel, faults: FaultSet, grabbed: Callable[[], bool]) -> None:
@@ -106,16 +106,16 @@ class ControlBank:
         return cid in self._controls
 
     def frame_size(self, height: int, width: int) -> None:
-        """Take note of the frame size: the longest exposure depends on it."""
+        """Set the frame size, on which the longest exposure depends."""
         self._frame = (height, width)
         if CID_HBLANK in self._controls:
-            # The line keeps its time: blanking makes up for the columns that are left out.
+            # The time of a line stays the same: more blanking replaces the columns that are left out.
             line_px = self._model.width + self._model.width // HBLANK_SHARE
             self._controls[CID_HBLANK].value = line_px - width
         self._limit_exposure()
 
     def exposure_s(self) -> float:
-        """Return the exposure in force, in seconds."""
+        """Return the exposure that is set, in seconds."""
         if CID_EXPOSURE_AUTO in self._controls and self[CID_EXPOSURE_AUTO] != 1:
             return AUTO_EXPOSURE_S
         if CID_EXPOSURE in self._controls:
@@ -164,7 +164,7 @@ class ControlBank:
         """Answer VIDIOC_G_EXT_CTRLS or VIDIOC_S_EXT_CTRLS.
 
         Raises:
-            OSError: As the framework says; EFAULT where the pointer shows nowhere.
+            OSError: As in the framework; EFAULT for an invalid pointer.
         """
         _, count = struct.unpack_from("<II", argument, 0)
         (pointer,) = struct.unpack_from("<Q", argument, 24)
@@ -211,7 +211,7 @@ def _made(model: CameraModel) -> Iterable[TwinControl]:
         yield TwinControl(CID_PIXEL_RATE, "Pixel Rate", INTEGER64, rate, rate, 1, rate, READ_ONLY)
         yield TwinControl(CID_EXPOSURE, "Exposure", INTEGER, 1, model.height, 1, 20)
     if model.exposure == "absolute":
-        # As UVC has it: entries 0 and 2 are holes in the menu, and automatic exposure is on at power-up.
+        # As in UVC: entries 0 and 2 are holes in the menu, and automatic exposure is on at power-up.
         menu = {1: "Manual Mode", 3: "Aperture Priority Mode"}
         yield TwinControl(CID_EXPOSURE_AUTO, "Auto Exposure", MENU, 0, 3, 1, 3, 0, menu)
         yield TwinControl(CID_EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", INTEGER, 1, 10_000, 1, 157)

@@ -1,7 +1,7 @@
-"""The kernel driver of the V4L2 twin's camera: what each request does, and how a frame gets into a buffer.
+"""The kernel driver of the V4L2 twin's camera: the effect of each request, and the transfer of a frame into a buffer.
 
-Requests come as bytes and are answered as bytes, at the offsets of linux/videodev2.h, written out here a second
-time: nothing is shared with the driver package, so an error in a layout cannot cancel itself.
+Requests and answers are bytes at the offsets of linux/videodev2.h, which are written out here a second time: this
+module shares nothing with the driver package, so that an error in a layout cannot cancel itself.
 
 Here: `CaptureDevice`. Not here: descriptors, files and poll (`v4l2`), exposures (`v4l2_camera`), controls
 (`v4l2_controls`), buffers (`v4l2_queue`).
@@ -38,17 +38,17 @@ from gs2ci_sims.wires.v4l2_queue import (
 from gs2ci_sims.world import World
 
 BUFFERS_FEWER = declare("v4l2.buffers_fewer", "the kernel gives `value` buffers only")
-SIZE_CHANGED = declare("v4l2.size_changed", "the kernel driver halves the rows that are asked for")
+SIZE_CHANGED = declare("v4l2.size_changed", "the kernel driver halves the requested rows")
 FORMAT_CHANGED = declare("v4l2.format_changed", "the kernel driver sets another pixel format")
 FIRST_NUMBER = declare("v4l2.first_number", "the first frame after a start has the number `value`")
-FRAME_DROPPED = declare("v4l2.frame_dropped", "a frame is exposed and lost on the way (gap in the numbers)")
+FRAME_DROPPED = declare("v4l2.frame_dropped", "a frame is exposed and lost in transfer (gap in the numbers)")
 FRAME_CORRUPT = declare("v4l2.frame_corrupt", "a frame is marked bad (V4L2_BUF_FLAG_ERROR)")
 FRAME_SHORT = declare("v4l2.frame_short", "a frame has half its bytes and no mark")
 FRAME_LATE = declare("v4l2.frame_late", "a frame comes `value` seconds late")
 FRAME_STALE = declare("v4l2.frame_stale", "a frame's time stamp is `value` seconds old")
-FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one bears the same number")
+FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one has the same number")
 FRAME_NOISY = declare("v4l2.frame_noisy", "bits above the converter's are set in a frame")
-STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer breaks down instead of a frame (POLLERR, EIO)")
+STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer fails instead of a frame (POLLERR, EIO)")
 STREAM_ENDED = declare("v4l2.stream_ended", "the camera ends the stream (LAST, then EPIPE)")
 SOURCE_CHANGED = declare("v4l2.source_changed", "the event SOURCE_CHANGE instead of a frame")
 
@@ -83,7 +83,7 @@ class OpenFile:
     """An open descriptor of a node, as the kernel keeps it.
 
     Args:
-        generation: How often the camera had been unplugged when it was opened.
+        generation: Number of times that the camera had been unplugged before it was opened.
         subdevice: Whether it is the sensor's own node.
     """
 
@@ -94,18 +94,18 @@ class OpenFile:
 
 
 class CaptureDevice:
-    """A camera on a world, with the kernel driver that serves it.
+    """A camera in the simulated world, with its kernel driver.
 
     Args:
-        world: Where it stands.
+        world: The simulated world, with clock, light and trigger bus.
         model: Its data sheet.
-        faults: What will go wrong.
+        faults: The faults to inject.
         rng: Draws jitter.
     """
 
     def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: np.random.Generator) -> None:
         self.parameter = b"0"
-        """The module's parameter `trigger_mode`; it outlives an unplug."""
+        """The module's parameter `trigger_mode`; unplugging does not reset it."""
         self._world = world
         self._model = model
         self._faults = faults
@@ -135,7 +135,7 @@ class CaptureDevice:
                 self.sensor_requests[number] = self.requests.pop(number)
 
     def power_up(self) -> None:
-        """Set everything as it is when the camera is plugged in."""
+        """Set the state of a camera that has just been plugged in."""
         model = self._model
         self.ring = BufferRing(MULTI if model.multi_plane else SINGLE, model.header_bytes if model.multi_plane else 0)
         self._owner: OpenFile | None = None
@@ -146,18 +146,18 @@ class CaptureDevice:
         self._controls = ControlBank(model, self._faults, lambda: self.ring.streaming)
 
     def power_down(self) -> None:
-        """Stop at once, as an unplug does."""
+        """Stop at once, as when the camera is unplugged."""
         self._runs += 1
         self._shutter.stop()
         self.ring.free()
         self._owner = None
 
     def opened(self, file: OpenFile) -> None:
-        """Take note of a new descriptor."""
+        """Register a new descriptor."""
         self._files.append(file)
 
     def closed(self, file: OpenFile) -> None:
-        """Take note of a closed descriptor; that which owns the buffers stops and frees them."""
+        """Remove a closed descriptor; if it owns the buffers, stop streaming and free them."""
         if file in self._files:
             self._files.remove(file)
         if file is self._owner:
@@ -210,7 +210,7 @@ class CaptureDevice:
         struct.pack_into("<I32s4s", argument, 8, 0, b"raw " + code, code)
 
     def _fitted(self, argument: bytearray) -> tuple[str, tuple[int, int]]:
-        """Return the nearest format and size to those asked for."""
+        """Return the format and size that are nearest to the requested ones."""
         kind, _, width, height, raw = struct.unpack_from("<IIII4s", argument, 0)
         self._require_type(kind)
         code = raw.decode("latin-1")
@@ -323,7 +323,7 @@ class CaptureDevice:
         self._shutter.start(self._rule())
 
     def _rule(self) -> Shutting:
-        """Return what begins an exposure; the module's parameter is read when the sensor powers up."""
+        """Return the event that begins an exposure; the module's parameter is read when the sensor powers up."""
         if self._model.trigger == "module":
             if self._world.clock.now_s() >= self._powered_until_s:
                 self._latched = self.parameter
@@ -366,7 +366,7 @@ class CaptureDevice:
     # ---- frames
 
     def _on_frame(self, exposed: Exposed) -> None:
-        """Take in a frame that has been read out; its number counts whether it reaches a buffer or not."""
+        """Process a frame that has been read out; it is counted even if it does not reach a buffer."""
         number, self._number = self._number, (self._number + 1) % (1 << 32)
         if self._faults.take(SOURCE_CHANGED):
             for file in self._files:
@@ -387,7 +387,7 @@ class CaptureDevice:
 
     def _hand_over(self, exposed: Exposed, number: int, run: int) -> None:
         if run != self._runs or not self.ring.queued:
-            return  # the light of a frame that nobody takes is not worth computing
+            return  # without a buffer the light of the frame need not be computed
         data = self._picture(exposed)
         filled = Filled(self.ring.header_bytes + data.size, self._flags(), self._stamp_ns(exposed), number)
         if self._faults.take(FRAME_CORRUPT):

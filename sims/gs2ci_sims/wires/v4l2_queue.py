@@ -20,7 +20,7 @@ PAGE = mmap.PAGESIZE
 
 @dataclass
 class Filled:
-    """What the kernel says of a filled buffer."""
+    """The kernel's description of a filled buffer."""
 
     bytes_used: int
     flags: int
@@ -86,7 +86,7 @@ class BufferRing:
         struct.pack_into("<I", argument, 0, len(self._slots))
 
     def free(self) -> None:
-        """Let go of all buffers; memory that is still mapped lives on with its mapping."""
+        """Free all buffers; memory that is still mapped exists as long as its mapping."""
         self._slots, self.streaming, self.broken, self.ended = [], False, False, False
         self._waiting.clear()
         self._done.clear()
@@ -104,7 +104,7 @@ class BufferRing:
         """Answer mmap.
 
         Raises:
-            OSError: EINVAL: no buffer lies there.
+            OSError: EINVAL: there is no buffer at this offset.
         """
         index = offset // PAGE
         if offset % PAGE or index >= len(self._slots) or length > len(self._slots[index].memory):
@@ -163,7 +163,7 @@ class BufferRing:
             slot.queued, slot.filled = False, None
 
     def fill(self, data: U8, filled: Filled) -> bool:
-        """Put a frame into the oldest waiting buffer; return False where none waits."""
+        """Put a frame into the oldest waiting buffer; return False if none waits."""
         if not self._waiting:
             return False
         index = self._waiting.popleft()

@@ -1,8 +1,8 @@
 """The twin of a Zaber stage: its firmware's ASCII protocol over a `SerialTwin`, its axes as `AxisMotion`.
 
-It has its own reading and writing of messages, so that a mistake in the driver's is not shared. Settings, warning
-flags, rejections, alerts, pre-emption and faults as in reference 3.1 and 3.5. Not here: the byte level (`serial_twin`),
-the driver.
+It parses and writes messages with its own code, so that it does not share a mistake of the driver's. Settings, warning
+flags, rejections, alerts, pre-emption and faults are as in reference 3.1 and 3.5. Not here: the byte level
+(`serial_twin`), the driver.
 """
 
 from collections.abc import Mapping
@@ -46,9 +46,9 @@ class ZaberAxis:
         max_speed: `maxspeed`, in speed data.
         acceleration: `accel`, in acceleration data.
         resolution: Microsteps per full step; None for a direct drive, which has no such setting.
-        start_mm: Where it stands at power-on.
+        start_mm: Position at power-on.
         temperature_c: `driver.temperature`; None for a device that has no such setting.
-        mechanics: What lies between counted and true position.
+        mechanics: The errors between counted and true position.
     """
 
     microstep_mm: float = 0.000047625
@@ -86,14 +86,14 @@ class ZaberTwin(SerialTwin):
     Args:
         clock: The world's clock.
         axes: Its axes.
-        faults: What will go wrong.
+        faults: The faults to inject.
         address: Its address.
-        referenced: Whether it knows where it is at power-on (with an absolute encoder, or homed before).
-        firmware: Its version. From 7.25 on `move abs` takes a speed and an acceleration of its own (zaber-motion,
-            Axis.move_absolute: «velocity: ... requires at least firmware 7.25»).
+        referenced: Whether its position is known at power-on (with an absolute encoder, or homed before).
+        firmware: Its version. From 7.25 on `move abs` accepts a speed and an acceleration for this move (zaber-motion,
+            Axis.move_absolute: "velocity: ... requires at least firmware 7.25").
 
     Settings such as `maxspeed` are kept in non-volatile memory (Zaber ASCII protocol manual, device settings): they
-    outlive a session that ended without putting them back, and a power cycle.
+    remain after a session that ended without restoring them, and after a power cycle.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class ZaberTwin(SerialTwin):
         return b"\r\n"
 
     def positions_mm_at(self, when_s: float) -> dict[str, float]:
-        """Return where the carriages truly were."""
+        """Return the true positions of the carriages."""
         return {name: axis.motion.true_position_at(when_s) for name, axis in zip(self._names, self._axes, strict=True)}
 
     def power_cycle(self) -> None:
@@ -147,12 +147,12 @@ class ZaberTwin(SerialTwin):
     def _line(self, line: bytes) -> None:
         text = line.decode("ascii", "replace")
         if not text.startswith("/"):
-            return  # devices ignore what does not begin with a slash
+            return  # devices ignore lines that do not begin with a slash
         body = text[1:]
         if len(body) > 3 and body[-3] == ":":
             body, found = body[:-3], body[-2:]
             if f"{-sum(body.encode('ascii', 'replace')) & 0xFF:02X}" != found.upper():
-                return  # a message that was damaged on the way is not answered
+                return  # a message with a transmission error is not answered
             self._replies_checked = True
         numbers: list[int] = []
         words = body.split()
@@ -337,7 +337,7 @@ class ZaberTwin(SerialTwin):
         return True
 
     def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
-        """Schedule whatever goes wrong with this move."""
+        """Schedule the faults of this move."""
         take, halfway_s = self.faults.take, (now_s + ends_s) / 2
         self._generation += 1
         if stall := take(STALL, about):
