@@ -1,1 +1,1 @@
-"""Scenes drawn ray by ray, in float64: Gaussians and meshes. Nothing here is shared with the solver's rasteriser."""
+"""Scenes drawn ray by ray, in float64: Gaussians and meshes. The modules share no code with the solver's rasteriser."""

@@ -1,15 +1,16 @@
-"""Gaussians seen ray by ray: the scene that a PLY file defines, without what a rasteriser leaves out.
+"""Ray tracing of Gaussians: the scene that a PLY file defines, without the approximations of a rasteriser.
 
-A 3D Gaussian of opacity o, seen along a ray, has the opacity o exp(-m^2 / 2), m its Mahalanobis distance from the ray:
-its largest value along it, at the depth where it is largest. Those of a ray are blended front to back in the order of
-these depths (Moenne-Loccoz et al., 3D Gaussian Ray Tracing, ACM Trans. Graphics 43 (2024), section 4). For a Gaussian
-small against its distance that is the splat of Kerbl et al. (2023): there the projection is affine, and the 2D Gaussian
-of the projected covariance is the largest value along each ray. Left out is what rasterisers add to that: the affine
-approximation at the centre, the dilation by 0.3 px^2, the cut below 1/255 and above 0.999, the order of the centres.
+A 3D Gaussian of opacity o, seen along a ray, has the opacity o exp(-m^2 / 2), where m is its Mahalanobis distance from
+the ray: this is its largest value along the ray, and its depth is that of this point. The Gaussians of a ray are
+blended front to back in the order of these depths (Moenne-Loccoz et al., 3D Gaussian Ray Tracing, ACM Trans. Graphics
+43 (2024), section 4). For a Gaussian that is small compared with its distance this equals the splat of Kerbl et al.
+(2023): there the projection is affine, and the 2D Gaussian of the projected covariance is the largest value along each
+ray. The approximations of rasterisers are left out: the affine projection at the centre, the dilation by 0.3 px^2, the
+cut below 1/255 and above 0.999, the order of the centres.
 
-Rays go through points; a pixel's area is the mean over many of them. Gaussians whose largest value lies behind the
-camera are not seen. An opacity below `OPACITY_MIN` and light that passes less than that are left out: G Gaussians
-change a pixel by G times that at most. Not here: which rays, and pixels (`gs2ci_sims.exact`).
+A ray goes through a point; the value of a pixel is the mean over many rays. Gaussians whose largest value lies behind
+the camera are not seen. An opacity below `OPACITY_MIN`, and everything behind a transmittance below it, is left out: G
+Gaussians change a pixel by at most G times that. Not here: which rays are traced, and pixels (`gs2ci_sims.exact`).
 """
 
 from dataclasses import dataclass
@@ -24,9 +25,9 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.rays.tiles import TILE, Index, by_tile, ellipsoid_bounds, sphere_bounds
 
 OPACITY_MIN: Final = 1e-10
-# Beyond this squared distance even an opacity of one is below that.
+# Beyond this squared distance even an opacity of one is below `OPACITY_MIN`.
 MAHALANOBIS2_MAX: Final = -2 * np.log(OPACITY_MIN)
-# Logs of standard deviations are cut here, where squares still are ordinary float64 numbers.
+# Logs of standard deviations are limited to this value, so that squares are normal float64 numbers.
 LOG_SCALE_LIMIT: Final = 60.0
 
 
@@ -35,11 +36,11 @@ class _Seen:
     """Gaussians in camera axes, nearest centre first.
 
     Args:
-        whitening: Turns camera axes into units of the own standard deviations, [G, 3, 3].
-        origin: The camera so seen from each centre, [G, 3].
+        whitening: Maps camera axes to units of the Gaussian's standard deviations, [G, 3, 3].
+        origin: The camera's position relative to each centre in these units, [G, 3].
         opacities: [G].
         colours: [G, 3].
-        bounds: In the image, pixels, [G, 4].
+        bounds: Bounds in the image, pixels, [G, 4].
     """
 
     whitening: F64
@@ -52,18 +53,18 @@ class _Seen:
 def trace_gaussians(
     gaussians: Gaussians, colours: F64, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]
 ) -> tuple[F64, F64, F64]:
-    """Look along the rays through the centres of pixels.
+    """Trace the rays through the centres of pixels.
 
     Args:
         gaussians: The scene.
-        colours: Seen from this camera, [G, 3].
+        colours: Colours as seen from this camera, [G, 3].
         world_to_camera: [4, 4].
         intrinsics: [3, 3].
         size: Height and width, px.
 
     Returns:
-        Radiance [H, W, 3], coverage [H, W] (the share of light from behind that is kept back), and the depth that the
-        blending weights expect, times the coverage, [H, W].
+        Radiance [H, W, 3], coverage [H, W] (the share of light from behind that is blocked), and the mean depth by the
+        blending weights, times the coverage, [H, W].
     """
     seen = _in_camera(gaussians, colours, world_to_camera, intrinsics)
     begins, items = by_tile(seen.bounds, size)
@@ -96,7 +97,7 @@ def _in_camera(gaussians: Gaussians, colours: F64, world_to_camera: F64, intrins
 
 
 def _rotations(quaternions: F64) -> F64:
-    """Turn quaternions (w, x, y, z) of any norm into matrices, [G, 3, 3]; zero means no rotation."""
+    """Convert quaternions (w, x, y, z) of any norm to rotation matrices, [G, 3, 3]; zero means no rotation."""
     norm = np.linalg.norm(quaternions, axis=1, keepdims=True)
     w, x, y, z = np.where(norm > 0, quaternions / np.where(norm > 0, norm, 1.0), [1.0, 0.0, 0.0, 0.0]).T
     rows = [

@@ -1,7 +1,7 @@
-"""Textured meshes seen ray by ray: the nearest triangle that each ray meets, and its texture there.
+"""Ray tracing of textured meshes: the nearest triangle that each ray meets, and its texture there.
 
-For scenes that are no sum of Gaussians. Here: the mesh and its rays. Not here: pixels (`gs2ci_sims.radiance`), where
-meshes come from (`gs2ci_sims.scenes.meshes`).
+For scenes that are not a sum of Gaussians. Here: the mesh and its rays. Not here: pixels (`gs2ci_sims.radiance`), the
+construction of meshes (`gs2ci_sims.scenes.meshes`).
 """
 
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from gs2ci_sims.rays.tiles import TILE, Index, by_tile, sphere_bounds
 
 # Triangles whose corners all lie deeper than this are bounded by their corners; scene units.
 NEAR: Final = 1e-6
-# How far outside a triangle a ray still meets it, in barycentric coordinates: neighbours leave no crack.
+# A ray meets a triangle up to this distance outside, in barycentric coordinates: no cracks between neighbours.
 EDGE: Final = 1e-9
-# How far a unit vector's length may be from one.
+# Tolerance of a unit vector's length.
 UNIT: Final = 1e-6
 
 
@@ -28,10 +28,10 @@ class Gloss:
     """Highlights of one distant light on smooth surfaces: Phong's lobe (Communications of the ACM 18 (1975)).
 
     Args:
-        normals: Of the surface at the triangles' corners, in between interpolated, [F, 3, 3]; of either sign.
+        normals: Normals of the surface at the triangles' corners, interpolated between them, [F, 3, 3]; of either sign.
         shine: Radiance of the highlight at its peak, [F], at least 0.
-        exponent: Of the cosine between the mirrored line of sight and the light, at least 1.
-        towards_light: World axes, of length 1, [3].
+        exponent: Exponent of the cosine between the mirrored line of sight and the light, at least 1.
+        towards_light: Direction towards the light, world axes, of length 1, [3].
 
     Raises:
         InputError: Shapes disagree, or a number is out of range.
@@ -63,11 +63,11 @@ class Gloss:
 
 @dataclass(frozen=True)
 class TexturedMesh:
-    """Triangles that shine with their textures: light and shade are painted on, highlights may come on top.
+    """Triangles that emit their textures: shading is part of the textures, highlights can be added.
 
     Args:
-        corners: Of the triangles, scene units, [F, 3, 3]; both sides are seen.
-        uv: Where each corner lies in its texture, [F, 3, 2]: 0 to 1 from left to right and from top to bottom; beyond,
+        corners: Corners of the triangles, scene units, [F, 3, 3]; both sides are visible.
+        uv: Texture coordinates of each corner, [F, 3, 2]: 0 to 1 from left to right and from top to bottom; beyond,
             the texture repeats.
         which: Index of each triangle's texture, [F].
         textures: Linear radiance at least 0, [h, w, 3] each.
@@ -106,13 +106,13 @@ class TexturedMesh:
 
     @property
     def brightest(self) -> float:
-        """Get the largest radiance on it."""
+        """Get the largest radiance of the mesh."""
         lobe = 0.0 if self.gloss is None else float(self.gloss.shine.max(initial=0))
         return max((float(texture.max()) for texture in self.textures), default=0.0) + lobe
 
 
 def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> tuple[F64, F64]:
-    """Look along the rays through the centres of pixels.
+    """Trace the rays through the centres of pixels.
 
     Args:
         mesh: The scene.
@@ -121,7 +121,7 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
         size: Height and width, px.
 
     Returns:
-        Radiance [H, W, 3], bilinear in the texture, and depth z [H, W]; black and infinite where nothing is.
+        Radiance [H, W, 3], bilinear in the texture, and depth z [H, W]; black and infinite for rays that meet nothing.
     """
     corners = mesh.corners @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
     begins, items = by_tile(_bounds(corners, intrinsics), size)
@@ -137,7 +137,7 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
 
 
 def _gloss_from(gloss: Gloss | None, rotation: F64) -> tuple[F64, F64, float, F64]:
-    """Return normals, shine, exponent and light in a camera's axes; no normals where nothing is glossy."""
+    """Return normals, shine, exponent and light in a camera's axes; no normals if nothing is glossy."""
     if gloss is None:
         return np.zeros((0, 3, 3)), np.zeros(0), 1.0, np.zeros(3)
     normals = np.ascontiguousarray(gloss.normals @ rotation.T)
@@ -155,7 +155,7 @@ def _highlight(
     exponent: float,
     light: F64,
 ) -> float:
-    """Return the radiance of the highlight where a ray (dx, dy, 1) meets a triangle, between its corners by shares."""
+    """Return the highlight's radiance where a ray (dx, dy, 1) meets a triangle, interpolated between its corners."""
     if len(shine) == 0 or shine[face] == 0:
         return 0.0
     n0, n1, n2 = 0.0, 0.0, 0.0
@@ -165,7 +165,7 @@ def _highlight(
         n2 += shares[corner] * normals[face, corner, 2]
     along = dx * n0 + dy * n1 + n2
     square = n0 * n0 + n1 * n1 + n2 * n2
-    # Both sides are seen, but only the one that the light falls on has highlights.
+    # Both sides are visible, but only the lit one has highlights.
     lit = (n0 * light[0] + n1 * light[1] + n2 * light[2]) * along < 0
     if not lit or square == 0:
         return 0.0
@@ -176,7 +176,7 @@ def _highlight(
 
 
 def _bounds(corners: F64, intrinsics: F64) -> F64:
-    """Return the bounds of triangles in the image, pixels, [F, 4]; those that reach behind the camera, of a ball."""
+    """Return the bounds of triangles in the image, px, [F, 4]; a sphere's if a triangle reaches behind the camera."""
     middle = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0.0)
     bounds = sphere_bounds(middle, radii, intrinsics)

@@ -1,6 +1,6 @@
-"""Which primitives can be seen in which tile of an image, so that a ray is tested against these alone.
+"""Lists of the primitives that can be visible in each tile of an image: a ray is tested against these alone.
 
-Here: exact bounds of spheres in a pinhole's image, and lists by tile. Not here: what rays do with them (neighbours).
+Here: exact bounds of spheres in a pinhole image, and lists by tile. Not here: the tracing (`gaussians`, `meshes`).
 """
 
 from typing import Any, Final
@@ -20,11 +20,12 @@ Index = NDArray[Any]
 def sphere_bounds(centres: F64, radii: F64, intrinsics: F64) -> F64:
     """Return the bounds of spheres in the image, [S, 4]: left, right, top, bottom in pixels.
 
-    Seen from above, the lines of sight that touch a circle at angle a and distance h lie at a +- asin(r / h), and the
-    camera's image is their tangent. A sphere around the camera is everywhere; one behind it is nowhere (left > right).
+    Seen from above, the lines of sight that touch a circle at angle a and distance h have the angles a +- asin(r / h),
+    whose tangents are the image coordinates. A sphere that contains the camera covers the image; one behind it has no
+    image (left > right).
 
     Args:
-        centres: In camera axes (z forward), [S, 3].
+        centres: Centres in camera axes (z forward), [S, 3].
         radii: [S].
         intrinsics: [3, 3].
     """
@@ -36,10 +37,10 @@ def sphere_bounds(centres: F64, radii: F64, intrinsics: F64) -> F64:
         half = np.arcsin(np.where(around, 1.0, radii / np.where(around, 1.0, distance)))
         low, high = angle - half, angle + half
         quarter = 0.5 * np.pi - 1e-9
-        # Angles beyond a quarter turn are beside the camera: the image goes on without end there.
+        # Angles beyond a quarter turn are beside the camera: the image is unbounded there.
         start = np.where(low <= -quarter, -np.inf, np.tan(np.clip(low, -quarter, quarter)))
         stop = np.where(high >= quarter, np.inf, np.tan(np.clip(high, -quarter, quarter)))
-        # Half a turn is behind: angles past it come round to the other side.
+        # Half a turn is behind: larger angles are on the other side.
         behind = ~around & ((high <= -quarter) | (low >= quarter)) & (np.abs(angle) + half <= np.pi)
         wraps = ~around & (np.abs(angle) + half > np.pi)
         start, stop = np.where(wraps, -np.inf, start), np.where(wraps, np.inf, stop)
@@ -59,10 +60,10 @@ def ellipsoid_bounds(centres: F64, spreads: F64, intrinsics: F64, otherwise: F64
     quadratic equation in u, whose roots are the bounds if the ellipsoid does not reach the plane of the camera.
 
     Args:
-        centres: In camera axes, [S, 3].
-        spreads: S, the matrices with the ellipsoids (p - c)^T S^-1 (p - c) <= 1, [S, 3, 3].
+        centres: Centres in camera axes, [S, 3].
+        spreads: S, the matrices of the ellipsoids (p - c)^T S^-1 (p - c) <= 1, [S, 3, 3].
         intrinsics: [3, 3].
-        otherwise: Wider bounds, which stand for the other ellipsoids.
+        otherwise: Wider bounds, which are used for the other ellipsoids.
     """
     bounds = otherwise.copy()
     depth = centres[:, 2]
@@ -73,7 +74,7 @@ def ellipsoid_bounds(centres: F64, spreads: F64, intrinsics: F64, otherwise: F64
         constant = centres[:, axis] ** 2 - spreads[:, axis, axis]
         root = np.sqrt(np.maximum(half**2 - square * constant, 0.0))
         safe = np.where(apart, square, 1.0)
-        # A thousandth more covers rounding.
+        # A margin of a thousandth for rounding.
         slack = 1e-3 * root / safe
         ends = np.stack([(half - root) / safe - slack, (half + root) / safe + slack], axis=1)
         pixels = ends * intrinsics[axis, axis] + intrinsics[axis, 2]
@@ -82,7 +83,7 @@ def ellipsoid_bounds(centres: F64, spreads: F64, intrinsics: F64, otherwise: F64
 
 
 def by_tile(bounds: F64, size: tuple[int, int]) -> tuple[Index, Index]:
-    """List what is in each tile: the begins [T + 1] of each tile's part of the items, row by row, in order of index.
+    """List the items of each tile: the start [T + 1] of each tile's items in the list, row by row, and the list.
 
     Args:
         bounds: Left, right, top, bottom in pixels, [S, 4].

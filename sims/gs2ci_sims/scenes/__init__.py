@@ -1,1 +1,1 @@
-"""Scenes that the simulated bench can look at: photographs with depth, procedural ones, Gaussian files."""
+"""Scenes for the simulated bench: photographs with depth, procedural scenes, Gaussian files."""

@@ -1,4 +1,4 @@
-"""A shiny ball on a floor: a procedural scene whose colours depend on where they are seen from.
+"""A shiny ball on a floor: a procedural scene whose colours depend on the direction of view.
 
 Here: the ball, its discs and its highlight as spherical harmonics. Not here: the harmonics (`gs2ci.render.harmonics`),
 floor and wall (`stage`).
@@ -21,7 +21,7 @@ from gs2ci_sims.scenes.surfels import Surfels, from_tangents, gaussians_from_sur
 
 LIGHT: Final = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
 AMBIENT: Final = 0.25
-# Of the far side only this much is there: the cosine to the line of sight up to which the ball has a skin.
+# The ball's surface continues on its far side up to this cosine of the angle to the line of sight.
 BACK: Final = 0.35
 
 
@@ -35,15 +35,15 @@ def ball(
     exponent: float = 8.0,
     backdrop: float = 6.0,
 ) -> Scene:
-    """Lay a ball with a Phong highlight on a floor before a wall.
+    """Build a ball with a Phong highlight on a floor in front of a wall.
 
     Args:
-        rng: Textures come from it.
+        rng: Generator of the textures.
         frame: The camera.
-        radius: Of the ball.
-        depth: Of its centre.
-        shine: Radiance of the highlight at its peak, at least 0, before harmonics of degree 3 round it off.
-        exponent: Of Phong's cosine (Communications of the ACM 18 (1975)), at least 1.
+        radius: Radius of the ball.
+        depth: Depth of its centre.
+        shine: Peak radiance of the highlight, at least 0, before its approximation by harmonics of degree 3.
+        exponent: Exponent of Phong's cosine (Communications of the ACM 18 (1975)), at least 1.
         backdrop: Depth of the wall.
 
     Raises:
@@ -77,13 +77,13 @@ def highlight(normals: F64, shine: float, exponent: float) -> tuple[F64, F64]:
 
     With r = d - 2 (d . n) n, r . light = d . a for a = light - 2 (n . light) n: for each point the lobe is a function
     of the angle to a alone. By Funk and Hecke's theorem its coefficients are lambda_l Y_lm(a), with
-    lambda_l = 2 pi integral f(t) P_l(t) dt (Basri and Jacobs, IEEE Trans. PAMI 25 (2003)). Hidden from the light,
-    a point has none.
+    lambda_l = 2 pi integral f(t) P_l(t) dt (Basri and Jacobs, IEEE Trans. PAMI 25 (2003)). Points that face
+    away from the light have no highlight.
 
     Args:
         normals: Outward unit normals, [n, 3].
         shine: Peak of the lobe.
-        exponent: Of the cosine.
+        exponent: Exponent of the cosine.
 
     Returns:
         The constant part of the radiance [n], and the coefficients of degrees 1 to 3, [n, 15].
@@ -100,7 +100,7 @@ def highlight(normals: F64, shine: float, exponent: float) -> tuple[F64, F64]:
 
 
 def sphere_depth(centre: F64, radius: float, frame: SuggestedCamera) -> F64:
-    """Intersect every pixel's ray with a sphere, [H, W]; NaN where it passes by."""
+    """Return the depth at which every pixel's ray meets a sphere, [H, W]; NaN for rays that miss it."""
     directions = rays(frame.intrinsics, frame.size)
     along, square = directions @ centre, np.sum(directions**2, axis=-1)
     root = along**2 - square * (centre @ centre - radius**2)
@@ -108,7 +108,7 @@ def sphere_depth(centre: F64, radius: float, frame: SuggestedCamera) -> F64:
 
 
 def _sphere_surfels(centre: F64, radius: float, spacing: float) -> tuple[Surfels, F64]:
-    """Cover the sphere with discs on rings around the vertical axis, painted in bands; also their normals."""
+    """Cover the sphere with discs on rings around the vertical axis, coloured in bands; return discs and normals."""
     rings = max(4, int(np.ceil(np.pi * radius / spacing)))
     polar = (np.arange(rings) + 0.5) / rings * np.pi
     counts = np.maximum(4, np.ceil(2 * np.pi * radius * np.sin(polar) / spacing)).astype(int)

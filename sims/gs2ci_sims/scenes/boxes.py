@@ -1,6 +1,6 @@
-"""Boxes on a floor before a wall, at rest or with one that flies by: procedural scenes.
+"""Boxes on a floor in front of a wall, at rest or with one that moves: procedural scenes.
 
-Here: what stands where. Not here: floor and wall (`stage`), faces (`rectangles`), how an object moves
+Here: the arrangement. Not here: floor and wall (`stage`), faces (`rectangles`), the motion of an object
 (`gs2ci_sims.effects.object_motion`).
 """
 
@@ -13,7 +13,7 @@ from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, painted, room, sta
 
 
 def boxes(rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 7, backdrop: float = 6.0) -> Scene:
-    """Stand boxes of random size, colour and turn on a floor, from the wall towards the camera.
+    """Place boxes of random size, colour and rotation on a floor, from the wall towards the camera.
 
     Raises:
         InputError: A count below 1, or a wall behind the camera.
@@ -35,18 +35,18 @@ def moving_box(
     count: int = 3,
     backdrop: float = 6.0,
 ) -> Scene:
-    """Hang a tumbled box in the air before boxes that stand; everything behind it is there.
+    """Build a scene with a tilted box in the air, in front of boxes on a floor and a complete background.
 
     Args:
-        rng: Positions, turns and textures come from it.
+        rng: Generator of positions, rotations and textures.
         frame: The camera.
-        centre: Of the box that hangs, scene units.
-        radius: Of the ball that just holds it: what the effect `object_motion` moves.
-        count: Boxes that stand.
+        centre: Centre of the box in the air, scene units.
+        radius: Radius of its circumscribed sphere, whose content the effect `object_motion` moves.
+        count: Number of boxes on the floor.
         backdrop: Depth of the wall.
 
     Raises:
-        InputError: The ball reaches behind the camera or into the wall; a count below 1.
+        InputError: The sphere reaches behind the camera or into the wall; a count below 1.
     """
     if not 0 < radius < centre[2] or centre[2] + radius >= backdrop:
         raise InputError(
@@ -54,7 +54,7 @@ def moving_box(
             allowed="a ball in front of the camera and of the wall",
         )
     faces, surfels = room(rng, frame, backdrop)
-    # A cube's corners lie sqrt(3) half edges off; discs reach a little over its edges.
+    # A cube's corners are sqrt(3) half edges from its centre; discs extend a little over its edges.
     cube = box(np.array(centre), rotation(np.array([0.5, 0.6, 0.3])) * (0.97 * radius / np.sqrt(3)))
     far = max(0.6, (centre[2] + radius) / backdrop + 0.1)  # the others stand behind it
     for each in (cube, *_standing(rng, frame, count, backdrop, nearest=far)):

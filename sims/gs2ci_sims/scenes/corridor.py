@@ -24,14 +24,14 @@ def corridor(
     """Build a corridor around the line of sight.
 
     Args:
-        rng: Colours and textures come from it.
+        rng: Generator of colours and textures.
         frame: The camera.
-        half_width: From the line of sight to either wall.
-        half_height: From the line of sight to floor and ceiling.
+        half_width: Distance from the line of sight to each wall.
+        half_height: Distance from the line of sight to floor and ceiling.
         length: Depth of its end.
 
     Raises:
-        InputError: It is too short to be seen into, or a side has no size.
+        InputError: The corridor is too short, or a side has no size.
     """
     near = 0.75 * min(half_width / frame.half[0], half_height / frame.half[1])
     if min(half_width, half_height) <= 0 or not near < length < np.inf:

@@ -1,6 +1,6 @@
 """Scene files: short TOML files that name a scene's geometry, its light and the rig's path; `load_scene` reads them.
 
-Those that come with the simulator lie in `library`; each is known by its name. Not here: the tables of geometry
+The scene files of the simulator are in `library`, and can be given by name. Not here: the tables of geometry
 (`geometry`), the rig (`gs2ci_sims.rig`).
 """
 
@@ -33,39 +33,39 @@ class CameraTable(ConfigTable):
     height: Annotated[int, Field(ge=1)] = 272
     width: Annotated[int, Field(ge=1)] = 400
     field_of_view_deg: Annotated[float | None, Field(gt=0, lt=180)] = None
-    """Horizontal; 50 if nothing is said, and the photograph's own for a photograph."""
+    """Horizontal field of view; the default is 50, and for a photograph its own."""
 
 
 class LightTable(ConfigTable):
-    """[light]: how bright it is."""
+    """[light]: the brightness."""
 
     full_scale_photons: Annotated[float, Field(ge=0)] = 4180.0
     """Photons in a pixel from radiance 1 through one open mask."""
 
 
 class PathTable(ConfigTable):
-    """[path]: how the stage carries the camera during the exposure. Give `parallax_px` or `travel`."""
+    """[path]: the motion of the camera during the exposure. Give `parallax_px` or `travel`."""
 
     views: Annotated[int, Field(ge=1)] = 8
     """Masks during the exposure."""
     parallax_px: Annotated[float | None, Field(ge=0)] = None
-    """How far near and far shift against each other, in all."""
+    """Total shift between the nearest and the farthest depth."""
     direction: Vector = (1.0, 0.3, 0.1)
-    """Of the move for `parallax_px`: right, down, ahead."""
+    """Direction of the motion for `parallax_px`: right, down, ahead."""
     travel: Vector | None = None
-    """How far the camera moves, in all, in scene units: right, down, ahead."""
+    """Total motion of the camera, scene units: right, down, ahead."""
     wobble_deg: Annotated[float, Field(ge=0)] = 0.05
     """Amplitude of the stage's pitch, yaw and roll."""
 
 
 class ObjectTable(ConfigTable):
-    """[object_motion]: what moves by itself, for the effect `object_motion`."""
+    """[object_motion]: the moving object, for the effect `object_motion`."""
 
     centre: Vector
-    """Of the ball of Gaussians that moves, in the middle of the exposure, scene units."""
+    """Centre of the sphere whose Gaussians move, in the middle of the exposure, scene units."""
     radius: Annotated[float, Field(gt=0)]
     travel: Vector
-    """How far it moves during the exposure, in all, scene units."""
+    """Total motion during the exposure, scene units."""
 
 
 class SceneFile(ConfigTable):
@@ -81,13 +81,13 @@ class SceneFile(ConfigTable):
 
 @dataclass(frozen=True)
 class LoadedScene:
-    """A scene with what its file says of light and motion.
+    """A scene with the light and the motion that its file states.
 
     Args:
-        scene: What is seen, from where; its true depth.
-        light: How bright it is.
+        scene: The scene with its suggested camera and its true depth.
+        light: Its brightness.
         views: Masks during the exposure.
-        file: All that was said.
+        file: The whole scene file.
     """
 
     scene: Scene
@@ -99,7 +99,7 @@ class LoadedScene:
         """Return the camera's path for an exposure of this length.
 
         Raises:
-            InputError: The exposure has no length, or the scene has no depth for the parallax asked for.
+            InputError: The exposure has no length, or the scene has no depth for the requested parallax.
         """
         table = self.file.path
         if table.travel is None:
@@ -114,7 +114,7 @@ class LoadedScene:
         return StageMove(velocity, table.wobble_deg, 4 / (3 * exposure_s), self.scene.world_to_camera)
 
     def object_motion(self, exposure_s: float) -> ObjectMotion | None:
-        """Return what moves by itself during an exposure of this length; None where nothing does.
+        """Return the motion of the object during an exposure of this length; None if the file has none.
 
         Raises:
             InputError: The exposure has no length.
@@ -141,16 +141,15 @@ def load_scene(
     """Read a scene file and build its scene.
 
     Args:
-        which: A name out of `scene_names` or of a plug-in, whose object is a path; or the path of a file (ends in
-            .toml).
+        which: A name from `scene_names` or of a plug-in, whose object is a path; or the path of a .toml file.
         size: Height and width instead of the file's, px.
         field_of_view_deg: Horizontal field of view instead of the file's.
         views: Masks instead of the file's.
         parallax_px: Motion instead of the file's.
 
     Raises:
-        InputError: There is no such scene, the file does not fit (the message names the nearest known key), or the
-            scene cannot be built.
+        InputError: The scene is unknown, the file is invalid (the message names the nearest known key), or the scene
+            cannot be built.
     """
     path = _path(which)
     file, _ = read_settings(path, SceneFile)

@@ -1,4 +1,4 @@
-"""What a scene file may say of a scene's geometry: one table per kind, each of which can build its scene.
+"""The geometry tables of a scene file: one per kind, each of which can build its scene.
 
 Here: the tables and their keys. Not here: the file around them (`files`), the building (the modules named here).
 """
@@ -29,10 +29,10 @@ Row = tuple[float, float, float, float]
 
 
 class Procedural(ConfigTable):
-    """What all scenes drawn from a generator have."""
+    """The common settings of all procedural scenes."""
 
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of every random choice."""
+    """Seed of every random choice."""
 
     def generator(self) -> np.random.Generator:
         """Return a new generator for this seed."""
@@ -40,7 +40,7 @@ class Procedural(ConfigTable):
 
 
 class Planes(Procedural):
-    """Tilted rectangles before a backdrop."""
+    """Tilted rectangles in front of a backdrop."""
 
     kind: Literal["planes"]
     depths: tuple[float, ...] = (2.0, 2.7, 3.5)
@@ -153,7 +153,7 @@ class Corridor(Procedural):
 
 
 class Textureless(Procedural):
-    """A small textured box before plain walls."""
+    """A small textured box in front of plain walls."""
 
     kind: Literal["textureless"]
     edge: float = 0.5
@@ -166,7 +166,7 @@ class Textureless(Procedural):
 
 
 class Photograph(ConfigTable):
-    """A photograph with measured disparity. Its lens is its own: no field of view can be chosen."""
+    """A photograph with measured disparity. It has its own lens: the field of view cannot be chosen."""
 
     kind: Literal["photograph"]
     which: Literal["motorcycle"]
@@ -203,7 +203,7 @@ class Blocks(Procedural):
     """Radiance of highlights at their peak; 0 has none."""
     exponent: float = 30.0
     light: Vector = (-0.4, -0.8, -0.5)
-    """Where the light of the highlights comes from: right, down, ahead."""
+    """Direction towards the light of the highlights: right, down, ahead."""
 
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""

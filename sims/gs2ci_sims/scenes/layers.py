@@ -1,13 +1,13 @@
 """A depth map's missing parts: holes in the measurement, and the surfaces hidden behind the foreground.
 
-Here: pure numpy on [H, W] maps of disparity (anything that grows towards the camera and is linear on planes, such
-as inverse depth). Not here: Gaussians, cameras.
+Here: pure numpy on [H, W] maps of disparity (any quantity that increases towards the camera and is linear on planes,
+such as inverse depth). Not here: Gaussians, cameras.
 
-One photograph shows only the nearest surface on each ray. A camera that moves looks behind its rims, so the
-farther surface is continued under the nearer one: seeds at every depth edge, flooded under the foreground as far
-as the camera can ever look. Each hidden pixel remembers the visible one that it continues. Its colour is the
-reflection of the image at that pixel (texture goes on as texture, where diffusion would smear it); its disparity
-is a membrane stretched from the visible background, which has no cracks.
+A photograph shows only the nearest surface on each ray. A camera that moves sees behind its edges, so the farther
+surface is continued under the nearer one: seeds at every depth edge, flooded under the foreground as far as the camera
+can see. Each hidden pixel stores the visible pixel that it continues. Its colour is the reflection of the image at that
+pixel (which continues the texture; diffusion would smear it); its disparity is a membrane stretched from the visible
+background, which has no cracks.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ NEIGHBOURS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1),
 # disparities that are one or two pixels off.
 RIM_PX: Final = 3
 # Rounds of averaging with the neighbours: enough for a membrane over the widest hidden strip (tens of pixels); for
-# colour only so many that the seams between reflections from different sources disappear.
+# colour only enough to remove the seams between reflections from different sources.
 MEMBRANE_ROUNDS: Final = 150
 COLOUR_ROUNDS: Final = 2
-# What it costs to fill a hole with foreground, in colour difference (mean over channels, full scale 1): rims are
-# at most a few pixels wide, so a foreground pixel farther away than that must look very much more alike.
+# The cost of filling a hole with foreground, as a colour difference (mean over channels, full scale 1): rims are at
+# most a few pixels wide, so a foreground pixel farther away than that must have a much more similar colour.
 FOREGROUND_COST: Final = 0.05
 FOREGROUND_COST_PER_PX: Final = 0.02
 
@@ -45,9 +45,9 @@ class Layer:
 
 
 def without_flying_pixels(disparity: F64, jump: float) -> F64:
-    """Mark as unmeasured (NaN) what hangs between two surfaces: a step over `jump` before and after.
+    """Mark pixels between two surfaces as unmeasured (NaN): those with a step over `jump` on both sides.
 
-    Disparities averaged over a depth edge, as any down-sampling leaves them, belong to neither surface.
+    Down-sampling averages disparities over a depth edge; the mean belongs to neither surface.
     """
     flying = np.zeros(disparity.shape, dtype=bool)
     measured = np.where(np.isfinite(disparity), disparity, np.nan)
@@ -66,9 +66,9 @@ def fill_holes(disparity: F64, colour: F64, jump: float) -> F64:
         colour: [H, W, 3] in [0, 1].
         jump: Smallest difference in disparity that separates two surfaces.
 
-    Stereo loses what only one camera sees, and that is background: the farthest of the nearest measured pixels to
-    the left and right, above and below, is right for most. It also loses the fine rims of the foreground: a nearer
-    pixel takes the hole where it looks more alike, by more than its distance costs.
+    Stereo has no disparity for points that only one camera sees, which are background: for most holes, the farthest
+    of the nearest measured pixels to the left, right, above and below is correct. Stereo also misses the fine rims of
+    the foreground: a nearer pixel fills the hole if its colour is more similar by more than the cost of its distance.
 
     Raises:
         InputError: Nothing is measured.
@@ -86,7 +86,7 @@ def fill_holes(disparity: F64, colour: F64, jump: float) -> F64:
     cost = unlike + np.where(values > farthest + jump, FOREGROUND_COST + FOREGROUND_COST_PER_PX * away, 0.0)
     best = np.where(np.isfinite(values), cost, np.inf).argmin(axis=0)
     filled = np.where(known, disparity, np.take_along_axis(values, best[None], axis=0)[0])
-    # A hole that spans a whole row and column: what was filled around it reaches it in the next pass.
+    # A hole that spans a whole row and column is filled in the next pass, from the pixels filled around it.
     return filled if np.isfinite(filled).all() else fill_holes(filled, colour, jump)
 
 
@@ -114,7 +114,7 @@ def clean_rims(front: Layer, jump: float) -> Layer:
     height, width = front.present.shape
     rows, columns = np.mgrid[:height, :width]
     colour = front.colour.copy()
-    for away in range(RIM_PX, 0, -1):  # the closest to the edge last: it knows best where the edge is
+    for away in range(RIM_PX, 0, -1):  # the pixels closest to the edge last, because they locate the edge best
         for dy, dx in NEIGHBOURS[:4]:
             before = np.clip(rows - away * dy, 0, height - 1), np.clip(columns - away * dx, 0, width - 1)
             steps = RIM_PX + 1 - away
@@ -129,13 +129,13 @@ def hidden_layer(front: Layer, jump: float, reach: float) -> Layer:
     """Continue the farther surface of every depth edge under the nearer one.
 
     Args:
-        front: What the camera sees; present everywhere.
+        front: The visible surface; present everywhere.
         jump: Smallest difference in disparity that separates two surfaces.
         reach: How far the camera will move, as a share of the baseline that the disparities refer to: a surface d
             behind another, in disparity, comes into view over `reach` x d pixels at most.
 
     Returns:
-        The hidden surface: `present` where there is one; elsewhere disparity and colour are the front's.
+        The hidden surface, with `present` for its pixels; elsewhere disparity and colour are the front's.
     """
     source = _flood(front.disparity, jump, reach)
     at = np.flatnonzero(source >= 0)
@@ -147,13 +147,13 @@ def hidden_layer(front: Layer, jump: float, reach: float) -> Layer:
 
 
 def _flood(disparity: F64, jump: float, reach: float) -> Index:
-    """Find the visible pixel that each hidden one continues: flat indices, [H * W]; -1 where nothing hides."""
+    """Find the visible pixel that each hidden one continues: flat indices, [H * W]; -1 without a hidden surface."""
     height, width = disparity.shape
     flat = disparity.ravel()
     source = np.full(flat.size, -1, dtype=np.intp)
     best = np.full(flat.size, np.inf)
     frontier = np.arange(flat.size)
-    offers = frontier  # at first every pixel offers itself to its neighbours; those that it is behind take it
+    offers = frontier  # at first every pixel is offered to its neighbours; a neighbour in front of it accepts it
     while len(frontier):
         reached = np.zeros(flat.size, dtype=bool)
         for step in NEIGHBOURS:

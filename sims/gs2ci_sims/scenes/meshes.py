@@ -1,7 +1,7 @@
 """Scenes of textured triangles: procedural ones, and those of OBJ and GLB files.
 
-A scene that is no sum of Gaussians: surfaces are sharp, opaque and flat, and what is fitted to it cannot be it. True
-depth is that of the rays through the pixels' centres. Not here: the rays (`gs2ci_sims.rays.meshes`).
+Such a scene is not a sum of Gaussians: surfaces are sharp, opaque and flat, so that a fitted scene cannot equal it. The
+true depth is that of the rays through the pixels' centres. Not here: the rays (`gs2ci_sims.rays.meshes`).
 """
 
 from importlib import import_module
@@ -21,9 +21,9 @@ from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, grain, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y
 
-# Texels per pixel of the camera at a surface's middle: textures are as fine as can be seen.
+# Texels per pixel of the camera at a surface's middle: textures are as fine as the camera resolves.
 TEXELS_PER_PX: Final = 1.0
-# Where light comes from, and how dark what faces away is.
+# Direction towards the light, and brightness of faces that are turned away from it.
 SUN: Final = np.array([-0.4, -0.8, -0.5]) / np.linalg.norm([-0.4, -0.8, -0.5])
 AMBIENT: Final = 0.45
 # Strips and rings of a sphere.
@@ -56,18 +56,18 @@ def blocks(
     exponent: float = 30.0,
     light: tuple[float, float, float] = (-0.4, -0.8, -0.5),
 ) -> Scene:
-    """Set boxes and balls on a chequered floor before a wall.
+    """Place boxes and balls on a chequered floor in front of a wall.
 
     Args:
-        rng: Of places, sizes and textures.
+        rng: Generator of positions, sizes and textures.
         frame: The camera.
         count: Boxes.
         balls: Balls.
         backdrop: Depth of the wall.
         shine: Radiance of a highlight at its peak, on all surfaces; 0 has none.
-        exponent: Of its cosine: the higher, the smaller it is.
-        light: Where its light comes from, camera axes (right, down, ahead), of any length. Shade is painted on the
-            surfaces by a light of its own.
+        exponent: Exponent of its cosine; a higher one gives a smaller highlight.
+        light: Direction towards its light, camera axes (right, down, ahead), of any length. The shading is part of the
+            textures and has another light.
 
     Raises:
         InputError: A count is negative, the wall is not in front of the camera, or a highlight is out of range.
@@ -106,7 +106,7 @@ class MeshBuilder:
     """Collects triangles and their textures.
 
     Args:
-        rng: Of the textures.
+        rng: Generator of the textures.
         frame: The camera, for which textures are fine enough.
     """
 
@@ -134,7 +134,7 @@ class MeshBuilder:
         self._add(corners[[[0, 1, 2], [0, 2, 3]]], uv[[[0, 1, 2], [0, 2, 3]]], np.tile(normal, (2, 3, 1)), texture)
 
     def ball(self, centre: F64, radius: float) -> None:
-        """Add a sphere of flat facets, each as bright as its slope to the light makes it."""
+        """Add a sphere of flat facets, each shaded by its angle to the light."""
         texture = self._texture(np.array([np.pi, 2 * np.pi]) * radius, float(centre[2]))
         theta, phi = np.linspace(0, np.pi, SPHERE_STEPS + 1), np.linspace(0, 2 * np.pi, 2 * SPHERE_STEPS + 1)
         sin, cos = np.sin(theta)[:, None], np.cos(theta)[:, None]
@@ -165,7 +165,7 @@ class MeshBuilder:
             self._add(corners, places, (corners - centre) / radius, texture)
 
     def mesh(self, shine: float = 0.0, exponent: float = 1.0, towards_light: F64 = SUN) -> TexturedMesh:
-        """Return all of it, with highlights where they shine."""
+        """Return the whole mesh, with highlights if `shine` is positive."""
         which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
         normals = np.concatenate(self._normals)
         gloss = None if shine == 0 else Gloss(normals, np.full(len(normals), shine), exponent, towards_light)
@@ -173,7 +173,7 @@ class MeshBuilder:
         return TexturedMesh(corners, uv, which, tuple(self._textures), gloss)
 
     def _texture(self, lengths: F64, depth: float) -> F64:
-        """Paint a grainy colour, as fine as the camera sees it at this depth."""
+        """Make a grainy colour texture, as fine as the camera resolves at this depth."""
         texels = np.clip(TEXELS_PER_PX * self._frame.focal * lengths / depth, 4, 2048).astype(int)
         colour = self._rng.uniform(0.25, 0.85, 3)
         rows, columns = int(texels[0]), int(texels[1])
@@ -194,10 +194,10 @@ class MeshBuilder:
 def mesh_from_file(path: Path) -> TexturedMesh:
     """Read a mesh from an OBJ, GLB, PLY or STL file: base colours, from textures, corners or materials.
 
-    Colours in such files are for screens (sRGB) and become linear radiance; no light is computed, they shine.
+    Colours in such files are for screens (sRGB) and are converted to linear radiance, without any lighting.
 
     Raises:
-        InputError: trimesh is not there, the file cannot be read, or holds no triangles.
+        InputError: trimesh is not installed, the file cannot be read, or holds no triangles.
     """
     if find_spec("trimesh") is None:
         raise InputError(f"the mesh file {path} without trimesh", remedy="pip install 'gs2ci[mesh]'")
@@ -226,7 +226,7 @@ def mesh_from_file(path: Path) -> TexturedMesh:
 
 
 def _painted(part: Any) -> tuple[F64, F32]:
-    """Return where the corners of a part lie in its texture, [F, 3, 2], and that texture."""
+    """Return the texture coordinates of a part's corners, [F, 3, 2], and the texture."""
     visual = part.visual
     uv = getattr(visual, "uv", None)
     if uv is not None:
@@ -234,7 +234,7 @@ def _painted(part: Any) -> tuple[F64, F32]:
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
         if image is not None:
             pixels = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
-            # Files count v upwards.
+            # In files v points upwards.
             return np.asarray(uv, dtype=np.float64)[part.faces] * [1, -1] + [0, 1], _linear(pixels)
         pixels = np.asarray(material.main_color, dtype=np.float64)[None, None, :3] / 255
         return np.zeros((len(part.faces), 3, 2)), _linear(pixels)

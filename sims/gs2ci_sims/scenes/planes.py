@@ -1,6 +1,6 @@
 """A procedural scene of textured rectangles and boxes, drawn from a generator: for tests and experiments.
 
-Here: what stands where. Not here: rectangles themselves (`rectangles`).
+Here: the arrangement. Not here: the rectangles (`rectangles`).
 """
 
 from typing import Final
@@ -27,15 +27,15 @@ def planes(
     boxes: int = 1,
     field_of_view_deg: float = FIELD_OF_VIEW_DEG,
 ) -> Scene:
-    """Draw tilted rectangles at the given depths before a backdrop, and boxes standing among them.
+    """Build tilted rectangles at the given depths in front of a backdrop, with boxes among them.
 
     Args:
-        rng: Every position, tilt and texture comes from it.
+        rng: Generator of positions, tilts and textures.
         size: Height and width of the suggested camera's image, in pixels.
         depths: Depth of each rectangle's centre, in scene units.
         backdrop: Depth of the backdrop, which fills the frame.
-        boxes: How many boxes (each shows up to five faces).
-        field_of_view_deg: Of the suggested camera, horizontally.
+        boxes: Number of boxes (each has up to five visible faces).
+        field_of_view_deg: Horizontal field of view of the suggested camera.
 
     Raises:
         InputError: A depth is not positive or lies behind the backdrop.

@@ -1,6 +1,6 @@
 """Scenes from Gaussian PLY files, as fitted from real photographs.
 
-Here: the file and a camera to look at it. Not here: the format (`gs2ci.render.ply`).
+Here: the file and its camera. Not here: the format (`gs2ci.render.ply`).
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ def scene_from_ply(
         world_to_camera: Its pose, [4, 4]; the origin, looking along z, if None.
 
     Raises:
-        InputError: The file is none, or nothing of the scene is in front of the camera.
+        InputError: The file is not such a PLY file, or nothing of the scene is in front of the camera.
     """
     gaussians = read_ply(path)
     intrinsics = camera_looking_ahead(size, FIELD_OF_VIEW_DEG) if intrinsics is None else intrinsics

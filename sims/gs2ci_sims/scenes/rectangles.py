@@ -1,7 +1,7 @@
-"""Textured rectangles and boxes: their discs, and where a camera's rays meet them.
+"""Textured rectangles and boxes: their discs, and their intersections with a camera's rays.
 
-Here: geometry and texture, from a generator. Not here: which of them make a scene (its neighbours), how points and
-tangents become Gaussians (`surfels`).
+Here: geometry and texture, from a generator. Not here: the scenes made of them (the other modules of this folder), the
+conversion of points and tangents to Gaussians (`surfels`).
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from gs2ci_sims.scenes.surfels import Surfels, from_tangents
 
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
 SPACING_PX: Final = 0.6
-# How far samples lie off their rectangle, along their rays from the suggested camera, as a share of their distance.
+# Random offset of samples from their rectangle, along their rays from the suggested camera, over their distance.
 DEPTH_SCATTER: Final = 2e-3
 # Each strip of a receding surface ends this much deeper than it begins.
 STRIP_RATIO: Final = 1.2
 # Discs of a receding surface are at most this much longer than broad: longer ones would blur the texture across.
 FORESHORTENING_MAX: Final = 4.0
-# Where the light comes from, for shading: above, from the left and behind the camera.
+# Direction towards the light, for shading: above, to the left and behind the camera.
 TOWARDS_LIGHT: Final = np.array([-0.4, -0.75, -0.55])
 
 
@@ -52,7 +52,7 @@ def texture(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F
 
 
 def box(centre: F64, half_edges: F64) -> list[Rectangle]:
-    """List five faces of a box; the one that always looks away from a camera at the origin is left out.
+    """List five faces of a box; the one that always faces away from a camera at the origin is left out.
 
     Args:
         centre: [3].
@@ -69,7 +69,7 @@ def box(centre: F64, half_edges: F64) -> list[Rectangle]:
 
 
 def rotation(angles: F64) -> F64:
-    """Turn about x, then y, then z, by angles in radians [3], into a rotation matrix."""
+    """Return the rotation matrix for angles in radians [3] about x, then y, then z."""
     (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
     about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
@@ -78,22 +78,22 @@ def rotation(angles: F64) -> F64:
 
 
 def textured(rng: np.random.Generator, rectangle: Rectangle, focal: float) -> Surfels:
-    """Cover a rectangle with discs of a random texture, as fine as a camera of this focal length (px) can see."""
+    """Cover a rectangle with discs of a random texture, as fine as a camera of this focal length (px) resolves."""
     columns, rows = samples(rectangle, SPACING_PX * rectangle.centre[2] / focal)
     return coloured(rectangle, texture(rng, (rows, columns), float(rng.uniform(0.5, 1.8))))
 
 
 def samples(rectangle: Rectangle, spacing_u: float, spacing_v: float | None = None) -> tuple[int, int]:
-    """Count the discs along u and v for these spacings in scene units (the same one if one is given), 2 or more."""
+    """Count the discs along u and v for these spacings in scene units (one spacing holds for both), 2 or more."""
     halves = ((rectangle.half_u, spacing_u), (rectangle.half_v, spacing_v or spacing_u))
     columns, rows = (max(2, int(np.ceil(2 * np.linalg.norm(half) / spacing))) for half, spacing in halves)
     return columns, rows
 
 
 def shade(rectangle: Rectangle) -> float:
-    """Return how brightly the face shows, 0.35 to 1: Lambert's cosine for `TOWARDS_LIGHT`, and ambient light.
+    """Return the shading of a face, 0.35 to 1: Lambert's cosine for `TOWARDS_LIGHT`, and ambient light.
 
-    The side that faces the camera at the origin counts.
+    It is that of the side that faces the camera at the origin.
     """
     normal = np.cross(rectangle.half_u, rectangle.half_v)
     normal = -normal * np.sign(normal @ rectangle.centre) / np.linalg.norm(normal)
@@ -109,14 +109,14 @@ def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
     points = rectangle.centre + grid_u * rectangle.half_u + grid_v * rectangle.half_v
     along_u = np.broadcast_to(2 * rectangle.half_u / columns, points.shape)
     along_v = np.broadcast_to(2 * rectangle.half_v / rows, points.shape)
-    # Splats are drawn in the order of their depths. Those of an exact plane that faces the camera have all the same,
-    # and a turn by a millionth would reorder them and change the picture by percents; so none lies exactly in it.
+    # Splats are drawn in the order of their depths. On an exact plane that faces the camera all depths are the same,
+    # and a rotation by a millionth would reorder the splats and change the picture by percents; so they are offset.
     aside = np.random.default_rng(len(points)).uniform(-DEPTH_SCATTER, DEPTH_SCATTER, (len(points), 1))
     return from_tangents(points * (1 + aside), along_u, along_v, radiance.reshape(-1, 3))
 
 
 def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
-    """Draw what makes a paint uneven, [H, W, 3] of mean 0, about a quarter deep: much brightness, little hue."""
+    """Draw the grain of a paint, [H, W, 3] of mean 0 and an amplitude of about a quarter, mostly in brightness."""
     noise = texture(rng, shape, slope)
     noise -= noise.mean(axis=(0, 1))
     grey = noise.mean(axis=2, keepdims=True)
@@ -126,13 +126,14 @@ def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64
 def receding(centre_xy: F64, half_xy: F64, near: float, far: float) -> list[Rectangle]:
     """Cut a floor, ceiling or wall parallel to the line of sight into strips, each a fifth deeper than the last.
 
-    A strip's discs suit its own distance, so that a long surface is neither coarse near by nor dense far away.
+    The size of a strip's discs depends on its distance, so that a long surface is neither coarse near by nor dense far
+    away.
 
     Args:
-        centre_xy: Where the surface runs, [2], off the line of sight.
+        centre_xy: Position of the surface across the line of sight, [2].
         half_xy: Half its breadth across, [2].
-        near: Where it begins.
-        far: Where it ends, beyond `near`.
+        near: Depth of its begin.
+        far: Depth of its end, beyond `near`.
     """
     count = int(np.ceil(np.log(far / near) / np.log(STRIP_RATIO)))
     edges = np.geomspace(near, far, count + 1)
@@ -151,7 +152,7 @@ def strip_samples(strip: Rectangle, focal: float) -> tuple[int, int]:
 
 
 def chequered(rng: np.random.Generator, strip: Rectangle, tile: float, colours: F64, focal: float) -> Surfels:
-    """Cover a strip with tiles of two colours [2, 3] and a fine grain; tiles go on from strip to strip."""
+    """Cover a strip with tiles of two colours [2, 3] and a fine grain; tiles continue from strip to strip."""
     columns, rows = strip_samples(strip, focal)
     u = (np.arange(columns) + 0.5) / columns * 2 - 1
     v = (np.arange(rows) + 0.5) / rows * 2 - 1
@@ -169,14 +170,14 @@ def rays(intrinsics: F64, size: tuple[int, int]) -> F64:
 
 
 def depth_of(rectangles: list[Rectangle], intrinsics: F64, size: tuple[int, int]) -> F64:
-    """Intersect every pixel's ray with every rectangle and keep the nearest, [H, W]; NaN where there is none."""
+    """Return the depth of the nearest rectangle on every pixel's ray, [H, W]; NaN for rays that miss all."""
     directions = rays(intrinsics, size)
     nearest = np.full(size, np.inf)
     for rectangle in rectangles:
         window = _window(rectangle, intrinsics, size)
         seen = directions[window]
         normal = np.cross(rectangle.half_u, rectangle.half_v)
-        with np.errstate(divide="ignore", invalid="ignore"):  # rays along the plane meet it nowhere
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays parallel to the plane do not meet it
             depth = (normal @ rectangle.centre) / (seen @ normal)
             offset = depth[..., None] * seen - rectangle.centre
             inside = depth > 0
@@ -187,7 +188,7 @@ def depth_of(rectangles: list[Rectangle], intrinsics: F64, size: tuple[int, int]
 
 
 def _window(rectangle: Rectangle, intrinsics: F64, size: tuple[int, int]) -> tuple[slice, slice]:
-    """Find the pixels that a rectangle's corners enclose; all of them where a corner is not before the camera."""
+    """Find the pixels that a rectangle's corners enclose; all pixels if a corner is not in front of the camera."""
     signs = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     corners = (rectangle.centre + signs @ np.stack([rectangle.half_u, rectangle.half_v])) @ intrinsics.T
     if corners[:, 2].min() <= 1e-6:

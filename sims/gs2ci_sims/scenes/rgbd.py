@@ -1,7 +1,7 @@
 """A photograph with measured disparity as a Gaussian scene that a camera can move in.
 
-Here: the way from picture and disparity to a scene, and the Middlebury motorcycle that comes with scikit-image.
-Not here: how holes and hidden surfaces are filled (`layers`), how surfaces become Gaussians (`surfels`).
+Here: the construction of a scene from picture and disparity, and the Middlebury motorcycle of scikit-image. Not here:
+the filling of holes and hidden surfaces (`layers`), the conversion of surfaces to Gaussians (`surfels`).
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ from gs2ci_sims.scenes.surfels import Surfels, from_inverse_depth, gaussians_fro
 
 Encoding = Literal["linear", "srgb"]
 
-# A step of one pixel of disparity between neighbours is a depth edge: the two come apart by one pixel when the
+# A step of one pixel of disparity between neighbours is a depth edge: the two separate by one pixel when the
 # camera moves by the whole stereo baseline.
 JUMP_PX: Final = 1.0
-# The hidden surfaces reach as far as a camera sees that moves by half the stereo baseline, to either side.
+# The hidden surfaces extend as far as a camera sees that moves by half the stereo baseline to either side.
 REACH: Final = 0.5
-# Share of the frame that stays outside the suggested camera's image on each side, for the camera to move into.
+# Share of the frame outside the suggested camera's image on each side, which the camera sees when it moves.
 MARGIN: Final = 0.06
 
 
@@ -34,9 +34,9 @@ class DisparityPhoto:
     """A rectified photograph with the disparity of every pixel.
 
     Args:
-        name: For reports.
+        name: Name for reports.
         colour: [H, W, 3] in [0, 1].
-        disparity_px: Offset to the second camera's image, [H, W], in pixels; not finite where it was not measured.
+        disparity_px: Offset to the second camera's image, [H, W], in pixels; not finite for unmeasured pixels.
         intrinsics: [3, 3], pixel centres at +0.5.
         baseline_m: Distance between the cameras.
         principal_offset_px: Second camera's principal point minus the first's, along x (Middlebury's doffs).
@@ -76,9 +76,9 @@ class DisparityPhoto:
 def motorcycle_photo() -> DisparityPhoto:
     """Load the Middlebury 2014 motorcycle at a quarter of its size, as scikit-image ships it (500 x 741).
 
-    Camera, baseline and principal offset as `skimage.data.stereo_motorcycle` documents them. Middlebury counts
+    Camera, baseline and principal offset are those documented at `skimage.data.stereo_motorcycle`. Middlebury counts
     from the first pixel's centre at full size, and scikit-image divided by 4: (4 c + 0.5) / 4 = c + 0.125 in our
-    counting.
+    coordinates.
     """
     left, _, disparity = data.stereo_motorcycle()
     return DisparityPhoto(
@@ -98,7 +98,7 @@ def motorcycle(size: tuple[int, int] = (272, 400)) -> Scene:
 
 @lru_cache(maxsize=1)
 def _motorcycle() -> tuple[DisparityPhoto, Surfels, F64]:
-    # Benches and tables build this scene again and again, at several sizes; all but the camera is the same.
+    # Benches and tables build this scene many times in several sizes, which differ in the camera alone.
     return _completed(motorcycle_photo(), "linear")
 
 
@@ -109,7 +109,7 @@ def scene_from_photo(photo: DisparityPhoto, size: tuple[int, int], encoding: Enc
         photo: Picture and disparity.
         size: Height and width of the suggested camera's image. It shows the middle of the photograph; a margin
             remains for the camera to move into.
-        encoding: How the picture's values stand for radiance: "linear" takes them as they are (the scene has the
+        encoding: Relation of the picture's values to radiance: "linear" takes them as they are (the scene has the
             contrast of the picture as displayed, so that linear views of it look right on a screen); "srgb" undoes
             the display curve of IEC 61966-2-1.
     """
@@ -117,7 +117,7 @@ def scene_from_photo(photo: DisparityPhoto, size: tuple[int, int], encoding: Enc
 
 
 def _completed(photo: DisparityPhoto, encoding: Encoding) -> tuple[DisparityPhoto, Surfels, F64]:
-    """Fill what a photograph does not show; return it, its surfels, and the disparity of what is in front, px."""
+    """Fill a photograph's holes and hidden surfaces; return it, its surfels and the front surface's disparity, px."""
     radiance = _linear_from_srgb(photo.colour) if encoding == "srgb" else photo.colour
     measured = without_flying_pixels(photo.disparity_px, JUMP_PX)
     disparity = fill_holes(measured, photo.colour, JUMP_PX)
@@ -132,14 +132,14 @@ def _completed(photo: DisparityPhoto, encoding: Encoding) -> tuple[DisparityPhot
 
 
 def _seen_at(size: tuple[int, int], photo: DisparityPhoto, surfels: Surfels, disparity: F64) -> Scene:
-    """Place the suggested camera before surfels."""
+    """Place the suggested camera in front of surfels."""
     intrinsics = _framed(photo.intrinsics, (disparity.shape[0], disparity.shape[1]), size)
     depth = 1.0 / photo.inverse_depth(_sampled(disparity, photo.intrinsics, intrinsics, size))
     return Scene(photo.name, gaussians_from_surfels(surfels), intrinsics, size, depth)
 
 
 def _framed(intrinsics: F64, full: tuple[int, int], size: tuple[int, int]) -> F64:
-    """Scale the camera so that an image of `size` shows the middle of the full frame, less a margin all round."""
+    """Scale the camera so that an image of `size` shows the full frame less a margin on all sides."""
     scale = max(small / ((1 - 2 * MARGIN) * large) for small, large in zip(size, full, strict=True))
     framed = intrinsics.copy()
     framed[:2] *= scale

@@ -1,7 +1,7 @@
-"""Solids of known size before a wall: what a length that was measured can be held against.
+"""Solids of known size in front of a wall, to compare with measured lengths.
 
-Here: a slanted panel, a ball and a staircase, as triangles with exact true depth. Not here: textures and the light
-painted on them (`meshes`), lengths (`gs2ci.evaluate.measuring`).
+Here: a slanted panel, a ball and a staircase, as triangles with exact true depth. Not here: textures and their shading
+(`meshes`), lengths (`gs2ci.evaluate.measuring`).
 """
 
 from typing import Final
@@ -15,23 +15,23 @@ from gs2ci_sims.scenes.rectangles import Rectangle, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera
 
 SOLIDS: Final = ("plane", "ball", "staircase")
-# Depth of the solid's middle as a share of the wall's, and how much of the picture's lesser side it takes up there.
+# Depth of the solid's middle as a share of the wall's, and the share of the picture's shorter side that it fills there.
 _MIDDLE: Final = 0.7
 _SIZE: Final = 0.7
 _STEPS: Final = 4
 
 
 def solid(which: str, rng: np.random.Generator, frame: SuggestedCamera, *, backdrop: float = 6.0) -> Scene:
-    """Set one solid before a wall: a panel that leans back, a ball, or a staircase of four steps.
+    """Place one solid in front of a wall: a panel that leans back, a ball, or a staircase of four steps.
 
     Args:
         which: One of `SOLIDS`.
-        rng: Of textures and of the solid's turn about its upright axis.
+        rng: Generator of textures and of the solid's rotation about its vertical axis.
         frame: The camera.
         backdrop: Depth of the wall, scene units.
 
     Raises:
-        InputError: No such solid, or the wall is not in front of the camera.
+        InputError: The solid is unknown, or the wall is not in front of the camera.
     """
     if which not in SOLIDS or not 0 < backdrop < np.inf:
         raise InputError(f"a {which} before a wall at {backdrop}", allowed=f"{', '.join(SOLIDS)}; a depth above 0")
@@ -56,10 +56,10 @@ def staircase(wide: float, high: float, deep: float, steps: int = _STEPS) -> lis
     """List risers and treads of a staircase about the origin that climbs away from the camera.
 
     Args:
-        wide: Its extent to the right.
-        high: Downwards (y).
-        deep: Ahead (z).
-        steps: How many.
+        wide: Its extent to the right (x).
+        high: Its extent downwards (y).
+        deep: Its extent ahead (z).
+        steps: Number of steps.
     """
     rise, run = high / steps, deep / steps
     faces = []

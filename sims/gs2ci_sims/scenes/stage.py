@@ -1,6 +1,6 @@
-"""What the procedural scenes share: a suggested camera, a floor with a wall behind it, and the way to a `Scene`.
+"""The common parts of the procedural scenes: a suggested camera, a floor with a wall behind it, and the final `Scene`.
 
-Not here: what stands on the floor (its neighbours).
+Not here: the objects on the floor (the other modules of this folder).
 """
 
 from dataclasses import dataclass
@@ -54,12 +54,12 @@ class SuggestedCamera:
 
     @property
     def half(self) -> F64:
-        """Get half the breadth and height of what is seen at depth 1, [2]."""
+        """Get half the breadth and height of the field of view at depth 1, [2]."""
         return 0.5 * np.array([self.size[1], self.size[0]]) / self.focal
 
 
 def floor_y(frame: SuggestedCamera, backdrop: float) -> float:
-    """Return how far below the line of sight the floor lies: it meets the wall halfway down the frame's lower half."""
+    """Return the distance of the floor below the line of sight: it meets the wall in the middle of the lower half."""
     return float(0.5 * frame.half[1] * backdrop)
 
 
@@ -82,7 +82,7 @@ def room(rng: np.random.Generator, frame: SuggestedCamera, backdrop: float) -> t
 
 
 def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64) -> Surfels:
-    """Cover a face with a grainy paint, as bright as the light makes it."""
+    """Cover a face with a grainy paint, with shading."""
     nearest = min(face.centre[2], abs(face.centre[2] - np.abs([face.half_u[2], face.half_v[2]]).sum()))
     columns, rows = samples(face, SPACING_PX * max(nearest, 0.5 * face.centre[2]) / focal)
     paint = colour * (1 + grain(rng, (rows, columns), float(rng.uniform(0.8, 1.4))))
@@ -90,6 +90,6 @@ def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64
 
 
 def staged(name: str, frame: SuggestedCamera, faces: list[Rectangle], surfels: list[Surfels]) -> Scene:
-    """Put discs together to a scene whose true depth is that of the faces."""
+    """Combine discs to a scene whose true depth is that of the faces."""
     depth = depth_of(faces, frame.intrinsics, frame.size)
     return Scene(name, gaussians_from_surfels(join(surfels)), frame.intrinsics, frame.size, depth)

@@ -1,7 +1,7 @@
 """Surfaces as Gaussians: flat discs that tile a surface without cracks, from its points and tangents.
 
-Here: pure numpy geometry, from a depth map or from two tangent vectors per point to Gaussian parameters. Not here:
-where depth comes from (`rgbd`, `planes`), rendering.
+Here: pure numpy geometry, from a depth map or from two tangent vectors per point to Gaussian parameters. Not here: the
+source of the depth (`rgbd`, `planes`), rendering.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 
 # Standard deviation of a disc in units of the sample spacing: at 0.6 the sum of a unit grid of Gaussians is even
-# to 0.4 % (Poisson summation: 4 exp(-2 π² 0.6²)). Narrower discs let light through between them, wider ones blur.
-# Magnified without end, 5 % pass at the middle of four discs; with pixels as wide as the samples, less than 1 %.
+# to 0.4 % (Poisson summation: 4 exp(-2 π² 0.6²)). Narrower discs transmit light between them, wider ones blur. In an
+# infinitely magnified view 5 % pass at the middle of four discs; with pixels as wide as the samples, less than 1 %.
 SPREAD: Final = 0.6
 # Discs are this much thinner than they are wide: a surface, yet a covariance that inverts well in float32.
 THINNESS: Final = 0.05
@@ -49,13 +49,13 @@ class Surfels:
 
 
 def join(parts: list[Surfels]) -> Surfels:
-    """Put several sets of surfels together."""
+    """Concatenate several sets of surfels."""
     columns = ("means", "scales", "quaternions", "opacities", "radiances")
     return Surfels(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
 
 
 def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Surfels:
-    """Lay one disc on each point, spanning its two tangents.
+    """Place one disc on each point, which spans its two tangents.
 
     Args:
         points: [n, 3].
@@ -94,7 +94,7 @@ def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Su
 
 
 def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Bool, intrinsics: F64, jump: float) -> Surfels:
-    """Lay one disc on each pixel of an inverse-depth map.
+    """Place one disc on each pixel of an inverse-depth map.
 
     Args:
         inverse_depth: [H, W], 1 / scene units, positive where `present`.
@@ -120,7 +120,7 @@ def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Bool, intrins
 def surface_slope(values: F64, present: Bool, axis: int, jump: float) -> F64:
     """Differentiate along `axis` without stepping over an edge of the surface, [H, W] per pixel.
 
-    The mean of the one-sided differences that stay on the surface (both pixels present, no jump); 0 where none
+    It is the mean of the one-sided differences that stay on the surface (both pixels present, no jump), or 0 if neither
     does.
     """
     ahead = np.diff(values, axis=axis)

@@ -1,4 +1,4 @@
-"""A small textured box in a room of plain paint: a procedural scene where most pixels tell nothing of depth.
+"""A small textured box in a room of plain paint: a procedural scene in which most pixels do not determine depth.
 
 Here: the room, whose walls and floor have no texture, and the box. Not here: faces and their discs (`rectangles`),
 a room with texture (`stage`).
@@ -25,20 +25,20 @@ from gs2ci_sims.scenes.rectangles import (
 from gs2ci_sims.scenes.stage import OVERSIZE, SuggestedCamera, floor_y, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
 
-# The side walls meet the back wall within the frame, this far out, as a share of half its breadth.
+# The side walls meet the back wall within the frame, at this share of half its breadth.
 CORNER: Final = 0.8
 
 
 def textureless(
     rng: np.random.Generator, frame: SuggestedCamera, *, edge: float = 0.5, depth: float = 4.0, backdrop: float = 6.0
 ) -> Scene:
-    """Stand a small textured box in a room of plain paint, each of whose sides shows a single colour.
+    """Place a small textured box in a room of plain paint, in which each side has a single colour.
 
     Args:
-        rng: Paints, and the box's turn and texture, come from it.
+        rng: Generator of the paints, and of the box's rotation and texture.
         frame: The camera.
-        edge: Of the box, a cube.
-        depth: Of its centre.
+        edge: Edge of the box, a cube.
+        depth: Depth of its centre.
         backdrop: Depth of the back wall.
 
     Raises:
@@ -73,7 +73,7 @@ def _room_walls(frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle
 
 
 def _plain(face: Rectangle, colour: F64, focal: float) -> Surfels:
-    """Cover a face with one colour, as bright as the light makes it."""
+    """Cover a face with one colour, with shading."""
     if face.half_v[2]:  # it recedes
         columns, rows = strip_samples(face, focal)
     else:

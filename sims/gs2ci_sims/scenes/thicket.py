@@ -1,6 +1,6 @@
-"""A thicket of thin stems and twigs before a wall: a procedural scene for what is narrower than a pixel or two.
+"""A thicket of thin stems and twigs in front of a wall: a procedural scene for structures of one or two pixels.
 
-Here: what grows where. Not here: floor and wall (`stage`), ribbons as rectangles (`rectangles`).
+Here: the arrangement. Not here: floor and wall (`stage`), ribbons as rectangles (`rectangles`).
 """
 
 import numpy as np
@@ -23,15 +23,15 @@ def thicket(
     near: float = 2.0,
     backdrop: float = 6.0,
 ) -> Scene:
-    """Grow stems from the floor, each with twigs, between `near` and the wall.
+    """Place stems with twigs on the floor, between `near` and the wall.
 
     Stems are ribbons that face the camera and are shaded as if they were round; twigs are half as wide.
 
     Args:
-        rng: Everything comes from it.
+        rng: Generator of all random choices.
         frame: The camera.
-        stems: How many.
-        twigs: Of each stem.
+        stems: Number of stems.
+        twigs: Number of twigs of each stem.
         width_px: Narrowest and widest stem, in pixels of the suggested camera.
         near: Depth of the nearest stem.
         backdrop: Depth of the wall.
@@ -77,13 +77,13 @@ def _stem(
                 axis[2],
             ]
         )
-        start = foot + rng.uniform(0.3, 0.95) * length * axis - np.array([0, 0, width])  # just before the stem
+        start = foot + rng.uniform(0.3, 0.95) * length * axis - np.array([0, 0, width])  # just in front of the stem
         grown.append((_ribbon(start, turned, rng.uniform(0.15, 0.4) * length, 0.5 * width), bark))
     return grown
 
 
 def _ribbon(foot: F64, axis: F64, length: float, width: float) -> Rectangle:
-    """A rectangle along the axis that faces the camera."""
+    """Return a rectangle along the axis that faces the camera."""
     centre = foot + 0.5 * length * axis
     across = np.cross(axis, centre)
     return Rectangle(centre, 0.5 * width * across / np.linalg.norm(across), 0.5 * length * axis)
