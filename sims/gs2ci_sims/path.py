@@ -1,6 +1,7 @@
-"""Where the camera is at any moment: poses over continuous time.
+"""The camera's path: poses over continuous time.
 
-Here: the interface and the constant-velocity stage move. Not here: who samples it (`exposure`, `planner`).
+Here: the interface, and stage motions of constant and of reversing velocity. Not here: their sampling (`exposure`,
+`planner`).
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene
 
-# The three axes wobble in the same rhythm, a third of a turn apart: never all at rest.
+# The three axes wobble with the same frequency, a third of a period apart, so that they are never all at rest.
 WOBBLE_PHASES: Final = np.array([0.0, 2.0, 4.0]) * np.pi / 3
 
 
@@ -25,12 +26,12 @@ class CameraPath(Protocol):
 
 
 def highest_hz(path: CameraPath) -> float:
-    """Get the highest frequency in a path's motion, 0 where it says nothing of one."""
+    """Get the highest frequency in a path's motion, 0 if the path does not state one."""
     return float(getattr(path, "highest_hz", 0.0))
 
 
 def kinks_s(path: CameraPath, start_s: float, stop_s: float) -> F64:
-    """Get when a path's velocity jumps between two times, [K], as far as the path says so."""
+    """Get the times at which a path's velocity jumps between two times, [K]; none if the path does not state them."""
     told = getattr(path, "kinks_s", None)
     return np.zeros(0) if told is None else np.asarray(told(start_s, stop_s), dtype=np.float64)
 
@@ -40,7 +41,7 @@ class StageMove:
     """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
 
     Args:
-        velocity: Along the reference camera's axes (x right, y down, z forward), scene units per second, [3].
+        velocity: Velocity along the reference camera's axes (x right, y down, z forward), scene units per second, [3].
         wobble_deg: Amplitude of the wobble about each axis, in degrees (a stage's pitch, yaw and roll errors).
         wobble_hz: Its frequency.
         reference_world_to_camera: Pose at time 0 without wobble, [4, 4].
@@ -65,7 +66,7 @@ class StageMove:
         return self.wobble_hz
 
     def world_to_camera(self, time_s: F64) -> F64:
-        """Get the poses at the given times, [T, 4, 4]: move along the rail, then turn on the spot."""
+        """Get the poses at the given times, [T, 4, 4]: translation along the rail, then rotation about the camera."""
         time = np.asarray(time_s, dtype=np.float64)
         angles = np.sin(2 * np.pi * self.wobble_hz * time[:, None] + WOBBLE_PHASES)
         moved = np.tile(np.eye(4), (len(time), 1, 1))
@@ -88,13 +89,12 @@ def stage_move_for_parallax(
     """Choose the stage's velocity so that near and far of a scene shift against each other by `parallax_px`.
 
     Args:
-        scene: Near and far are the depths that hold 98 % of its pixels.
-        parallax_px: Over `duration_s`, in pixels of the scene's camera: f b (1/near - 1/far) with the move b
-        across
-            the line of sight.
+        scene: The scene; its near and far depths contain 98 % of its pixels.
+        parallax_px: Shift over `duration_s`, in pixels of the scene's camera: f b (1/near - 1/far), where b is the
+            motion across the line of sight.
         duration_s: The exposure's duration.
-        direction: Of the move; only its direction counts.
-        wobble_deg: Amplitude of the wobble; it turns one and a third times during the exposure.
+        direction: Direction of the motion; its length is ignored.
+        wobble_deg: Amplitude of the wobble, which has one and a third periods during the exposure.
 
     Raises:
         InputError: The duration or the direction across the line of sight is zero, or the scene has no depth.
@@ -123,11 +123,11 @@ def stage_move_for_parallax(
 
 @dataclass(frozen=True)
 class ReversingMove:
-    """A stage that runs to and fro: a triangle wave through the reference pose, which it passes at time 0.
+    """A stage that moves back and forth: a triangle wave through the reference pose, which it passes at time 0.
 
     Args:
-        velocity: On the way forth, along the reference camera's axes, scene units per second, [3].
-        period_s: Of forth and back, more than 0; it turns at a quarter and three quarters.
+        velocity: Velocity of the forward motion, along the reference camera's axes, scene units per second, [3].
+        period_s: Period of the motion, more than 0; it reverses at a quarter and three quarters.
         reference_world_to_camera: Pose at time 0, [4, 4].
     """
 
@@ -144,11 +144,11 @@ class ReversingMove:
 
     @property
     def highest_hz(self) -> float:
-        """Get the highest frequency that matters: the turns'."""
+        """Get the highest relevant frequency: that of the reversals."""
         return 1.0 / self.period_s
 
     def kinks_s(self, start_s: float, stop_s: float) -> F64:
-        """Get when the stage turns between two times, [K]."""
+        """Get the times at which the stage reverses between two times, [K]."""
         halves = np.arange(np.ceil(2 * start_s / self.period_s - 0.5), np.floor(2 * stop_s / self.period_s - 0.5) + 1)
         return np.asarray((halves + 0.5) * 0.5 * self.period_s)
 

@@ -1,4 +1,4 @@
-"""How many views stand for a moving image, and when they are rendered: as few as the tolerance allows.
+"""The number and the times of the views that sample a moving image: as few as the tolerance allows.
 
 Here: the choice among panels of time (`moments`), by the bounds of `effects.motion_blur` and `waves`. Not here: which
 effects are simulated (`planner`, the only user).
@@ -25,33 +25,33 @@ _Family = tuple[F64, tuple[int, ...], bool]
 # Panels within a mask interval, and views within such a panel.
 PARTS: Final = (1, 2, 3, 5, 9, 15, 27, 45)
 NODES_WITHIN: Final = (1, 2, 3, 4, 5, 6, 7, 8, 9)
-# Views within a panel that spans several masks, and how many such panels per mask at most.
+# Views within a panel that spans several masks, and the largest number of such panels per mask.
 NODES: Final = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12)
 PANELS_PER_MASK: Final = 4
 PANEL_CHOICES: Final = 14
 TRAVEL_STEPS: Final = 512
-# If no option stays within its budget, the cheapest is taken of those that promise no more than this share of the
-# budget above the best; none has more views per mask than the last figure.
+# If no option is within the budget, the cheapest is chosen of those whose bound exceeds the best one by at most this
+# share of the budget; no option has more views per mask than the last figure.
 ALIKE_SHARE: Final = 0.1
 VIEWS_PER_MASK_MAX: Final = 405
-# The true views that go with a shot may be off by so much of full scale, rms, by their bound.
+# Limit of the bound of the error of a shot's true views, rms, as a share of full scale.
 TRUTH_SHARE: Final = 1e-3
-# Once an option is within the budget, panels with fewer views than this in each are not asked about any more.
+# Once an option is within the budget, panels with fewer views than this are not evaluated any more.
 NODES_WORTH: Final = 3
-# A jump of velocity that lies nearer to the end of a panel than this share of the panel is passed over.
+# A jump of velocity nearer to the end of a panel than this share of the panel is ignored.
 NEAR_SHARE: Final = 0.02
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How the moving image is sampled.
+    """The sampling of the moving image.
 
     Args:
-        blur: The effect so sampled; None: one view per mask, which is no motion blur.
-        views: How many views are rendered.
-        error_dn: Bound of what infinitely many would change, DN rms.
-        how: For reports.
-        why: For reports.
+        blur: The motion blur with this sampling; None for one view per mask, which has no motion blur.
+        views: Number of rendered views.
+        error_dn: Bound of the difference from infinitely many views, DN rms.
+        how: Description for reports.
+        why: Reason for reports.
     """
 
     blur: MotionBlur | None
@@ -64,16 +64,16 @@ class Sampling:
 def choose_sampling(
     look: Preview, effects: Sequence[Effect], budget_dn: float, *, seed: int, blurs: bool, slices: Slices | None = None
 ) -> Sampling:
-    """Choose the smallest number of views that keeps the error within the budget; failing that, the best there is.
+    """Choose the smallest number of views that keeps the error within the budget; if none does, the best one.
 
     Args:
         look: A quick look, with all motion that is simulated.
-        effects: Those that are simulated; the ones that act on time decide how evenly light is collected.
-        budget_dn: For the error, DN rms.
-        seed: The exposure's.
-        blurs: False: motion blur is forced off, each mask sees one view.
-        slices: When which mask is on show, before effects, if not as the rig's timing says; masks then switch
-            anywhere within a panel.
+        effects: The simulated effects; those that act on time determine how evenly light is collected.
+        budget_dn: Budget of the error, DN rms.
+        seed: Seed of the exposure.
+        blurs: False if motion blur is switched off: each mask sees one view.
+        slices: The times of the masks before effects, if they differ from the rig's timing; masks then switch anywhere
+            within a panel.
     """
     count = len(look.masks)
     chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
@@ -103,7 +103,7 @@ def choose_sampling(
         open_nodes = [node for node in nodes if panels * node <= limit]
         if not open_nodes or (best is not None and open_nodes[-1] < NODES_WORTH):
             continue
-        # With more views in the same panels, less is wrong: the finest tells whether any other is worth asking about.
+        # More views in the same panels have a smaller error: the finest shows whether the others need be evaluated.
         low, high = 0, len(open_nodes) - 1
         finest = bounding.option(edges, open_nodes[high], across, budget_dn)
         fallback.append(finest)
@@ -125,7 +125,7 @@ def choose_sampling(
 
 @dataclass(frozen=True)
 class _Option:
-    """Moments, what they get wrong, DN rms, and whether that fits.
+    """Moments, the bound of their error, DN rms, and whether it is within the budget.
 
     `across`: panels span several masks; `plain`: one view per mask.
     """
@@ -142,26 +142,26 @@ class _Option:
 
 
 class _Bounding:
-    """Bounds of options, from the light that each mask collects."""
+    """Error bounds of options, from the light that each mask collects."""
 
     def __init__(self, look: Preview, slices: Slices) -> None:
         self._look = look
         self._waves = CollectedWaves(look.scene, look.path, slices, look.object_px_per_s)
 
     def error_dn(self, moments: Moments) -> float:
-        """Bound what these moments get wrong, DN rms."""
+        """Bound the error of these moments, DN rms."""
         views = (len(moments.edges_s) - 1) * moments.nodes
         return sampling_bound(self._look, self._waves, moments).rms_dn + self._look.graininess(views)
 
     def option(self, edges_s: F64, nodes: int, across: bool, budget_dn: float) -> _Option:
-        """Bound an option; one whose true views would be off by too much does not fit either."""
+        """Bound an option; it does not fit either if the error of its true views is too large."""
         moments = Moments(edges_s, nodes)
         error_dn = self.error_dn(moments)
         fits = error_dn <= budget_dn and self._truth_rms(moments) <= TRUTH_SHARE
         return _Option(moments, error_dn, fits, across)
 
     def _truth_rms(self, moments: Moments) -> float:
-        """Bound what the views at the middles of the masks' intervals are off by, rms; white is 1."""
+        """Bound the error of the views at the middles of the masks' intervals, rms; white is 1."""
         missed = self._waves.missed_at(moments, self._look.intervals_s.mean(axis=1)).max(axis=0)
         return self._look.spectrum.missed(FREQUENCIES, missed)[0]
 
@@ -178,9 +178,9 @@ def _as_sampling(look: Preview, option: _Option) -> Sampling:
 
 
 def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterator[_Family]:
-    """List panels that hold equal shares of the motion, whatever masks switch in them."""
+    """List panels with equal shares of the motion, whether or not masks switch in them."""
     times, travelled = travel
-    # A trace of time beside the motion keeps panels apart while the image is at rest.
+    # A small term in time, added to the motion, separates panels while the image is at rest.
     progress = travelled / travelled[-1] + 1e-6 * np.linspace(0, 1, len(times))
     most = PANELS_PER_MASK * len(look.masks)
     for panels in np.unique(np.rint(np.geomspace(1, most, PANEL_CHOICES)).astype(int)):
@@ -192,7 +192,7 @@ def _across_masks(look: Preview, travel: tuple[F64, F64], kinks: F64) -> Iterato
 
 
 def _within_masks(look: Preview, kinks: F64) -> Iterator[_Family]:
-    """List panels that end where mask intervals do."""
+    """List panels that divide the mask intervals."""
     count = len(look.masks)
     for parts in PARTS:
         within = look.intervals_s[:, :1] + np.diff(look.intervals_s, axis=1) * np.linspace(0, 1, parts + 1)
@@ -201,11 +201,11 @@ def _within_masks(look: Preview, kinks: F64) -> Iterator[_Family]:
 
 
 def cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
-    """Return the edges of panels with those of the kinks among them that lie well within a panel.
+    """Return the edges of panels, cut also at those kinks that lie well within a panel.
 
-    Within a panel whose motion jumps, polynomials converge slowly; up to a jump and from it on, fast. Of jumps that lie
-    closer together than that, as those of a stage that turns and then takes up its play, the first stands for all: a
-    panel between them would take as many views as any other.
+    If the velocity jumps within a panel, polynomials converge slowly; before and after the jump they converge fast. Of
+    jumps that are closer together than the share `near` of a panel, as those of a stage that reverses and then takes up
+    its backlash, only the first is used: a panel between them would need as many views as any other.
     """
     inside = np.sort(kinks[(kinks > edges[0]) & (kinks < edges[-1])])
     panel = np.searchsorted(edges, inside) - 1
@@ -220,15 +220,15 @@ def cut_at(kinks: F64, edges: F64, near: float = NEAR_SHARE) -> F64:
 
 
 def _distinct(edges: F64) -> F64:
-    """Drop edges that repeat but for rounding."""
+    """Drop edges that are equal up to rounding."""
     keep = np.concatenate([[True], np.diff(edges) > 1e-9 * (edges[-1] - edges[0])])
     return np.asarray(edges[keep])
 
 
 def unevenness(slices: Slices) -> float:
-    """Return how much the mixture of masks deviates from its mean while one of them is on show, as a share.
+    """Return the deviation of the mixture of masks from its mean while one of them is shown, as a share.
 
-    Where rows are exposed at different times, the light is as uneven as can be.
+    If rows are exposed at different times, the unevenness has its largest value.
     """
     if slices.shutter is not None:
         return 1.0
@@ -242,7 +242,7 @@ def unevenness(slices: Slices) -> float:
 
 
 def _travel(look: Preview, slices: Slices) -> tuple[F64, F64]:
-    """Follow the image's motion over all that the slices cover and all that true views are wanted of."""
+    """Follow the image's motion over the times of the slices and of the true views."""
     start = min(float(slices.start_s.min(initial=np.inf)), float(look.intervals_s[0, 0]))
     stop = max(float(slices.stop_s.max(initial=-np.inf)), float(look.intervals_s[-1, 1]))
     times = np.linspace(start, stop, TRAVEL_STEPS)

@@ -1,6 +1,6 @@
-"""What travels along the light path before it is an image: slices of time, moving scenes, views.
+"""The signals along the light path before the image: slices of time, moving scenes, views.
 
-Not here: who makes them (`exposure`) and what happens to them (`effects`), when views are rendered (`moments`).
+Not here: their construction (`exposure`), the effects on them (`effects`), the times of the views (`moments`).
 """
 
 from collections.abc import Callable
@@ -20,12 +20,12 @@ MovingScene = Callable[[float], Gaussians]
 
 @dataclass(frozen=True)
 class Shutter:
-    """When a row of the sensor collects light: row y from opens_s to closes_s, both later by y line delays.
+    """The times at which a row of the sensor collects light: row y from opens_s to closes_s, plus y line delays.
 
     Args:
-        opens_s: Row 0 begins.
-        closes_s: Row 0 ends.
-        line_delay_s: From each row to the next, at least 0.
+        opens_s: Begin of the exposure of row 0.
+        closes_s: End of the exposure of row 0.
+        line_delay_s: Delay from each row to the next, at least 0.
     """
 
     opens_s: float
@@ -33,7 +33,7 @@ class Shutter:
     line_delay_s: float
 
     def open_share(self, start_s: F64, stop_s: F64, height: int) -> F64:
-        """Get the share of each slice [S] of time, of positive length, for which each row collects, [S, H]."""
+        """Get the share of each slice [S] of time, of positive length, in which each row collects light, [S, H]."""
         late = self.line_delay_s * np.arange(height)
         begin = np.maximum(start_s[:, None], self.opens_s + late)
         end = np.minimum(stop_s[:, None], self.closes_s + late)
@@ -44,17 +44,17 @@ class Shutter:
 class Slices:
     """The exposure as slices of time, within each of which light is collected evenly through one mixture of masks.
 
-    In slice s the sensor collects at the rate Σ_n mix[s, n] mask_n ⊙ L(t), in the rows that the shutter
-    has opened. Slices may lie in any order and overlap: they add up. How finely L(t) is sampled is another matter
+    In slice s the sensor collects light at the rate Σ_n mix[s, n] mask_n ⊙ L(t), in the rows that the shutter has
+    opened. Slices may have any order and may overlap: their light is added. The sampling of L(t) is independent of them
     (`moments`).
 
     Args:
         start_s: [S], seconds; 0 is the middle of the nominal exposure.
         stop_s: [S], not before the start.
-        mix: [S, N], how much each mask contributes: 1 while it is on show under nominal light.
-        shown: [S], index of the mask that the modulator was told to show.
-        since_s: [S], when it was told so.
-        shutter: When each row collects; None: all rows, all the time.
+        mix: [S, N], the contribution of each mask: 1 while it is shown under nominal light.
+        shown: [S], index of the mask that the modulator was commanded to show.
+        since_s: [S], time of this command.
+        shutter: The times at which each row collects light; None for all rows, all the time.
     """
 
     start_s: F64
@@ -70,28 +70,28 @@ class Slices:
         return self.stop_s - self.start_s
 
     def weights_s(self) -> F64:
-        """Get the effective time for which each mask is exposed in each slice, [S, N] seconds, of a whole row."""
+        """Get the effective time for which each mask is exposed in each slice, [S, N] seconds, in open rows."""
         return self.duration_s[:, None] * self.mix
 
     def scaled(self, factor: F64) -> "Slices":
-        """Return the same with each slice's light multiplied, [S]."""
+        """Return the slices with the light of each multiplied by a factor, [S]."""
         return replace(self, mix=self.mix * factor[:, None])
 
     def split(self, parts: int) -> "Slices":
-        """Return each slice cut into equal parts, in its place."""
+        """Return each slice cut into equal parts, in the same order."""
         if parts == 1:
             return self
         edges = self.start_s[:, None] + self.duration_s[:, None] * np.linspace(0, 1, parts + 1)
         return self._with_pieces(edges[:, :-1], edges[:, 1:])
 
     def split_at(self, times_s: F64) -> "Slices":
-        """Return each slice s cut at the times [S, T] that lie within it; the others make pieces of no length."""
+        """Return each slice s cut at the times [S, T] within it; other times make pieces of no length."""
         inner = np.clip(np.sort(times_s, axis=1), self.start_s[:, None], self.stop_s[:, None])
         edges = np.concatenate([self.start_s[:, None], inner, self.stop_s[:, None]], axis=1)
         return self._with_pieces(edges[:, :-1], edges[:, 1:]).without_empty()
 
     def without_empty(self) -> "Slices":
-        """Return the slices that have a length."""
+        """Return the slices with a positive length."""
         return self.only(self.stop_s > self.start_s)
 
     def only(self, keep: NDArray[np.bool_]) -> "Slices":
@@ -120,14 +120,14 @@ def nominal_slices(intervals_s: F64) -> Slices:
 
 @dataclass(frozen=True)
 class View:
-    """The image at one moment, as it falls on the modulator, rendered with a margin around the sensor.
+    """The image at one moment on the modulator, rendered with a margin around the sensor.
 
     Args:
         radiance: [H + 2 margin, W + 2 margin, 3], full scale 1.
-        intrinsics: Of this enlarged image, [3, 3] pixels; pixel centres at +0.5.
-        margin: Pixels on each side that belong to no sensor pixel.
-        depth: z of what is seen, of the same height and width, scene units, NaN where nothing is; None where no
-            effect asked for it.
+        intrinsics: Camera matrix of this enlarged image, [3, 3] pixels; pixel centres at +0.5.
+        margin: Pixels on each side outside the sensor.
+        depth: z of the visible surface, of the same height and width, scene units, NaN where there is none; None if no
+            effect needs it.
     """
 
     radiance: F64

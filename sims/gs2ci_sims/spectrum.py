@@ -1,8 +1,9 @@
-"""The power of a scene's image by frequency and direction: what of it turns in phase, and how fast, while it moves.
+"""The power of a scene's image by frequency and direction, which determines how fast its phases rotate while it moves.
 
-A view holds more than its samples tell: what is finer than their spacing appears at a coarser frequency, but it turns
-in phase with its own. So the image of a moving camera is looked at with twice the samples that the exposure has, and
-counted with what the exposure's samples leave of it. Not here: which views (`preview`), how cosines turn (`waves`).
+Details finer than the spacing of a view's samples appear at a coarser frequency by aliasing, but their phase rotates
+with their own frequency. So the image of a moving camera is measured with twice the samples of the exposure, and
+weighted with the amplitude that the exposure's samples transmit. Not here: the views (`preview`), the rotation of
+cosines (`waves`).
 """
 
 from dataclasses import dataclass
@@ -13,11 +14,11 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 
-# Directions of frequencies are told apart in so many sectors of a quarter turn: a cosine transform does not know
+# Number of sectors of a quarter turn for the directions of frequencies: a cosine transform does not distinguish
 # (right, down) from (right, up).
 SECTORS: Final = 4
 BINS: Final = 193
-# Frequencies are binned in bands of so many rows, which bounds the memory that a large view takes.
+# Frequencies are binned in bands of this many rows, which bounds the memory for a large view.
 ROWS_AT_ONCE: Final = 128
 
 
@@ -34,27 +35,27 @@ class MovingSpectrum:
     power: F64
 
     def missed(self, frequency: F64, shares: F64) -> tuple[float, float]:
-        """Return the rms, radiance, of what is left of the image, and the largest share left of any cosine.
+        """Return the rms, radiance, of the image weighted by shares, and the largest share of any of its cosines.
 
         Args:
-            frequency: At which the shares are known, increasing, [F].
-            shares: Of a cosine's amplitude, [F, SECTORS].
+            frequency: Frequencies of the shares, increasing, [F].
+            shares: Shares of a cosine's amplitude, [F, SECTORS].
         """
         left = np.stack([np.interp(self.frequency, frequency, sector) for sector in shares.T], axis=1)
         return float(np.sqrt((self.power * np.square(left)).sum())), float(left.max())
 
 
 def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> MovingSpectrum:
-    """Measure the spectrum of the pixels of views that are drawn with fewer samples than those given.
+    """Measure the spectrum of the pixels of views with fewer samples than the given ones.
 
     Args:
         views: Radiance, [V, H n, W n, 3].
         samples: n, per pixel side.
-        drawn: Samples per pixel side of the views that are asked about, at most n; a pixel is their mean.
-        filter_px2: Variance by which their samples are blurred more than those given, square pixels.
+        drawn: Samples per pixel side of the views in question, at most n; a pixel is their mean.
+        filter_px2: Variance by which their samples are blurred more than the given ones, square pixels.
     """
     _, height, width, channels = views.shape
-    # One plane after the other, and bands of frequencies: a large view is looked at in little more than its own memory.
+    # Planes one after the other, frequencies in bands: a large view then needs little more than its own memory.
     power = np.zeros((height, width), np.float32)
     for view in views:
         for channel in range(channels):
@@ -77,6 +78,6 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
 
 
 def _amplitude_left(frequency: F64, drawn: int, filter_px2: float) -> F64:
-    """Return what of a cosine's amplitude is left by the filter and by the mean of the samples of a pixel."""
+    """Return the share of a cosine's amplitude after the filter and the mean over the samples of a pixel."""
     mean = np.sinc(frequency) / np.sinc(frequency / drawn)
     return np.asarray(mean * np.exp(-2 * np.pi**2 * filter_px2 * np.square(frequency)))

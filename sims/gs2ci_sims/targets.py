@@ -1,7 +1,7 @@
-"""What is put before the camera to calibrate it: an even light, a ChArUco board. Drawn without the rasteriser.
+"""The calibration targets in front of the camera: an even light, a ChArUco board. Drawn without the rasteriser.
 
-Both are `Renderer`s, so that the light path takes them for the scene. Not here: the light path (`exposure`), what is
-asked for when (`gs2ci_calibration`).
+Both are `Renderer`s, so that the light path uses them as the scene. Not here: the light path (`exposure`), the order in
+which targets are requested (`gs2ci_calibration`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,13 +20,13 @@ from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer, binned, with_margin
 from gs2ci_sims.scene import Scene
 
-# Radiance of the board's paper and ink, and of what is behind it; 1 is white.
+# Radiance of the board's paper and ink, and of the background; 1 is white.
 PAPER: Final = 0.85
 INK: Final = 0.04
 BEHIND: Final = 0.15
 # Pixels of the board's image per square: finer than any sample of a picture of it.
 PX_PER_SQUARE: Final = 60
-# Share of the frame that the board fills, and how far it is tilted and turned, at most.
+# Share of the frame that the board fills, and its largest tilt and rotation.
 FILL: Final = (0.62, 0.95)
 TILT_DEG: Final = 32.0
 TURN_DEG: Final = 12.0
@@ -36,7 +36,7 @@ FIXED_TILT_DEG: Final = 8.0
 
 
 class Target(Renderer):
-    """A renderer that draws one thing only, whatever the scene's Gaussians are."""
+    """A renderer that draws one target only and ignores the scene's Gaussians."""
 
     def views(
         self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0
@@ -56,7 +56,7 @@ class EvenLight(Target):
     """An evenly lit field, as of an integrating sphere.
 
     Args:
-        supersampling: Of no consequence.
+        supersampling: Samples per pixel side; without effect on an even light.
         radiance: Its brightness; 1 is the white of a scene.
     """
 
@@ -69,7 +69,7 @@ class EvenLight(Target):
             raise InputError(f"a flat field of radiance {self.radiance}", allowed="finite, 0 or more")
 
     def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
-        """Return the same everywhere, [V, H s, W s, 3]."""
+        """Return the same radiance for all samples, [V, H s, W s, 3]."""
         height, width = ((side + 2 * margin) * self.supersampling for side in scene.size)
         return np.full((len(world_to_camera), height, width, 3), self.radiance, np.float32)
 
@@ -111,9 +111,9 @@ class BoardPlane:
         return np.asarray(INK + (PAPER - INK) * framed / 255.0, dtype=np.float32)
 
     def pose(self, index: int, scene: Scene, seed: int, *, fixed: bool = False) -> F64:
-        """Return where the board is held for picture `index`, camera_from_board [4, 4]: origin at its top left corner.
+        """Return the pose of the board in picture `index`, camera_from_board [4, 4]; its origin is its top left corner.
 
-        It fills most of the frame, tilted and turned at random within limits; on a stand, half of it and the middle.
+        It fills most of the frame, tilted and rotated at random within limits; on a stand, it fills the middle half.
         """
         fill, tilt_deg = (FIXED_FILL, FIXED_TILT_DEG) if fixed else (FILL, TILT_DEG)
         rng = np.random.default_rng(np.random.SeedSequence((seed, index)))
@@ -131,14 +131,14 @@ class BoardPlane:
 
 @dataclass(frozen=True)
 class BoardTarget(Target):
-    """A board held before the camera.
+    """A board in front of the camera.
 
     Args:
         supersampling: Samples per pixel side.
-        plane: What it is.
-        world_from_board: Where it is, [4, 4], scene units; x right, y down on the board, origin at its top left.
-        lens: What bends its image. Bent here, before pixels: resampled afterwards, edges as sharp as a board's would
-            move by hundredths of a pixel.
+        plane: The printed board.
+        world_from_board: Its pose, [4, 4], scene units; x right, y down on the board, origin at its top left.
+        lens: Distortion of its image. It is applied here, before sampling: resampling afterwards would move edges as
+            sharp as a board's by hundredths of a pixel.
     """
 
     supersampling: int = 4
@@ -147,7 +147,7 @@ class BoardTarget(Target):
     lens: LensDistortion | None = None
 
     def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
-        """Draw it where the rays of each sample meet its plane, [V, H s, W s, 3]."""
+        """Draw it at the intersections of each sample's ray with its plane, [V, H s, W s, 3]."""
         factor = self.supersampling
         large = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
         height, width = ((side + 2 * margin) * factor for side in scene.size)
@@ -174,7 +174,7 @@ class BoardTarget(Target):
 
 @lru_cache(maxsize=4)
 def _rays(size: tuple[int, int], intrinsics: tuple[float, ...], lens: LensDistortion | None) -> F64:
-    """Return where each sample's light comes from, as tangents of the field angle, [2, H, W]; x and y."""
+    """Return the direction of each sample's ray as tangents of the field angle, [2, H, W]; x and y."""
     matrix = np.reshape(intrinsics, (3, 3))
     if lens is None:
         rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
@@ -184,7 +184,7 @@ def _rays(size: tuple[int, int], intrinsics: tuple[float, ...], lens: LensDistor
 
 
 def _divided(homography: F64, points: F64) -> tuple[F32, F32]:
-    """Map points [2, H, W] by a homography; those behind the camera land outside of any image."""
+    """Map points [2, H, W] by a homography; points behind the camera are mapped outside of any image."""
     x, y = points
     u, v, w = (row[0] * x + row[1] * y + row[2] for row in homography)
     front = np.sign(homography[2, 2]) * w > 0
@@ -195,7 +195,7 @@ def _divided(homography: F64, points: F64) -> tuple[F32, F32]:
 def board_scene(
     scene: Scene, plane: BoardPlane, index: int, seed: int, lens: LensDistortion | None = None, *, fixed: bool = False
 ) -> tuple[Scene, BoardTarget]:
-    """Hold a board before a scene's camera; return it as a scene of the same camera, and its renderer."""
+    """Place a board in front of a scene's camera; return it as a scene of the same camera, and its renderer."""
     pose = plane.pose(index, scene, seed, fixed=fixed)
     world_from_board = np.linalg.inv(scene.world_to_camera) @ pose
     middle = pose @ np.array([plane.columns * plane.square / 2, plane.rows * plane.square / 2, 0.0, 1.0])

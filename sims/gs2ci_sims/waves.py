@@ -1,9 +1,10 @@
-"""What each mask's light collects of the moving image's cosines, exactly and as sampled at a few moments.
+"""The moving image's cosines, integrated over each mask's time exactly and from samples at a few moments.
 
-A cosine that runs across the image turns in phase as a point of the image moves. When each mask's light is collected is
-known (`signals.Slices`), and so is how views stand for it (`moments.Moments`); the difference of the two integrals is
-what sampling gets wrong of that cosine behind that mask. Here: these differences, for points at the ends of the scene's
-depth. Not here: how strong which cosines are (`spectrum`), who chooses the moments (`sampling`).
+The phase of a cosine across the image rotates as a point of the image moves. The times of each mask's light are known
+(`signals.Slices`), and so are the weights of the rendered views (`moments.Moments`); the difference of the two
+integrals is the sampling error of that cosine behind that mask. Here: these differences, for points at the nearest and
+the farthest depth of the scene. Not here: the power of the cosines (`spectrum`), the choice of the moments
+(`sampling`).
 """
 
 from functools import cached_property
@@ -20,33 +21,34 @@ from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices
 from gs2ci_sims.spectrum import SECTORS
 
-# Frequencies of the image, cycles per pixel, up to what twice two samples per pixel side resolve along the diagonal:
-# evenly spaced up to the one of number COARSE, and evenly from there.
+# Frequencies of the image, cycles per pixel, up to the limit of twice two samples per pixel side along the diagonal:
+# evenly spaced up to number COARSE, and evenly with another step from there.
 COARSE: Final = 4
 FREQUENCIES: Final = np.concatenate([np.linspace(0, 0.1, COARSE + 1)[:-1], np.linspace(0.1, 2 * 2**0.5, 24)])
-# Directions in which cosines run across the image, over a half turn, and how many points are followed along each.
+# Number of directions of cosines over a half turn, and of points that are followed along each.
 DIRECTIONS: Final = 2 * SECTORS
 ANGLES: Final = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
 TRACKS: Final = 2
-# What counts as exact takes so many views in each step; a step is no longer than a quarter of a period of what shakes
-# the camera, nor than it takes the image to move by a quarter of a pixel; beyond so many steps, only amplitudes count.
+# The integrals that count as exact use this many views in each step. A step is at most a quarter of a period of the
+# camera's vibration, and at most the time in which the image moves by a quarter of a pixel; with more steps than the
+# maximum, only amplitudes are used.
 EXACT_NODES: Final = 6
 STEPS_PER_PERIOD: Final = 4
 STEP_PX: Final = 0.25
 STEPS_MAX: Final = 1024
 TRAVEL_STEPS: Final = 257
-# Rows that are followed where rows are exposed at different times.
+# Number of rows that are followed if rows are exposed at different times.
 ROWS: Final = 5
 
 
 class CollectedWaves:
-    """The cosines that each mask's light collects.
+    """The cosines of the image, integrated over the light of each mask.
 
     Args:
-        scene: Whose near and far points are followed.
-        path: Where the camera is at any time.
-        slices: When light is collected through which masks, with all effects on time.
-        object_px_per_s: How fast objects move by themselves, either way.
+        scene: The scene whose near and far points are followed.
+        path: Pose of the camera at any time.
+        slices: The times at which light is collected through each mask, with all effects on time.
+        object_px_per_s: Speed of moving objects, in either direction.
     """
 
     def __init__(self, scene: Scene, path: CameraPath, slices: Slices, object_px_per_s: float = 0.0) -> None:
@@ -55,7 +57,7 @@ class CollectedWaves:
         self._slices = slices.only(lit)
         self._latest: tuple[Moments, NDArray[np.complex128]] | None = None
         self._begin_s, self._end_s = float(self._slices.start_s.min()), float(self._slices.stop_s.max())
-        # How much of each slice's light each mask passes to each row followed, [S, N, R].
+        # The share of each slice's light that each mask transmits to each followed row, [S, N, R].
         rows = np.ones((len(self._slices.start_s), 1))
         if slices.shutter is not None:
             height = scene.size[0]
@@ -64,22 +66,22 @@ class CollectedWaves:
         self._mix = self._slices.mix[:, :, None] * rows[:, None, :]
 
     def missed(self, moments: Moments, interval_s: float) -> F64:
-        """Find what sampling at these moments gets wrong behind each mask, as shares of amplitudes, [N, F, SECTORS].
+        """Find the errors of sampling at these moments behind each mask, as shares of amplitudes, [N, F, SECTORS].
 
-        The most of any row and point, of the directions that enclose the sector, and of any slower point: a cosine of
-        lower frequency turns as little.
+        They are the largest over rows, points, and the directions that enclose the sector, and over slower points: a
+        cosine of lower frequency rotates as little.
         """
         apart = np.abs(self._exact - self._collected(moments, self._waves_at(moments))) / interval_s
         return self._by_sector(apart.max(axis=1))
 
     def missed_at(self, moments: Moments, times_s: F64) -> F64:
-        """Find what interpolating views between these moments gets wrong at some times, [T, F, SECTORS]."""
+        """Find the errors of views interpolated between these moments at some times, [T, F, SECTORS]."""
         waves = self._waves_at(moments)
         between = moments.interpolation(times_s) @ waves.reshape(len(waves), -1)
         return self._by_sector(np.abs(self._waves(times_s) - between.reshape(len(times_s), *waves.shape[1:])))
 
     def _by_sector(self, apart: F64) -> F64:
-        """Return the most over points and over the directions at the ends of each sector, [..., F, SECTORS]."""
+        """Return the largest over points and over the directions at the ends of each sector, [..., F, SECTORS]."""
         most = apart.reshape(*apart.shape[:-1], DIRECTIONS, TRACKS).max(axis=-1)
         most = np.maximum.accumulate(most, axis=-2)
         # Directions at an angle and at its opposite share a sector.
@@ -87,14 +89,14 @@ class CollectedWaves:
         return np.asarray(np.maximum(most[..., 1:], most[..., :-1]))
 
     def _collected(self, moments: Moments, waves: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return what each mask's light collects in each row of the waves at these moments, [N, R, F, J] seconds."""
+        """Integrate the waves at these moments over each mask's light in each row, [N, R, F, J] seconds."""
         count, rows = self._mix.shape[1:]
         stands_for = moments.weights_s(self._slices) @ self._mix.reshape(len(self._mix), -1)
         return np.asarray(stands_for.T @ waves.reshape(len(waves), -1)).reshape(count, rows, *waves.shape[1:])
 
     @cached_property
     def _exact(self) -> NDArray[np.complex128]:
-        """The waves that each mask's light collects, [N, R, F, J] seconds."""
+        """The exact integrals of the waves over each mask's light, [N, R, F, J] seconds."""
         span_s = self._end_s - self._begin_s
         steps = int(np.ceil(span_s / max(self._step_s, span_s / STEPS_MAX)))
         edges = np.linspace(self._begin_s, self._end_s, steps + 1)
@@ -112,22 +114,22 @@ class CollectedWaves:
 
     @cached_property
     def _longest(self) -> NDArray[np.intp]:
-        """Which points move farthest along each direction, [J]: only they matter."""
+        """The points that move farthest along each direction, [J]: only they matter."""
         times = np.linspace(self._begin_s, self._end_s, TRAVEL_STEPS)
         ways = np.abs(np.diff(self._all_tracks(times), axis=0)).sum(axis=0)
         points = np.argsort(ways, axis=0)[-TRACKS:]
         return np.asarray(points * DIRECTIONS + np.arange(DIRECTIONS)).T.ravel()
 
     def _waves_at(self, moments: Moments) -> NDArray[np.complex128]:
-        """Return the waves at some moments, which are asked for twice."""
+        """Return the waves at some moments, cached because they are needed twice."""
         if self._latest is None or self._latest[0] is not moments:
             self._latest = moments, self._waves(moments.times_s)
         return self._latest[1]
 
     def _waves(self, times_s: F64) -> NDArray[np.complex128]:
-        """Return the waves at the points followed, by direction, [T, F, J]."""
+        """Return the waves at the followed points, by direction, [T, F, J]."""
         track = self._all_tracks(times_s).reshape(len(times_s), -1)[:, self._longest]
-        # Frequencies are evenly spaced in two runs: each wave is the one before times the same.
+        # Frequencies are evenly spaced in two runs: each wave is the one before times a constant factor.
         waves = np.empty((len(times_s), len(FREQUENCIES), track.shape[1]), dtype=np.complex128)
         waves[:, 0] = 1
         for first in (1, COARSE + 1):
@@ -137,7 +139,7 @@ class CollectedWaves:
         return waves
 
     def _all_tracks(self, times_s: F64) -> F64:
-        """Return where the points are along each direction, [T, points, DIRECTIONS] pixels."""
+        """Return the points' positions along each direction, [T, points, DIRECTIONS] pixels."""
         track = tracks_px(self._scene, self._path, times_s) @ np.stack([np.cos(ANGLES), np.sin(ANGLES)])
         if self._own_px_per_s:
             own = self._own_px_per_s * (times_s - 0.5 * (self._begin_s + self._end_s))[:, None, None]

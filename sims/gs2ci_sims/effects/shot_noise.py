@@ -18,14 +18,14 @@ EXACT_MAX_E: Final = 1e4
 
 @dataclass(frozen=True)
 class ShotNoise:
-    """Draw each pixel's electrons from the Poisson law of its mean.
+    """Draw each pixel's electrons from the Poisson distribution of its mean.
 
-    Absorbed photons are a thinned Poisson process, hence Poisson themselves: variance = mean (EMVA Standard 1288,
-    Release 3.1, section 2.2). Saturation comes later along the path.
+    Absorbed photons are a thinned Poisson process, and therefore Poisson distributed: variance = mean (EMVA Standard
+    1288, Release 3.1, section 2.2). Saturation follows later along the path.
 
-    One uniform number per pixel is drawn and sent through the quantile function of its Poisson law. Two simulations
-    with slightly different means therefore give slightly different counts (the monotone coupling), whereas rejection
-    samplers would draw again: this makes a plan comparable with the brute-force simulation of the same seed.
+    One uniform number per pixel is drawn and mapped by the quantile function of its Poisson distribution. Two
+    simulations with slightly different means therefore give slightly different counts (the monotone coupling), whereas
+    rejection samplers would draw again: this makes a plan comparable with the full simulation of the same seed.
     """
 
     name: ClassVar[str] = "shot_noise"
@@ -38,7 +38,7 @@ class ShotNoise:
         added_mean_e, added_most_e = scene.added_e
         most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
         mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
-        # Above the mean; below it, six standard deviations are enough for any mean.
+        # This is for counts above the mean; below it, six standard deviations are enough for any mean.
         peak_e = float((most_counted_e(most_e) - most_e).max())
         bound = Bound(rig.dn_per_e * float(np.sqrt(mean_e)), rig.dn_per_e * peak_e, random=True)
         return bound.by(
@@ -46,7 +46,7 @@ class ShotNoise:
         )
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
-        """Turn mean electrons [H, W, C] into counted ones."""
+        """Draw counted electrons for mean electrons [H, W, C]."""
         uniform = np.clip(rng.random(signal.shape), 1e-16, 1 - 2**-53)
         return poisson_quantile(uniform, signal)
 
@@ -54,8 +54,8 @@ class ShotNoise:
 def poisson_quantile(uniform: F64, mean: F64) -> F64:
     """Return the smallest count whose cumulative probability reaches `uniform`, elementwise.
 
-    Cornish and Fisher's expansion to third order gives the start (Biometrika 4 (1938)); up to `EXACT_MAX_E` the
-    cumulative law itself then settles it.
+    Cornish and Fisher's expansion to third order gives the start (Biometrika 4 (1938)); up to `EXACT_MAX_E` it is then
+    corrected by the cumulative distribution itself.
     """
     z = ndtri(uniform)
     root = np.sqrt(mean)

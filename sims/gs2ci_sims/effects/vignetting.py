@@ -1,4 +1,4 @@
-"""Vignetting: less light reaches the rim of the image."""
+"""Vignetting: the image is darker towards its edges."""
 
 from dataclasses import dataclass
 from typing import ClassVar
