@@ -1,6 +1,6 @@
 """`make benchmarks`: run the benchmarks and print their figures. Nothing is asserted: timings belong to a machine.
 
-    python -m tests.benchmarks            those that take minutes
+    python -m tests.benchmarks            all that take minutes
     python -m tests.benchmarks long_fits  any by name, also those of `LONG`
 
 A benchmark is one file with a function `run()` that prints its figures, and one line in `BENCHMARKS`.

@@ -1,7 +1,7 @@
 """64 small shots by two workers against one process, and by two workers of which one is killed every ten seconds.
 
 Simulated scenes of 64 × 88 px, preset "draft". Wall-clock and processor seconds (this process and all below it), the
-rows of all three, and for the last: how many workers died, how many runs there are, and whether any is twice.
+rows of all three, and for the last: the number of workers that died, the number of runs, and whether a run is doubled.
 `GS2CI_BATCH_SHOTS` takes fewer shots. A single process uses every core for one shot; each of two workers uses half
 of them for its own.
 """

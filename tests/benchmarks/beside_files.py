@@ -1,10 +1,10 @@
-"""Measurements that owe nothing to a Gaussian renderer, as files for `gs2ci tables --data`, with views beside the path.
+"""Measurements made without a Gaussian renderer, as files for `gs2ci tables --data`, with views beside the path.
 
     GS2CI_OUT=measurements GS2CI_SIZE="96 128" GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks beside_files
 
-Written are three arrangements of photographs on planes, cast ray by ray and coded with 1 % noise, and, where the folder
-holds `lightfield/`, its path-traced scene, coded without noise. Each `NAME.npz` has a `NAME.beside.npz` with what is
-seen half way between the two middle poses and one step beyond the last, and the true depth from the former.
+It writes three arrangements of photographs on planes, ray traced and coded with 1 % noise, and, if the folder holds
+`lightfield/`, its path-traced scene, coded without noise. Each `NAME.npz` has a `NAME.beside.npz` with the images half
+way between the two middle poses and one step beyond the last, and the true depth of the former.
 
 The light field has nine pictures along its rail. Those at places 1, 2, 3, 5, 6 and 7 are coded, with the file's own
 masks; picture 4 is the view between, 8 the view beyond, so that both are renderings of the path tracer.

@@ -1,14 +1,13 @@
-"""Does a measurement tell right weights from wrong ones? What other weights gain on pixels that were not asked.
+"""Can a measurement distinguish right weights from wrong ones? The gain of other weights on held-out pixels.
 
     python -m tests.benchmarks brightness
-    GS2CI_CASES=runner python -m tests.benchmarks brightness    those whose names hold that word
+    GS2CI_CASES=runner python -m tests.benchmarks brightness    cases whose names contain that word
 
-For scenes of the simulator's library, and the files of `GS2CI_SHARED_DATA` where that is set: by which share
-brightness from one half of the pixels lowers the residual of the other half, and by how many of its standard errors
-over blocks the brightness of some view is away from its weight. `BrightnessSettings.least_gain` and `least_errors`
-decide. With weights that are right, off by 10 % and by 30 %; for files with their true views, also where these were
-brightened evenly from 0.95 to 1.05 before they were coded ("drift"), and with the clips of `video_sci`, in which things
-move.
+For scenes of the simulator's library, and the files of `GS2CI_SHARED_DATA` if that is set: the share by which a
+brightness estimated from one half of the pixels lowers the residual of the other half, and the largest difference of a
+view's brightness from its weight, in standard errors over blocks. `BrightnessSettings.least_gain` and `least_errors`
+decide. The weights are right, off by 10 % and by 30 %; for files with true views, also with views that were brightened
+evenly from 0.95 to 1.05 before coding ("drift"), and with the clips of `video_sci`, which contain moving objects.
 """
 
 import os

@@ -1,14 +1,14 @@
-"""Our small-motion bundle adjustment, Ceres (through pycolmap), and Ceres begun where ours ended: path error, time.
+"""Our small-motion bundle adjustment, Ceres (through pycolmap), and Ceres started from our result: path error, time.
 
-The first two get the same tracks, the same camera matrix, the same start (a still camera before a nearly flat scene),
+The first two get the same tracks, the same camera matrix, the same start (a still camera and a nearly flat scene),
 the same Huber width and the same second pass without the tracks that the first does not explain. Ours also tries the
 depth-reversed scene, four adjustments in all; Ceres cannot: its points may pass beyond infinity, and then the reversed
-scene may fit best. The third is what the product does (`initialise`).
+scene may fit best. The third is the product's method (`initialise`).
 
-The tracks are projected random points with outliers and noise, in the other views only (a tracker takes the corner
-in the reference view as exact: it is the template) or in all; where the shared measurements are at hand
-(`GS2CI_SHARED_DATA`), also the tracks of their decoded views. The adapter that begins from
-nothing lives here, because it lost.
+The tracks are projected random points with outliers and noise, in the other views only (a tracker takes the corner in
+the reference view as exact, because it is the template) or in all; if the shared measurements are available
+(`GS2CI_SHARED_DATA`), also the tracks of their decoded views. The adapter that starts without an initial path is part
+of this file, because it was not better and the product does not use it.
 """
 
 import os

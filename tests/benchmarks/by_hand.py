@@ -1,4 +1,4 @@
-"""What is written by hand although a library has it: what the library would do instead.
+"""Own code for which a library has a function: a comparison with the library.
 
 MAT files of version 5 whose bytes were damaged: how often scipy's reader and ours end the process. Gray-code stripes:
 OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours. A chart of a page:

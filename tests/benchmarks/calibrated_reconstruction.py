@@ -1,10 +1,10 @@
-"""What calibration is worth: one measurement reconstructed with nominal, calibrated and true masks, in dB.
+"""The effect of calibration: one measurement reconstructed with nominal, calibrated and true masks, in dB.
 
 The bench is misregistered, has finite contrast and a blurring relay. It is calibrated through its drivers, step by
 step as `gs2ci calibrate` does, with masks measured one by one and predicted (`--fast`); then it takes coded exposures
 of a scene while the stage moves the camera, as `gs2ci capture` does with and without a bundle. Nominal masks are the
-codes that were sent; true ones, what the simulator let through, are put into the place of the calibrated. Noise of the
-sensor and of the calibration is in all of it.
+codes that were sent; true masks are the simulator's transmissions and replace the calibrated ones. All results contain
+the noise of the sensor and of the calibration.
 """
 
 import tempfile

@@ -1,4 +1,4 @@
-"""How true dark-flat, sensor and timing are: errors over random simulated benches, and why spoiled ones are refused.
+"""Accuracy of dark-flat, sensor and timing: errors over random simulated benches, and the refusals of faulty ones.
 
 python -m tests.benchmarks calibration_base
 """

@@ -1,7 +1,7 @@
 """Camera and stage calibrated on simulated benches of known truth, drawn at random.
 
-Every bench goes the whole way: drivers, twins, rendered boards, the steps `camera` and `stage`. The last line compares
-corner finding with OpenCV's `cornerSubPix`.
+Every bench is calibrated completely: drivers, twins, rendered boards, the steps `camera` and `stage`. The last line
+compares the corner finder with OpenCV's `cornerSubPix`.
 """
 
 import sys

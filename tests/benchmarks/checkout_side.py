@@ -1,6 +1,6 @@
 """One side of `checkouts`: reads measurements as lines of JSON, reconstructs each, and answers with lines of JSON.
 
-It is run by any checkout's packages since bb9e2cb, so that it asks for nothing that came later.
+It runs with the packages of any checkout since bb9e2cb, so it uses nothing that was added later.
 """
 
 import json

@@ -1,12 +1,12 @@
-"""What this checkout's reconstructions cost and gain against another's: the same measurements, in turns.
+"""Cost and quality of this checkout's reconstructions compared with another's: the same measurements, in turns.
 
     GS2CI_AGAINST=bb9e2cb python -m tests.benchmarks checkouts
 
 `GS2CI_AGAINST` names a commit of this repository (made a temporary work tree) or the folder of another checkout. Each
-side is one process on one thread, and compiles its kernels before anything counts. Then every case is reconstructed by
-both with every seed, the one that begins changing from case to case. Printed are processor seconds (other load slows a
-clock on the wall, and this one hardly), PSNR, nATE and depth: the median error of the disparity between neighbouring
-views, px, and the share of pixels more than 0.25 px off.
+side is one process on one thread, and compiles its kernels before the timing. Then both reconstruct every case with
+every seed; the side that begins alternates from case to case. It prints processor seconds (which other load hardly
+changes, unlike the wall clock), PSNR, nATE and depth: the median error of the disparity between neighbouring views, px,
+and the share of pixels more than 0.25 px off.
 
 | variable | what it sets | default |
 |---|---|---|

@@ -1,14 +1,14 @@
-"""Whether the views that are handed over are worse than the decode's or the scene's: varied scenes, smooth to moving.
+"""Are the delivered views worse than those of the decode or of the scene? Varied scenes, from smooth to moving.
 
     python -m tests.benchmarks combination              every scene
-    GS2CI_CASES=video python -m tests.benchmarks combination    those whose names hold that word
+    GS2CI_CASES=video python -m tests.benchmarks combination    cases whose names contain that word
 
 Reconstructions of 96 × 72 px: the simulator's scenes, textured, smooth, periodic, noisy, of many views, and with an
-object that the scene's model does not know; photographs of scikit-image on two planes that move against each other,
-sharp and smooth; masks and weights that are not quite what is believed; and, where `GS2CI_SHARED_DATA`, or
-`../shared/data` beside the checkout, holds them, pieces of video frames (which no rigid scene explains) and of
-photographs far apart. The decode is GAP-TV of all pixels. `given` is what is handed over; the last column is how far
-it lies under the better of decode and scene, negative where it is better than both.
+object that the scene's model cannot represent; photographs of scikit-image on two planes that move against each other,
+sharp and smooth; masks and weights with small errors; and, if `GS2CI_SHARED_DATA`, or `../shared/data` beside the
+checkout, contains them, crops of video frames (which no rigid scene explains) and of photographs far apart. The decode
+is GAP-TV of all pixels. `given` are the delivered views; the last column is their loss against the better of decode and
+scene, negative if they are better than both.
 """
 
 import os

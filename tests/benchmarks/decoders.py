@@ -1,9 +1,9 @@
 """Decoders against their published figures: the grayscale video benchmark, every measurement of a file.
 
-Measured on data and weights that are not ours to give: `GS2CI_SHARED_DATA`, or `../shared/data` beside the checkout,
-with `video_sci/*.mat` and `weights/ffdnet_gray.pth`; what is absent is skipped, with the reason. PSNR is the mean over
-all frames. GAP-TV runs as published (weight 0.3, 40 iterations of 5 steps), and with total variation along the views
-as strong as held-out pixels ask for; FFDNet at sigma 50, 25, 12, 6 of 255, 10 iterations each.
+It uses data and weights that we may not distribute: `GS2CI_SHARED_DATA`, or `../shared/data` beside the checkout,
+with `video_sci/*.mat` and `weights/ffdnet_gray.pth`; missing files are skipped, with the reason. PSNR is the mean over
+all frames. GAP-TV runs as published (weight 0.3, 40 iterations of 5 steps), and with total variation along the views,
+whose strength is chosen by held-out pixels; FFDNet at sigma 50, 25, 12, 6 of 255, 10 iterations each.
 """
 
 import os

@@ -1,14 +1,14 @@
-"""How close to the truth the depth is that reconstructions hand over, with default settings.
+"""Errors of the depth of reconstructions with default settings.
 
     python -m tests.benchmarks depth
 
 Scenes of the simulator's library with 8 views, three seeds each and one of them with noise; photographs on planes, the
-second arrangement before a wall so plain that hardly anything on it tells its depth; and, where `GS2CI_DATA` names a
-folder that holds `lightfield/antinous.npz`, that path-traced light field with its true disparity from a place between
-two cameras. Printed are the views' PSNR, the path's error, and the figures of `gs2ci.evaluate.depth`: the error
-relative to depth after one scale, and that of the disparity between neighbouring views, px, after the best affine fit
-of inverse depths. The light field has no depth at the coded places: there the scene is seen from half way between the
-recovered poses four and five.
+second arrangement in front of a nearly plain wall, whose texture hardly determines its depth; and, if `GS2CI_DATA`
+names a folder that holds `lightfield/antinous.npz`, that path-traced light field with its true disparity from a
+position between two cameras. It prints the views' PSNR, the path's error, and the figures of `gs2ci.evaluate.depth`:
+the error relative to depth after one scale, and that of the disparity between neighbouring views, px, after the best
+affine fit of inverse depths. The light field has no depth at the coded positions: its scene is rendered half way
+between the recovered poses four and five.
 """
 
 import os

@@ -1,9 +1,9 @@
-"""Digests of what a reconstruction hands over: run in two checkouts, they tell whether a change left every bit alone.
+"""Digests of a reconstruction's results: run in two checkouts, they show whether a change altered any bit.
 
     GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks digests
 
-On crops of 96 × 112 px of the shared measurements, or, without that folder, of photographs on planes. Digests of one
-processor are not those of another (docs/processors.md).
+On crops of 96 × 112 px of the shared measurements, or, without that folder, of photographs on planes. Digests differ
+between processors (docs/processors.md).
 """
 
 import hashlib

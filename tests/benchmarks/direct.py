@@ -1,10 +1,10 @@
-"""Does a geometry without tracks find motions, and none where there is none?
+"""Does a geometry without tracks find motions, and no motion for a camera at rest?
 
     python -m tests.benchmarks direct
 
-For scenes and numbers of views, and a camera that moves, stays or only turns: what the tracks find; the uniform motion,
-what it leaves of the measurement as a multiple of what the tracks' geometry and a camera at rest leave, and the error
-of its rotations; and what is left along the true path, whose depths are found without tracks as well.
+For scenes and numbers of views, and a camera that moves, stays or only rotates: the result of the tracks; the uniform
+motion, its residual as a multiple of those of the tracks' geometry and of a camera at rest, and the error of its
+rotations; and the residual of the true path, whose depths are estimated without tracks as well.
 """
 
 from itertools import product

@@ -1,9 +1,9 @@
-"""How much the disagreement of two fits tells of their error: scenes of the simulator's library, whose truth is known.
+"""The correlation of two fits' disagreement with their error: scenes of the simulator's library with known truth.
 
     python -m tests.benchmarks disagreement
 
-Pixels are sorted into fifths by disagreement. Printed are the root-mean-square error of the views in each, and the rank
-correlation (Spearman) of disagreement and error over pixels.
+Pixels are sorted into fifths by disagreement. It prints the root-mean-square error of the views in each fifth, and the
+rank correlation (Spearman) of disagreement and error over pixels.
 """
 
 import numpy as np

@@ -1,11 +1,11 @@
-"""What is lost where masks are stated as they were drawn, and a laboratory's coded the shot; and by what.
+"""The loss if a shot coded by a laboratory's masks is reconstructed with the masks as drawn, and its causes.
 
     python -m tests.benchmarks drawn_masks
 
 Shots of the simulator's scenes, 96 x 128 px, coded with masks that are blurred, leaking unevenly, shifted by 0.1 px and
-clipped (`tests.stability.laboratory`), stated open or closed. The PSNR of the decode with true masks, as stated, as
-registered; then the registered masks told what one shot cannot tell: their mean brightness, and that and the leak of
-each pixel, both by least squares against the true masks.
+clipped (`tests.stability.laboratory`), stated open or closed. It prints the PSNR of the decode with the true, the
+stated and the registered masks; then that of registered masks corrected by figures that one shot does not determine:
+their mean brightness, and that with the leakage of each pixel, both by least squares against the true masks.
 """
 
 from dataclasses import replace

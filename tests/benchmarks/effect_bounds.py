@@ -1,11 +1,11 @@
-"""Every effect against its bound on random scenes, rigs and masks: does it hold, and how much of it is reached.
+"""Every effect and its bound on random scenes, rigs and masks: does the bound hold, and which share of it is reached?
 
 The masks are drawn from families that cancel, align with the scene or concentrate (`tests.sims.adversaries`). An effect
-before the sensor is alone on the rig in every second draw and in the company of two others in the rest. A draw that
-exceeds its bound is measured once more with rays: where the image moves by a hundredth of a pixel, the rasteriser's
-splats change their order or fall below its threshold, and a pixel jumps. `GS2CI_DRAWS` says how many draws per effect
-(500), `GS2CI_EFFECTS` names some of them, with commas between, `GS2CI_JOBS` says how many processes share them (1). Not
-here: `bayer_filter`, which cannot be left out.
+before the sensor is alone on the rig in every second draw and together with two others in the rest. A draw that exceeds
+its bound is measured again with ray tracing: if the image moves by a hundredth of a pixel, the rasteriser's splats
+change their order or fall below its threshold, and a pixel jumps. `GS2CI_DRAWS` sets the number of draws per effect
+(500), `GS2CI_EFFECTS` names some effects, separated by commas, `GS2CI_JOBS` sets the number of processes (1). Not here:
+`bayer_filter`, which cannot be left out.
 """
 
 import multiprocessing

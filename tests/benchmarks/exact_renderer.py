@@ -1,8 +1,8 @@
-"""What the solver's rasteriser leaves out: its views against the simulator's rays, on the scenes of the library.
+"""The approximation error of the solver's rasteriser against the simulator's ray tracing, on scenes of the library.
 
-Readings are those of one open mask with the rig's standard light and sensor (991 DN at white), from the scenes'
-own cameras at 96 x 128 px. The rasteriser draws two samples per pixel side, as plans have it, and four and eight; rays
-are four per side, and what eight would change is the last column.
+Readings are those of one open mask with the rig's standard light and sensor (991 DN at white), from the scenes' own
+cameras at 96 x 128 px. The rasteriser draws two samples per pixel side, as plans do, and four and eight; the rays are
+four per side, and the last column is their difference from eight.
 """
 
 import time

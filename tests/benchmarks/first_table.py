@@ -1,12 +1,12 @@
-"""What a stranger would meet: the README's first table.
+"""The README's first table: results on data of different kinds.
 
     GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks first_table
 
-Every row says what its data are. Those that anybody can make again: scikit-image's photographs on planes, and a
-simulated bench with noise, blur and errors of calibration, calibrated and captured through its drivers. Those of the
-folder, where there is one: eight real photographs far apart, a path-traced light field, a real hardware exposure
-(without a truth), and last the noise-free renderings of a Gaussian scene, the solver's own model class. "Left" is the
-root mean square of what the delivered views leave of the measurement, in full scales of one view.
+Every row states its data. Anybody can make these again: scikit-image's photographs on planes, and a simulated bench
+with noise, blur and errors of calibration, calibrated and captured through its drivers. If the folder is given, these
+follow: eight real photographs far apart, a path-traced light field, a real hardware exposure (without a truth), and the
+noise-free renderings of a Gaussian scene, the solver's own model class. "Left" is the root mean square residual of the
+measurement with the delivered views, in full scales of one view.
 """
 
 import os

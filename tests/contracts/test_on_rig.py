@@ -1,8 +1,8 @@
-"""What the three contracts promise, as far as it can be seen from outside: on a rig file's devices.
+"""The three contracts on a rig file's devices, as far as they can be tested from outside.
 
-Always run on a simulated rig of twins; with `pytest tests/contracts/test_on_rig.py --rig FILE` on real devices
-too. The stage moves by 1 mm about where it stands, the modulator shows a few masks, the sensor takes frames.
-The suites beside this one look deeper, into the twins.
+These tests always run on a simulated rig of twins; with `pytest tests/contracts/test_on_rig.py --rig FILE` also on real
+devices. The stage moves by 1 mm about its position, the modulator shows a few masks, the sensor takes frames. The
+other suites of this folder also inspect the state of the twins.
 """
 
 from collections.abc import Iterator

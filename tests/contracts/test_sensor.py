@@ -1,7 +1,7 @@
 """The sensor contract, run on every kind of camera through its twin.
 
-Each case is a camera of another make: single-plane or multi-plane, packed or padded, with its trigger behind a
-module parameter, a private control, or none.
+Each case is another kind of camera: single-plane or multi-plane, packed or padded, with its trigger set by a module
+parameter, by a private control, or without a trigger.
 """
 
 from collections.abc import Callable, Iterator

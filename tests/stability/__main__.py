@@ -1,9 +1,9 @@
-"""`make stability`: run every hard case at leisure, and write what came of them into the docs.
+"""`make stability`: run every hard case in full, and write the outcomes into the docs.
 
     python -m tests.stability                    all cases; writes docs/stability.md and docs/images/stability.png
     python -m tests.stability --only saturation  those whose titles contain this; prints only
-    python -m tests.stability --jobs 4           in so many processes
-    python -m tests.stability --record cases.jsonl   keep outcomes there as they come; run again, it goes on from them
+    python -m tests.stability --jobs 4           in this number of processes
+    python -m tests.stability --record cases.jsonl   record outcomes in this file; a second run continues from them
 
 Exits with 1 if any case has a problem: a result that is not finite, bounded, honest, or worse than the decode alone.
 """

@@ -1,7 +1,7 @@
-"""What the measurements of this suite are made of: a simulated bench, and scenes that no library should hold.
+"""The source of this suite's measurements: a simulated bench, and scenes that are too extreme for the library.
 
-Here: `Bench`, one exposure with everything that can be said about it, and the scenes made to be hard. Not here: what
-is done to a measurement by hand (`changes`), which cases there are (`cases`).
+Here: `Bench`, one exposure with all its settings, and the scenes made to be hard. Not here: changes of a measurement
+by hand (`changes`), the list of cases (`cases`).
 """
 
 from collections.abc import Callable

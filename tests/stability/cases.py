@@ -1,8 +1,8 @@
 """The catalogue: every hard case by family and name, as data.
 
-A case is a bench, what is then done to the measurement by hand, and what the run must say of it. Not here: how a
-measurement is made (`benches`, `changes`), how files are damaged (`damages`) and the optimiser is disturbed (`faults`),
-how the outcome is judged (`judge`).
+A case is a bench, the changes of its measurement by hand, and the findings that the run must report. Not here: the
+measurements (`benches`, `changes`), the damage of files (`damages`) and of the optimiser (`faults`), the judgement of
+the outcome (`judge`).
 """
 
 from collections.abc import Callable, Iterator

@@ -1,6 +1,6 @@
-"""What is done to a simulated measurement by hand: wrong masks, noise, dead rows, a wrong camera, extreme numbers.
+"""Changes of a simulated measurement by hand: wrong masks, noise, dead rows, a wrong camera, extreme numbers.
 
-Every change takes a shot and returns another; those that draw have a generator of their own. Not here: measurements
+Every change takes a shot and returns another; random changes have their own generator. Not here: measurements
 (`benches`), which changes make a case (`cases`).
 """
 

@@ -1,6 +1,6 @@
-"""What happens to a file between the exposure and the reconstruction: cut short, of another version, or hostile.
+"""Damage to a file between the exposure and the reconstruction: truncated, of another version, or hostile.
 
-Every damage changes a file in place. Not here: numbers inside a sound file (`changes`), what is expected of a case
+Every damage changes a file in place. Not here: numbers inside a sound file (`changes`), the expected outcome of a case
 (`cases`).
 """
 

@@ -1,7 +1,7 @@
 """Faults injected into the optimiser of a running reconstruction: what must be caught, rolled back and reported.
 
-Each is a context manager under which a reconstruction goes wrong at a given iteration. Not here: what is expected of
-it (`cases`).
+Each is a context manager in which a reconstruction fails at a given iteration. Not here: the expected outcome
+(`cases`).
 """
 
 from collections.abc import Callable, Iterator

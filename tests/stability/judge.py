@@ -2,25 +2,25 @@
 
     expose ─► shot.h5 ─► read ─► reconstruct ─► report ─► judge
 
-Grades say how a case fared; problems say what must not be, and make it fail:
+Grades state the quality of a result; problems are violations, which make the case fail:
 
     holds     loses at most 3 dB against the easy case of its own scene
-    bends     loses more, and still shows more than an even grey would
-    breaks    shows no more than an even grey, or is inside out: the path backwards, near for far
+    bends     loses more, but is still better than a uniform grey
+    breaks    is no better than a uniform grey, or has its depth order reversed: the path backwards, near for far
     refused   one typed error, as the case demands
 
-Depth has a grade of its own, against the easy case of the same scene as well: views that look right are not enough.
+Depth has its own grade, also relative to the easy case of the same scene, because good views are not sufficient.
 
     holds     half of the pixels err by at most twice as much and a tenth of the depth more; the order is about as good
-    bends     they err by more, or the order of depth is worse
+    bends     the errors are larger, or the order of depth is worse
     breaks    near and far are exchanged, or no depth was found where the easy case finds some
-    unknown   there is no true depth, the easy case does not find it either, or nobody could: nothing can be lost
+    unknown   there is no true depth, the easy case does not find it either, or the data do not determine it
 
-Where the truth itself leaves near and far open (a camera that only turned, next to no parallax, a scene that shows
-nothing), whatever order is handed over is chance: the report has to say so, and then the case is graded by its views.
-So it is where rank correlation is no more than chance, but then depth is lost.
+If the data do not determine near and far (a camera that only rotated, hardly any parallax, a scene without texture),
+any returned order is chance: the report has to state this, and the case is then graded by its views. It is also chance
+if the rank correlation is no larger than chance allows, but then depth counts as lost.
 
-Not here: what the truth leaves open, and what chance is (`order`); the cases (`cases`), the table (`__main__`).
+Not here: which data determine the order, and what chance allows (`order`); the cases (`cases`), the table (`__main__`).
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Masks such as a laboratory's calibration sees them, made by effects of the light path."""
+"""Masks as a laboratory's calibration measures them, made by effects of the light path."""
 
 from typing import Final
 

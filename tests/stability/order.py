@@ -1,7 +1,7 @@
-"""What the truth of a case lets anybody know of the order of depth, and when a rank correlation is only chance.
+"""Whether a case's data determine the order of depth, and when a rank correlation is only chance.
 
-Here: why the order cannot be known, from the true path, depths and views; the standard error of a rank correlation
-between two maps that vary slowly. Not here: the grades that follow from them (`judge`).
+Here: the reasons why the order is undetermined, from the true path, depths and views; the standard error of a rank
+correlation between two maps that vary slowly. Not here: the grades that follow from them (`judge`).
 """
 
 from typing import Final

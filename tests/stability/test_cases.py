@@ -1,4 +1,4 @@
-"""The hard cases, quickly: every one that is marked for it, small and short, run end to end and judged.
+"""The hard cases in a quick version: every case that is marked for it, small and short, run end to end and judged.
 
 The whole suite, larger and longer, is `make stability`.
 """

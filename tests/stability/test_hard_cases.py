@@ -1,4 +1,4 @@
-"""Measurements from which little or nothing can be recovered: a sane result that says so, or one typed error."""
+"""Measurements from which little or nothing can be recovered: a valid result that reports this, or one typed error."""
 
 from dataclasses import replace
 

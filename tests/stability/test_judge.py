@@ -1,4 +1,4 @@
-"""How hard cases are graded: against the easy case of their own scene, and by depth beside the views."""
+"""The grades of hard cases: relative to the easy case of their own scene, by views and by depth."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A lens that distorts, and is known: the whole way, from a simulated exposure to views and scene."""
+"""A lens with known distortion, end to end: from a simulated exposure to views and scene."""
 
 import numpy as np
 import pytest

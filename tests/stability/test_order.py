@@ -1,4 +1,4 @@
-"""What the truth lets anybody know of near and far, and when a rank correlation is chance."""
+"""Whether a case's data determine near and far, and when a rank correlation is chance."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A small simulated rig for whole captures: real drivers, wire twins, a scene made of formulae."""
+"""A small simulated rig for whole captures: real drivers, wire twins, a scene given by formulae."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,14 +1,14 @@
-"""Three benches by the command line, from the doctor to a judged scene, and each with one part of it spoiled.
+"""Three benches by the command line, from the doctor to an evaluated scene, and each with one faulty part.
 
 `doctor`, `calibrate`, `capture`, `reconstruct`, in this process and on a virtual clock: a DMD behind a DLPC900 with a
 Zaber stage, a serial modulator with a GRBL stage, and a liquid-crystal panel with grey masks; the sensor is a V4L2
-camera each time. The light comes through misregistered, leaking, blurred masks. What calibration found is compared with
-what the simulator knows, and the views with those of the same readings where masks and path are the true ones.
+camera each time. The light passes misregistered, leaking, blurred masks. The results of the calibration are compared
+with the simulator's truth, and the views with those from the same readings with the true masks and the true path.
 
-The first poses are the stage's (`--geometry stage`): of pictures as small as these, tracks tell no path that could
-stand beside it. Left out of the calibration are `camera` and `stage`, which want a board larger than the picture
-(`tests/calibration/geometry`), and, on the panel, `timing`: its own response and the trigger's delay reach the light as
-one.
+The first poses are the stage's (`--geometry stage`): with pictures as small as these, tracks yield no path of similar
+quality. The calibration omits `camera` and `stage`, which need a board larger than the picture
+(`tests/calibration/geometry`), and, on the panel, `timing`: light does not separate its response from the trigger's
+delay.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Whole captures on a small simulated rig, when nothing goes wrong."""
+"""Whole captures on a small simulated rig, without faults."""
 
 import h5py
 import numpy as np

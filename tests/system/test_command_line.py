@@ -1,4 +1,4 @@
-"""The command line as a user meets it: a foreign file in, a run folder out, and refusals that say what to do."""
+"""The command line as a user runs it: a foreign file in, a run folder out, and errors that state a remedy."""
 
 import os
 import signal

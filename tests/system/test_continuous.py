@@ -1,4 +1,4 @@
-"""Continuous captures on the small rig: their rate, what is written, lost frames by name, bounded memory."""
+"""Continuous captures on the small rig: their rate, the written rows, the report of lost frames, bounded memory."""
 
 import json
 from itertools import pairwise

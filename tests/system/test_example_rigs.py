@@ -1,4 +1,4 @@
-"""Every rig file in the docs, on twins of exactly its devices: examined, planned, calibrated, captured."""
+"""Every rig file in the docs, on twins of exactly its devices: doctor, plan, calibration, capture."""
 
 import tomllib
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Sixty captures killed at any moment: every row that was reported taken is readable after `recover`.
+"""Sixty captures killed at various moments: every row that was reported as taken is readable after `recover`.
 
-A kill follows a number of reported shots, not a time, so that it comes in the midst of a capture on any machine.
+A kill follows a number of reported shots, not a time, so that it happens during the capture on any machine.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Which masks pulse and what stamps mean: no reading of a device is believed that the device did not bear out."""
+"""Which masks pulse, and the event that time stamps mark: each assumption about a device is confirmed by the device."""
 
 import h5py
 import numpy as np
