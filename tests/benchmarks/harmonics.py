@@ -1,13 +1,13 @@
-"""What colours that change with the direction of sight give: degree 0 and 3 with the same seeds, in turns.
+"""The gain of colours that change with the direction of view: degree 0 and 3 with the same seeds, in turns.
 
     GS2CI_CASES="glossy boxes" GS2CI_PRESETS="draft standard" GS2CI_SEEDS="0 1" python -m tests.benchmarks harmonics
 
 Each case is reconstructed by one fit of a preset, without a second look and without motion, with one colour for each
 Gaussian and with spherical harmonics up to degree 3, at 96 x 128 px. Cases are scenes of the simulator's library, or
-.npz files, of which the middle is kept. Printed as they come are the views that are handed over, the scene alone, the
-views between and beyond where they are known, the depth's error, and processor seconds; at the end the means with
-their standard deviations, and what degree 3 gains, seed by seed. Without variables: glossy, boxes and motorcycle in
-preset standard with seeds 0, 1 and 2, about three minutes of one processor, half of it to cast the rays of `glossy`.
+.npz files, cropped to their middle. It prints the scores of the delivered views, of the scene alone and of the views
+between and beyond if they are known, the depth's error, and processor seconds; at the end the means with their standard
+deviations, and the gain of degree 3, seed by seed. Without variables: glossy, boxes and motorcycle in preset standard
+with seeds 0, 1 and 2, about three minutes of one processor, half of it for the ray tracing of `glossy`.
 """
 
 import os

@@ -1,10 +1,10 @@
-"""Do held-out pixels of the measurement order reconstructions as the truth does? Counted on many scenes.
+"""Do held-out pixels of the measurement rank reconstructions as the truth does? Counted on many scenes.
 
-Each case is treated in the same ways, from the decode alone to the longest schedule; each result is judged by pixels of
-the measurement that it did not see, and by the true views. Printed are, per case, the rank correlation (Kendall's tau)
-of both judgements and what is lost by taking the result that the held-out pixels prefer. The cases are scenes of the
-simulator's library, exposed by its light path, and the files of `GS2CI_SHARED_DATA` where that is set. Finished results
-are kept in `runs/heldout_order`.
+Each case is reconstructed in the same ways, from the decode alone to the longest schedule; each result is scored by
+held-out pixels of the measurement and by the true views. It prints, per case, the rank correlation (Kendall's tau) of
+both scores and the loss if the result with the best held-out score is chosen. The cases are scenes of the simulator's
+library, exposed by its light path, and the files of `GS2CI_SHARED_DATA` if that is set. Finished results are kept in
+`runs/heldout_order`.
 """
 
 import os

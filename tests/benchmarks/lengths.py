@@ -1,4 +1,4 @@
-"""Lengths on solids of known size: how far off they are, and whether their stated errors are true.
+"""Lengths on solids of known size: their errors, and whether their stated errors are correct.
 
     python -m tests.benchmarks lengths
 

@@ -1,4 +1,4 @@
-"""What a lens that distorts costs, known and not told: views through it, and the scene as a pinhole shows it.
+"""The loss by a lens with distortion, known and unknown: views through it, and the scene seen by a pinhole.
 
     python -m tests.benchmarks lens
 

@@ -1,4 +1,4 @@
-"""What a fit loses and gains by keeping its lists of Gaussians for several iterations: whole reconstructions.
+"""The loss and the gain of a fit by keeping its lists of Gaussians for several iterations: whole reconstructions.
 
     python -m tests.benchmarks list_reuse
 

@@ -1,8 +1,8 @@
-"""The paper's whole schedule, 20,000 iterations, with every density rule and three seeds: does a number run away?
+"""The paper's whole schedule, 20,000 iterations, with every density rule and three seeds: does a number diverge?
 
     python -m tests.benchmarks long_fits
 
-Prints for each fit whether all iterations were done without going back once, whether all is finite, the population,
+Prints for each fit whether all iterations were done without a rollback, whether all is finite, the population,
 and the PSNR against the true views. The scene is small, so that a fit takes minutes.
 """
 

@@ -1,4 +1,4 @@
-"""What calibrated masks cost: error against frames and seconds, measured one by one and predicted.
+"""The cost of calibrated masks: error against frames and seconds, measured one by one and predicted.
 
 Run `python -m tests.benchmarks.mask_calibration`; `--plot FILE.png` also draws error against the bench's seconds.
 The same cells as `gs2ci tables calibrate`, one seed. Seconds are the simulated bench's own (exposures, upload, moves),

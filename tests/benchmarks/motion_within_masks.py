@@ -1,4 +1,4 @@
-"""What motion within a mask costs, and what moments of each mask give back: simulated exposures, views sharp in truth.
+"""The loss by motion within a mask, and its recovery by moments of each mask: simulated exposures, sharp true views.
 
     python -m tests.benchmarks motion_within_masks
     GS2CI_CASES=boxes python -m tests.benchmarks motion_within_masks    scenes and paths whose names hold that word

@@ -1,4 +1,4 @@
-"""Scenes that move: still, moving and decode against the truth, and what a still scene loses by being asked.
+"""Moving scenes: static model, moving model and decode against the truth, and the cost of the test on static scenes.
 
     python -m tests.benchmarks moving
 

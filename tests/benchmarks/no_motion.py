@@ -1,10 +1,9 @@
-"""Is a camera that stayed or only turned taken for one that moved? What the halves of its tracks say about its path.
+"""Is a camera at rest, or one that only rotates, mistaken for a moving one? The paths by two halves of its tracks.
 
     python -m tests.benchmarks no_motion
 
-For scenes, sizes, numbers of views and light: the verdict on the first geometry, and how far halves of the tracks
-disagree about the path that they would have, were it taken for a motion (`Criteria.agreement`), as a share of that
-path's extent.
+For scenes, sizes, numbers of views and light: the verdict on the first geometry, and the difference of the paths by two
+halves of the tracks if a motion were assumed (`Criteria.agreement`), as a share of the path's extent.
 """
 
 from dataclasses import replace

@@ -1,12 +1,12 @@
-"""Videos in which things move otherwise than a camera would have it: decoders, and what a reconstruction makes of them.
+"""Videos with motion that is not a camera's: decoders, and the result of a reconstruction.
 
     python -m tests.benchmarks nonrigid
     python -m tests.benchmarks.nonrigid SIDE [WHAT ...]    256 takes decoders at the size of the published clips; WHAT
                                                            of decoders, reconstruct; or names of videos
 
-Data: photographs of scikit-image, moved here by resampling: a disc that crosses a background going the other way, a
-disc that turns before a wall, a photograph that bends, one that grows, rectangles that go their own ways. Eight views,
-grey, random masks of which half is open, no noise. Nothing is published about them.
+Data: photographs of scikit-image, moved by resampling: a disc that moves against its background, a disc that rotates in
+front of a wall, a photograph that bends, one that grows, rectangles that move independently. Eight views, grey, random
+masks of which half is open, no noise. There are no published results for them.
 """
 
 import sys

@@ -1,11 +1,11 @@
-"""Reconstruction of scenes that the solver's own renderer did not draw: Gaussians by rays, and textured meshes.
+"""Reconstruction of scenes not drawn by the solver's own renderer: ray-traced Gaussians, and textured meshes.
 
     python -m tests.benchmarks own_model_class
 
 Each scene is exposed behind 8 random masks at 64 x 96 px, once as the solver's rasteriser draws it (2 x 2 samples),
 once ray by ray in float64 (4 x 4 rays), the mesh by rays alone, with the sensor's noises, and reconstructed by the
-preset "draft". PSNR of the views against what was truly seen, the rank correlation of depth with the truth, the median
-error of depth after scaling. `GS2CI_SEEDS` seeds (1) of masks and noise: means over them.
+preset "draft". It prints the PSNR of the views against the true ones, the rank correlation of depth with the truth, and
+the median error of depth after scaling. `GS2CI_SEEDS` seeds (1) of masks and noise: means over them.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""How well the stated error of the first camera path foretells the true one, on scenes whose path is known.
+"""How well the stated error of the first camera path predicts the true one, on scenes with a known path.
 
     python -m tests.benchmarks path_error
 

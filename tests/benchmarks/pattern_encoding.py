@@ -1,4 +1,4 @@
-"""What it costs to bring masks onto a DLP6500: coding time, size, and time on the wire.
+"""The cost of an upload of masks to a DLP6500: coding time, size, and transfer time.
 
 Run from the checkout: ``python tests/benchmarks/pattern_encoding.py``. Nothing here is asserted.
 """

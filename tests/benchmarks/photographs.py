@@ -1,6 +1,6 @@
-"""Photographs on planes, seen by a pinhole: measurements of known truth that owe nothing to any Gaussian renderer.
+"""Photographs on planes, seen by a pinhole: measurements of known truth, made without a Gaussian renderer.
 
-Here: scikit-image's sample photographs as cards in space, cast ray by ray with nine rays a pixel, their true depth, and
+Here: scikit-image's sample photographs as cards in space, ray traced with nine rays per pixel, their true depth, and
 coded exposures of them. Not here: figures.
 """
 

@@ -1,10 +1,10 @@
-"""How far plans are from everything: every rig of the simulator, with masks that cancel or align, and before a mesh.
+"""Deviation of plans from full simulations: every rig of the simulator, masks that cancel or align, and a mesh.
 
     python -m tests.benchmarks plan_deviation
 
-Each in three draws of masks and effects (`GS2CI_DRAWS`); everything is settled to a fifth of the tolerance.
-`GS2CI_JOBS` says how many processes share the cases (1), `GS2CI_CASES` names some of them. Seconds are the
-processor's.
+Each in three draws of masks and effects (`GS2CI_DRAWS`); full simulations are converged to a fifth of the tolerance.
+`GS2CI_JOBS` sets the number of processes that share the cases (1), `GS2CI_CASES` names some of them. Times are
+processor seconds.
 """
 
 import multiprocessing

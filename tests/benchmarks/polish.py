@@ -1,9 +1,9 @@
-"""What a sparse polish by similar patches gains the views that are handed over, and what it costs.
+"""Gain and cost of a sparse polish by similar patches on the delivered views.
 
     python -m tests.benchmarks polish
     GS2CI_POLISH_ONLY=planes,runner python -m tests.benchmarks polish    these alone
 
-Each case is reconstructed once; its views are handed over with the polish and without it. Data: scenes of the project's
+Each case is reconstructed once; its views are delivered with and without the polish. Data: scenes of the project's
 simulator at rest, 72 × 96 px, one of them with noise; photographs moved by resampling (`nonrigid`), 96 × 96 px; and,
 where `GS2CI_SHARED_DATA`, or `../shared/data` beside the checkout, holds them, the middle 96 px of video clips and the
 middle of a path-traced light field. Seconds are those of a processor, of handing over and of the whole run.

@@ -1,4 +1,4 @@
-"""How many Gaussians there are over the iterations of preset `paper`, and of readings of it that ran away.
+"""The number of Gaussians over the iterations of preset `paper`, and of interpretations of the paper that diverged.
 
     GS2CI_SIZE="48 64" GS2CI_SEED=1 GS2CI_READINGS="paper,adc" python -m tests.benchmarks population
 

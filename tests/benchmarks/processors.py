@@ -1,10 +1,10 @@
-"""What is the same on every processor? One exposure simulated and reconstructed as on each, stage by stage.
+"""Which results are the same on every processor? One exposure simulated and reconstructed as on each, stage by stage.
 
     python -m tests.benchmarks processors
 
-Each processor is played (`tests.processors`) by a process of its own. A stage is the same where its bits are those of
-this machine; else the root mean square of the difference as a share of the stage's own. Beside it the difference that
-another seed makes on this machine: what is no more than that is a matter of where a fit happened to end.
+Each processor is emulated (`tests.processors`) in its own process. A stage is the same if its bits are those of this
+machine; otherwise the root mean square difference is printed as a share of the stage's own rms. For comparison follows
+the difference that another seed makes on this machine: a smaller one is within the scatter of fits.
 """
 
 import subprocess

@@ -1,12 +1,12 @@
-"""Where the time of a reconstruction goes: by stage, kernel, iteration of the fit, and at the ends of the command.
+"""The time of a reconstruction by stage, kernel and iteration of the fit, and at the begin and end of the command.
 
     python -m tests.benchmarks profile
 
 One simulated exposure is reconstructed by a preset, `GS2CI_PRESET` (standard), at `GS2CI_SIZE` (264x352), every kernel
 on one thread. What each part of it
 costs the processor is counted by the clock of the thread that runs it, without what the parts inside it cost. Then one
-fit alone is timed on one and on two threads: what two threads spend beyond one are hand-overs. At the end, fresh
-processes tell what imports cost, and the writing of the run folder what report and pictures do.
+fit alone is timed on one and on two threads: the additional time of two threads is their synchronisation. At the end,
+fresh processes measure the cost of imports, and the writing of the run folder that of report and pictures.
 """
 
 import os

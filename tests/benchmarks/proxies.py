@@ -1,4 +1,4 @@
-"""What proxy views cost: AMDI against the number of views and the share of open pixels, and ENI beside it.
+"""The cost of proxy views: AMDI against the number of views and the share of open pixels, compared with ENI.
 
 RGB measurements of 400 x 600 pixels under random masks, on two threads. AMDI's price follows from the windows that
 the masks make it try, so the median and largest window stand beside the seconds; below, the seconds of one window

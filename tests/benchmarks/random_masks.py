@@ -1,4 +1,4 @@
-"""How true registration and masks are: errors over random simulated benches, calibrated through their drivers.
+"""Accuracy of registration and masks: errors over random simulated benches, calibrated through their drivers.
 
 python -m tests.benchmarks random_masks
 """

@@ -1,4 +1,4 @@
-"""What registration gives back where masks, light or readings are not what is stated of them.
+"""What registration recovers if masks, light or readings differ from their stated values.
 
     python -m tests.benchmarks registration                decodes alone: a quarter of an hour
     GS2CI_WHOLE=1 python -m tests.benchmarks registration  whole reconstructions of fewer scenes: hours

@@ -1,4 +1,4 @@
-"""Whether registration leaves right shots alone, and whether its standard errors are as large as its errors.
+"""Whether registration leaves correctly stated shots unchanged, and whether its standard errors match its errors.
 
     python -m tests.benchmarks right_shots                 100 shots, about two minutes of one core
     GS2CI_DRAWS=20 python -m tests.benchmarks right_shots  the first 20 of them

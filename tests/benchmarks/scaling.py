@@ -1,4 +1,4 @@
-"""How cost and memory grow with pixels, views, Gaussians, open share and compression ratio; and the machine's limits.
+"""Growth of cost and memory with pixels, views, Gaussians, open share and compression ratio; and the machine's limits.
 
 An iteration of the fit is one forward and backward pass of the rasteriser with poses; one thing grows at a time.
 Printed for each: the fastest of several rounds (other load only ever adds time), how many pairs of pixel and Gaussian

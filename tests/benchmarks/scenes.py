@@ -1,4 +1,4 @@
-"""Scenes for benchmarks whose footprints on screen look like those of a fitted scene."""
+"""Scenes for benchmarks, with footprints on the image similar to those of a fitted scene."""
 
 import numpy as np
 import torch

@@ -1,4 +1,4 @@
-"""What a plan costs and gains: against everything at its own tolerance, and against all effects with its own sampling.
+"""Cost and gain of a plan, compared with a full simulation of its tolerance, and with all effects and its own sampling.
 
 Rigs are those of `sims/gs2ci_sims/rigs`, six of them once more with masks that cancel or align, one that looks at a
 mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig, three simulations are

@@ -1,4 +1,4 @@
-"""How long an exposure at full size takes to simulate, and how much memory: 1080 x 1920 px behind 16 masks.
+"""Time and memory of a simulated exposure at full size: 1080 x 1920 px behind 16 masks.
 
     python -m tests.benchmarks simulation_size
 

@@ -1,4 +1,4 @@
-"""What a whole reconstruction of one scene costs as its picture grows: by stage, in seconds and memory.
+"""The cost of a whole reconstruction of one scene against the size of its picture: by stage, in seconds and memory.
 
     python -m tests.benchmarks sizes
 

@@ -1,9 +1,9 @@
-"""From the simulator to a decoder in an ONNX file: a tiny network is trained on simulated exposures and held to GAP-TV.
+"""From the simulator to a decoder in an ONNX file: a tiny network is trained on simulated exposures, against GAP-TV.
 
     python -m tests.benchmarks.small_network FILE [STEPS]   trains, writes FILE, decodes a scene that it has not seen
     gs2ci decode shot.h5 --method onnx:FILE
 
-Here: the network, its training, its export. It proves the road and no more: three unrolled steps of projection and
+Here: the network, its training, its export. It only demonstrates the procedure: three unrolled steps of projection and
 three-dimensional convolution, a few thousand numbers, some minutes on two processors. The exposures are those of the
 light path (moving camera, read noise, quantisation), coded by random masks; each colour is one grey example. Scenes of
 training and of judging are different ones.

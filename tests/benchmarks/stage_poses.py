@@ -1,4 +1,4 @@
-"""Does the measurement find out a stage that lies? First geometries by its poses, right and wrong, and by tracks.
+"""Does the measurement detect wrong stage poses? First geometries by right and wrong poses of a stage, and by tracks.
 
     python -m tests.benchmarks stage_poses
 

@@ -1,4 +1,4 @@
-"""What does a fit do to poses that a stage told? Exact ones should stay, poor ones be improved.
+"""How does a fit change the poses of a stage? Exact ones should stay, poor ones should be improved.
 
     python -m tests.benchmarks told_poses
 

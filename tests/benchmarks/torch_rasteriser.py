@@ -1,4 +1,4 @@
-"""A good vectorised rasteriser in plain torch: what one would write without kernels, as the peer to beat.
+"""A good vectorised rasteriser in plain torch, written without kernels, as the reference for the speed of ours.
 
 It does no needless work: Gaussians are projected once per view, the (pixel, Gaussian) pairs whose alpha reaches
 the threshold are listed exactly, masked pixels are never listed, and only those pairs are evaluated. Autograd

@@ -1,4 +1,4 @@
-"""A video output for minutes at 60 Hz: SDL on a real X display (Xvfb), and a witness that looks at its pixels.
+"""A video output for minutes at 60 Hz: SDL on a real X display (Xvfb), and a witness process that reads its pixels.
 
 `python -m tests.benchmarks video_out` needs Xvfb and the extra `video`; `VIDEO_OUT_S` sets the seconds (600),
 `VIDEO_OUT_SIZE` the rows and columns (768x1024). Xvfb has no refresh of its own: the clock of `SdlScreen` stands for

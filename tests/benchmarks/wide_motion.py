@@ -1,4 +1,4 @@
-"""Photographs 15° apart and in no order: is a path found, and what is it worth?
+"""Photographs 15° apart in random order: is a path found, and how accurate is it?
 
     python -m tests.benchmarks wide_motion            # geometry and whole reconstructions
     WIDE_PATHS_ONLY=1 python -m tests.benchmarks wide_motion
