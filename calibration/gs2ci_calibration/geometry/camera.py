@@ -67,7 +67,8 @@ def section_of(camera: CameraEstimate, **facts: float) -> Section:
             **facts,
         },
         notes=(
-            f"{camera.corners} corners in {len(camera.residuals_px)} pictures, residual {camera.residual_px:.3f} px",
+            f"{camera.corners} corners in {len(camera.residuals_px)} pictures, "
+            f"residual {camera.residual_px:.3f} px (rms)",
         ),
     )
 

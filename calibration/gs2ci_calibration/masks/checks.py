@@ -92,7 +92,7 @@ def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating],
         raise CalibrationError(
             step,
             Reason.MISPREDICTED,
-            f"a pattern that was used in no fit differs from its prediction (correlation {alike:.2f})",
+            f"a held-out pattern differs from its prediction (correlation {alike:.2f})",
             allowed=f"{LIKE} or more",
             remedy="check that nothing moved, and run `gs2ci calibrate registration` again",
         )

@@ -37,8 +37,8 @@ def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, 
         raise CalibrationError(
             step,
             Reason.TOO_FEW_FRAMES,
-            f"{wanted} frames of each mask would be needed for an error of {accuracy:.2%} rms: one frame has "
-            f"{np.sqrt(falling):.0%}",
+            f"{wanted} frames of each mask would be needed for an error of {accuracy:.2%} rms; one frame has "
+            f"an error of {np.sqrt(falling):.0%}",
             allowed=f"{FRAMES_MAX}",
             remedy="more light, or a larger mask_accuracy in [calibration]",
         )
