@@ -105,5 +105,9 @@ def test_python_can_do_whatever_a_command_does():
         assert bool(ways) is (command != "completion")
         for owner, name in ways:
             assert hasattr(owners[owner], name), f"{owner}.{name}"
-    told = set(re.findall(r"`(\w+)`", page[page.index("## What there is") : page.index("What each command is")]))
+    told = set(
+        re.findall(
+            r"`(\w+)`", page[page.index("## What there is") : page.index("The Python equivalent of each command")]
+        )
+    )
     assert told == set(CALLED)

@@ -184,7 +184,7 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
     assert typed(monkeypatch, "import", "--help") == 0
     told = capsys.readouterr().out
-    assert "FILE [MASKS-FILE]" in told
+    assert "FILE [MASKS]" in told
     assert "--focal-px FLOAT" in told
     assert "{None}|" not in told
     assert "--cfa {RGGB,BGGR,GRBG,GBRG}" in told
@@ -195,8 +195,8 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "tables", "--help") == 0
     told = capsys.readouterr().out
-    assert "that is kept. A small" in " ".join(told.split())
-    assert not any(line.rstrip(" │").endswith("that is kept.") for line in told.splitlines())
+    assert "that is used. Makes tables" in " ".join(told.split())
+    assert not any(line.rstrip(" │").endswith("that is used.") for line in told.splitlines())
 
 
 @pytest.mark.parametrize("value", ["None", "200"])

@@ -51,6 +51,9 @@ Name = TypeVar("Name", bound=str)
 _LEAST_SHOWN: Final = 0.25
 # The least share of a residual that is not noise; it keeps the division defined if nothing is taken over.
 _LEAST_LEARNED: Final = 1e-6
+# A view whose mask has less than this share of the largest weight leaves no trace in the readings: a reading cannot
+# improve it, and its change, however large, is no gain.
+_LEAST_WEIGHT: Final = 0.01
 # Smaller shares are chance, and set to 0.
 _LEAST_SHARE: Final = 0.05
 # A fit follows some of the noise at the pixels that it sees, so that the noise there is larger than the residual shows.
@@ -106,6 +109,7 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     weighted = _weighted(jury)
     light = (weighted**2).sum(axis=0)  # |M|², [K]
     pixel_weights = _pixel_weights(weighted)
+    measured = jury.shot.weights >= _LEAST_WEIGHT * jury.shot.weights.max()  # [N]
     noise = min(noise, *(_power(_residual(jury, one)) for one in candidates))
     seen = [_Seen.of(jury, one, noise) for one in candidates]
     hidden = _hidden(weighted)  # [K]
@@ -118,8 +122,9 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
         blind = len(weighted) * (worths * np.mean(one.residual * other.residual, axis=1) - (worths - 1) * noise)
         crossed = worth[j][:, None] * one.residual * other.coded + worth[k][:, None] * other.residual * one.coded
         gained = np.mean(crossed, axis=1) - (one.taken + other.taken) * noise
-        both = np.mean(one.change * other.change, axis=2).sum(axis=0)
-        across = both - read * np.mean(one.coded * other.coded, axis=1) / light
+        by_view = np.mean(one.change * other.change, axis=2)  # [N, K]
+        both = by_view.sum(axis=0)
+        across = by_view[measured].sum(axis=0) - read * np.mean(one.coded * other.coded, axis=1) / light
         terms = (blind - read * gained) / light + both - (one.learned + other.learned) * across
         return float(np.average(terms, weights=pixel_weights))
 

@@ -95,6 +95,19 @@ def test_the_products_are_those_of_the_views_that_are_handed_over(truth, noise):
     np.testing.assert_allclose(found - found[0, 0], true - true[0, 0], atol=0.15 * true.max())
 
 
+def test_the_change_of_a_view_that_no_reading_measures_is_no_gain(truth):
+    """Of a view whose mask has next to no weight: it changes wildly, and nothing shows whether it is right."""
+    jury = jury_of(truth)
+    weights = jury.shot.weights.copy()
+    weights[0] = 1e-6
+    coded = (weights[:, None, None, None] * jury.shot.masks[..., None] * truth).sum(axis=0)
+    jury = Jury.of(replace(jury.shot, weights=weights, measurement=coded.astype(np.float32)), 0.1, 0)
+    wild = truth.copy()
+    wild[0] += 20
+    found = shares(jury, {"right": same(truth), "wild": Candidate(truth, wild)}, 0.0)
+    assert found == {"right": pytest.approx(1), "wild": 0.0}
+
+
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_what_a_reading_teaches_of_the_views_across_its_masks_is_a_gain(truth, share):
     """An estimate that learns a share of its error changes by that share and by as much that is wrong as it must."""
