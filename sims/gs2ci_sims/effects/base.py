@@ -72,6 +72,10 @@ class Bound:
     It limits the effect's change of a pixel's reading before photons are counted and readings are rounded (for a noise:
     the deviations that it adds).
 
+    Masks may leave light in few pixels. So if the change depends on the light, the bound holds for each exposure of
+    each device, with a probability of at most 1e-7 that one exceeds it. If a noise is alike in all pixels, the bound is
+    its standard deviation; the rms of one exposure over n independent values scatters by 1 / sqrt(2 n) of that.
+
     Args:
         rms_dn: Root mean square over the pixels, DN, at least 0. Infinite: it cannot be left out.
         peak_dn: Largest over the pixels, DN; for a noise, six standard deviations of the noisiest pixel.

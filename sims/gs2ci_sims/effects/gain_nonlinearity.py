@@ -1,5 +1,6 @@
 """Gain non-linearity: the reading is not quite proportional to the charge."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,7 +9,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
-from gs2ci_sims.effects.counts import most_counted_e
+from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
@@ -36,28 +37,73 @@ class GainNonlinearity:
             raise InputError(f"a response that departs by {self.departure} from a line", allowed="less than 0.25")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The parabola at the charge with its shot noise, its top from half the well on; its slope is 4 d at most."""
-        well_e, added_e = rig.sensor.full_well_e, scene.added_e[1]
+        """The parabola, its top from half the well on, of charge with shot noise; one exposure in 1e7 exceeds it.
 
-        def bent_dn(charge_e: F64) -> F64:
-            x = np.minimum(charge_e / well_e, 0.5)
-            return np.asarray(4 * abs(self.departure) * well_e * x * (1 - x) * rig.dn_per_e)
+        The limit for one exposure is that of a sum of squared changes (`counts.most_in_sum`) with a mean of r^2. The
+        slope of such a square as a function of c^2, c the count, is at most (4 d)^2. So its variance is at most
+        (4 d)^4 Var c^2, with Var c^2 = 4 q^3 + 6 q^2 + q for a mean q, and at most the largest square times their mean.
+        """
+        steps = self._over_exposures(scene, rig)
+        expected_dn, slope, pixels = (
+            steps[-1].value,
+            4 * abs(self.departure) * rig.dn_per_e,
+            int(np.prod(scene.scene.size)),
+        )
+        most_e = scene.most_e + scene.added_e[1]
+        counted_dn = self._bent_dn(most_counted_e(most_e), rig)
+        peak_dn, every_dn = float(counted_dn.max()), _rms(counted_dn)
+        mean_e, top_e = scene.charge_mean_e + scene.added_e[1], float(most_e.max())
+        variance = min(slope**4 * mean_e * (4 * top_e**2 + 6 * top_e + 1), (expected_dn * peak_dn) ** 2)
+        limit_dn = math.sqrt(most_in_sum(expected_dn**2, variance / pixels, peak_dn**2 / pixels / 3))
+        return Bound(min(limit_dn, every_dn), peak_dn).by(
+            "min(sqrt(r**2 + 6 * sqrt(d / n) + 6 * p**2 / n), every)",
+            *steps,
+            BoundStep("q", mean_e, "e", "charge, mean over the pixels"),
+            BoundStep("T", top_e, "e", "charge that no pixel exceeds"),
+            BoundStep("p", peak_dn, "DN", "change of the brightest pixel, with six sigma of its noise"),
+            BoundStep(
+                "d",
+                variance,
+                "DN^4",
+                "variance of the squared change by shot noise, mean over the pixels",
+                "min((4 * abs(D) * K)**4 * q * (4 * T**2 + 6 * T + 1), (r * p)**2)",
+            ),
+            BoundStep("n", pixels, "", "pixels"),
+            BoundStep("every", every_dn, "DN", "rms with six sigma of noise in every pixel"),
+        )
 
-        likely_e, most_e = scene.charge_e + added_e, scene.most_e + added_e
-        likely, most = (bent_dn(np.sqrt(np.square(charge_e) + charge_e)) for charge_e in (likely_e, most_e))
-        error_dn = 4 * abs(self.departure) * rig.dn_per_e * scene.charge_error_e
-        likely_dn, most_dn = (float(np.sqrt(np.square(bent).mean())) for bent in (likely, most))
-        return Bound(min(likely_dn + error_dn, most_dn), float(bent_dn(most_counted_e(most_e)).max())).by(
-            "min(v + u, top)",
+    def _over_exposures(self, scene: Previewed, rig: Rig) -> tuple[BoundStep, ...]:
+        """Derive the rms over pixels and exposures, the last step.
+
+        A count c of mean q has a mean square of q^2 + q, and the square of the change is at most a concave function of
+        c^2. A count whose mean is larger by e has the law of the sum with another count of mean e.
+        """
+        error_e, added_e = scene.charge_error_e, scene.added_e[1]
+        likely_dn, top_dn = (
+            _rms(self._bent_dn(np.sqrt(np.square(charge_e) + charge_e), rig))
+            for charge_e in (scene.charge_e + added_e, scene.most_e + added_e)
+        )
+        error_dn = 4 * abs(self.departure) * rig.dn_per_e * math.sqrt(error_e**2 + error_e)
+        return (
             BoundStep("D", self.departure, "", "largest departure from a line, of full scale"),
             gain_step(rig),
-            BoundStep("e", scene.charge_error_e, "e", "by what the charge may differ from the previewed, rms"),
+            BoundStep("e", error_e, "e", "by what the charge may differ from the previewed, rms"),
             BoundStep("v", likely_dn, "DN", "4 D W x (1 - x) K at the previewed charge x W, rms over the pixels"),
             BoundStep(
-                "u", error_dn, "DN", "the same of what it may differ by, at the steepest slope", "4 * abs(D) * K * e"
+                "u",
+                error_dn,
+                "DN",
+                "the same of what it may differ by, with its shot noise, at the steepest slope",
+                "4 * abs(D) * K * sqrt(e**2 + e)",
             ),
-            BoundStep("top", most_dn, "DN", "the same at the charge that no pixel exceeds"),
+            BoundStep("top", top_dn, "DN", "the same at the charge that no pixel exceeds"),
+            BoundStep("r", min(likely_dn + error_dn, top_dn), "DN", "rms over pixels and exposures", "min(v + u, top)"),
         )
+
+    def _bent_dn(self, charge_e: F64, rig: Rig) -> F64:
+        """Return the magnitude of the parabola at these charges, its top from half the well on."""
+        x = np.minimum(charge_e / rig.sensor.full_well_e, 0.5)
+        return np.asarray(4 * abs(self.departure) * rig.dn_per_e * rig.sensor.full_well_e * x * (1 - x))
 
     def brightest(self, scene: ViewPreview) -> float:
         """The steepest slope: it is the factor by which a change of the light before the amplifier grows."""
@@ -67,3 +113,7 @@ class GainNonlinearity:
         """Bend electrons [H, W, C]; beyond the ends the response continues without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)
+
+
+def _rms(field: F64) -> float:
+    return float(np.sqrt(np.square(field).mean()))

@@ -1,5 +1,6 @@
 """Photo response non-uniformity: pixels convert different shares of their light into charge."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,6 +9,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
+from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
@@ -35,18 +37,29 @@ class Prnu:
             raise InputError(f"PRNU of {self.spread}", allowed="0 to 0.5, a share of the signal")
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Spread times charge, times K; charge beyond the full well is clipped with and without the effect.
+        """Spread times charge, times K; one device in 1e7 exceeds it, even if masks leave light in a single pixel.
 
-        A pixel above the well loses at most (1 - factor) of the well's charge to it, one below its share of its own.
+        The mean square over devices is v. The limit for one device is that of a sum of squared normal numbers
+        (`counts.most_in_sum`) with weights of sum v, the largest of them b; and each factor is within six standard
+        deviations. Charge beyond the full well is clipped with and without the effect: a pixel above the well loses
+        at most (1 - factor) of the well's charge to it, one below its share of its own.
         """
         most_e = np.minimum(scene.most_e, rig.sensor.full_well_e)
-        rms_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean())))
-        dn = self.spread * rig.dn_per_e
-        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True).by(
-            "K * s * Q",
+        rms_e, top_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean()))), float(most_e.max())
+        dn, pixels = self.spread * rig.dn_per_e, int(np.prod(scene.scene.size))
+        mean, largest = (dn * rms_e) ** 2, (dn * top_e) ** 2 / pixels
+        limit = math.sqrt(min(most_in_sum(mean, 2 * mean * largest, 2 * largest), SIGMAS**2 * mean))
+        return Bound(limit, SIGMAS * dn * top_e, random=True).by(
+            "sqrt(min(v + 6 * sqrt(2 * v * b) + 36 * b, 36 * v))",
             BoundStep("s", self.spread, "", "relative spread of the pixels' response"),
             BoundStep("Q", rms_e, "e", "charge, rms over the pixels"),
+            BoundStep("T", top_e, "e", "charge that no pixel exceeds"),
+            BoundStep("n", pixels, "", "pixels"),
             gain_step(rig),
+            BoundStep("v", mean, "DN^2", "mean square over the pixels and over devices", "(K * s * Q)**2"),
+            BoundStep(
+                "b", largest, "DN^2", "what one pixel adds to it at most, mean over devices", "(K * s * T)**2 / n"
+            ),
         )
 
     def brightest(self, scene: ViewPreview) -> float:

@@ -24,6 +24,7 @@ from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.rig import Light, Modulator, Rig
+from gs2ci_sims.sensor import Sensor
 from tests.sims.adversaries import FAMILIES
 from tests.sims.sensor_family import (
     MASKS,
@@ -86,3 +87,17 @@ def test_an_effect_of_no_strength_is_bounded_by_nothing_and_changes_nothing(effe
     assert effect.bound(look, look.rig).rms_dn == 0.0
     changed, plain = readings_with_and_without(effect, look, look.rig, 0)
     assert np.array_equal(changed, plain)
+
+
+@pytest.mark.parametrize("mean_e", [0.05, 1.0, 100.0])
+@pytest.mark.parametrize("masks", ["single pixel", "complementary", "all open"])
+@pytest.mark.parametrize("effect", [Prnu(0.02), GainNonlinearity(0.2), ShotNoise()], ids=lambda effect: effect.name)
+def test_a_bound_holds_for_every_exposure_and_device_where_the_charge_is_known(effect, masks, mean_e):
+    still = look_at(SCENES - 1, masks)
+    assert still.at_rest
+    rig = Rig(modulator=Modulator(MASKS), sensor=Sensor(full_well_e=500.0, quantum_efficiency=1.0))
+    lit = dataclasses.replace(still, rig=rig)
+    rig = dataclasses.replace(rig, light=Light(rig.light.full_scale_photons * mean_e / float(lit.charge_e.max())))
+    found = np.array([sensor_ratios(still, rig, effect, seed) for seed in range(60)])
+    assert found.max() <= 1.0
+    assert found[:, 0].max() >= 0.05
