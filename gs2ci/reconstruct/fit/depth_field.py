@@ -1,10 +1,10 @@
 """Depths of whole regions as parameters of their own, moved by the measurement alone.
 
-Surfaces are sought in views that a decode has put its residual back into, and those hide some of the parallax: what a
-decode cannot tell apart it shows at one place in all views, as if it were farther away. The term that draws light to
-these surfaces holds the scene there, and each Gaussian by itself hardly feels what moving all of a region would gain.
-So a smooth field, given at the knots of a grid over the reference view and over inverse depth, is added to the inverse
-depths of all Gaussians, and of the surfaces with them. Its gradient is the measurement's.
+Surfaces are found in views to which the decoded residual was added. These views show too little parallax: detail that
+the decode cannot assign to one view appears at the same place in all of them, as if it were farther away. The term that
+draws light to the surfaces then keeps whole regions at a wrong depth; the gradient of a single Gaussian is too small to
+move them. Therefore a smooth field, given at the knots of a grid over the reference view and over inverse depth, is
+added to the inverse depths of all Gaussians and of the surfaces. Only the measurement contributes to its gradient.
 
 Here: the field and its steps. Not here: the loops over Gaussians and maps (`depth_field_kernels.py`).
 """
@@ -21,26 +21,26 @@ from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaus
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
-# Of inverse depths, between which the knots are.
+# The knots lie between these quantiles of the inverse depths.
 _QUANTILES = (0.02, 0.98)
-# Of a distance, as a share of itself, in one step.
+# The largest relative change of a distance in one step.
 _MOST_GROWTH = 0.25
-# Of Adam's moments, as for everything else in a fit.
+# Of Adam's moments, as for all parameters of a fit.
 _DECAY = 0.9
 _SQUARE_DECAY = 0.999
 
 
 @dataclass(frozen=True)
 class DepthFieldSettings:
-    """How the field moves.
+    """Grid and step sizes of the field.
 
     Args:
         every: Iterations between steps.
-        across: Knots across the picture.
-        down: And down.
-        deep: And over inverse depth.
-        rate: Of a step at the start of the schedule, in units of inverse depth, whose median is about 1.
-        final_rate: At its end; exponential in between.
+        across: Knots along the rows of the picture.
+        down: Knots along its columns.
+        deep: Knots over inverse depth.
+        rate: Step size at the start of the schedule, in units of inverse depth, whose median is about 1.
+        final_rate: Step size at its end; exponential in between.
     """
 
     every: int = 2
@@ -67,13 +67,13 @@ class DepthFieldSettings:
 
 @dataclass(frozen=True)
 class FieldStep:
-    """What is added to inverse depths in one step.
+    """The change of inverse depths in one step.
 
     Args:
-        pose: Of the reference view, [4, 4].
-        low: The first knots' u, v and 1/z there, [3].
-        between: What is between knots, [3].
-        values: At the knots, [A, B, C].
+        pose: Pose of the reference view, [4, 4].
+        low: u, v and 1/z of the first knot in this view, [3].
+        between: Distances between knots, [3].
+        values: Changes at the knots, [A, B, C].
     """
 
     pose: F64
@@ -87,13 +87,13 @@ class FieldStep:
         move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values, _MOST_GROWTH)
 
     def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
-        """Move some pixels of a view's map, [H, W], in place.
+        """Move the given pixels of a view's map, [H, W], in place.
 
         Args:
             inverse_depth: [H, W].
-            pixels: Which, flat indices.
-            rays: Where pixels look at z = 1, [H, W, 2].
-            world_to_camera: The view's pose, [4, 4].
+            pixels: Flat indices of the pixels.
+            rays: Directions of the pixels: x and y at z = 1, [H, W, 2].
+            world_to_camera: Pose of the view, [4, 4].
         """
         to_reference = self.pose @ np.linalg.inv(world_to_camera)
         grid = (self.low, self.between, self.values)
@@ -101,12 +101,12 @@ class FieldStep:
 
 
 class DepthField:
-    """Steps of the field, on the gradients that the scene has at the time.
+    """Computes the field's steps from the gradients of the scene.
 
     Args:
-        settings: Of the steps.
-        reference: Over whose picture the field is.
-        widest: Half of the picture's extent at z = 1, across and down.
+        settings: Grid and step sizes.
+        reference: Index of the view over whose picture the grid lies.
+        widest: Half of the picture's extent at z = 1, along rows and columns.
     """
 
     def __init__(self, settings: DepthFieldSettings, reference: int, widest: tuple[float, float]) -> None:
@@ -118,13 +118,13 @@ class DepthField:
         self._grid: tuple[F64, F64] | None = None
 
     def step(self, scene: Gaussians, world_to_camera: Tensor, progress: float, iteration: int) -> FieldStep | None:
-        """Choose a step by the present gradients; taking it is up to the caller; None when it is not time for one.
+        """Compute a step from the present gradients, without applying it; None if none is due.
 
         Args:
             scene: The Gaussians, with their gradients.
             world_to_camera: Poses, [N, 4, 4].
-            progress: Share of the schedule that is done, in [0, 1]: sets the step size.
-            iteration: How many are.
+            progress: Share of the schedule that is done, in [0, 1]; it determines the step size.
+            iteration: Number of iterations done.
         """
         if iteration % self._settings.every or scene.means.grad is None or scene.log_scales.grad is None:
             return None
@@ -144,10 +144,10 @@ class DepthField:
         return float(rates.rate * (rates.final_rate / rates.rate) ** progress)
 
     def _direction(self, gradient: F64) -> F64:
-        """Take a gradient into Adam's moments and return what is gone along, at most about 1 at every knot.
+        """Update Adam's moments by a gradient and return the direction of the step, at most about 1 at every knot.
 
-        The mean over the knots is added to each one's squares: where a plain area hardly tells its depth, Adam's own
-        steps would be as long as anywhere.
+        The mean square over all knots is added to that of each knot: without it, the steps in areas without texture,
+        whose depth the measurement hardly determines, would be as long as elsewhere.
         """
         self._turns += 1
         self._mean += (1 - _DECAY) * (gradient - self._mean)
@@ -158,7 +158,7 @@ class DepthField:
         return direction
 
     def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:
-        """Lay the grid over a scene: its first knot and what is between knots, [3] each."""
+        """Place the grid over a scene; return its first knot and the distances between knots, [3] each."""
         depth = scene.means.detach().double().numpy() @ pose[2, :3] + pose[2, 3]
         far, near = np.quantile(1 / depth[depth > NEAR], _QUANTILES)
         low = np.array([*-self._widest, far])
