@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.reconstruct.fit.relief_kernels import seen_from
 
 Numbers = NDArray[Any]
 
@@ -38,16 +39,6 @@ def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> flo
                 share = (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
                 found += share * field[i + di, j + dj, k + dk]
     return found
-
-
-@njit(**JIT)
-def _seen(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
-    x, y, z = means[g, 0], means[g, 1], means[g, 2]
-    return (
-        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
-        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3],
-        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
-    )
 
 
 @njit(**JIT)
@@ -77,7 +68,7 @@ def gather_gradient(
     """
     gradient[:] = 0
     for g in range(len(means)):
-        x, y, z = _seen(means, pose, g)
+        x, y, z = seen_from(means, pose, g)
         if z < near:
             continue
         total = 0.0
@@ -102,7 +93,7 @@ def move_gaussians(
 ) -> None:
     """Add a field, [A, B, C], to the inverse depths of Gaussians, in place; none grows by more than a share `most`."""
     for g in range(len(means)):
-        x, y, z = _seen(means, pose, g)
+        x, y, z = seen_from(means, pose, g)
         if z < near:
             continue
         growth = min(max(-z * _value(field, x / z, y / z, 1 / z, low, step), -most), most)

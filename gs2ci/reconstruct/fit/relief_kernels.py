@@ -33,7 +33,7 @@ def step_of_gaussians(
     count = len(means)
     nearer = np.empty_like(by_sizes)
     for g in range(count):
-        x, y, z = _seen(means, pose, g)
+        x, y, z = seen_from(means, pose, g)
         depth = max(z, near)
         slant = min(max((x * bend[0] + y * bend[1]) / depth, -widest), widest)
         nearer[g] = depth * (1 + slant * slant)
@@ -41,7 +41,7 @@ def step_of_gaussians(
     shrink: float = np.partition(nearer, (count - 1) // 2)[(count - 1) // 2]
     for g in range(count):
         growth = shrink - nearer[g]
-        x, y, z = _seen(means, pose, g)
+        x, y, z = seen_from(means, pose, g)
         for j in range(3):
             by_means[g, j] = growth * (x * pose[0, j] + y * pose[1, j] + z * pose[2, j])
         by_sizes[g] = growth
@@ -49,7 +49,8 @@ def step_of_gaussians(
 
 
 @njit(**JIT)
-def _seen(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
+def seen_from(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
+    """Return the camera coordinates of a Gaussian's centre; means: [G, 3], pose: [4, 4]."""
     x, y, z = means[g, 0], means[g, 1], means[g, 2]
     return (
         pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
