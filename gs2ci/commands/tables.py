@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.markdown import Markdown
 
 from gs2ci.api.costs import make_table
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.printed_pages import print_pages
 from gs2ci.tables.names import TableName
 
 
@@ -50,9 +49,6 @@ def run(
     command = shlex.join(["gs2ci", *sys.argv[1:]])
     with answered(as_text=not json) as answer:
         made = make_table(table, output, data=data, cases=cases, lines=lines, command=command, **options)
-        console = Console()
-        console.print(Markdown(made.text))
-        for page in made.pages:
-            console.print(str(page), soft_wrap=True)
+        print_pages(made.text, made.pages)
         answer({"table": table, "lines": made.records(), "pages": made.pages})
     return made.pages

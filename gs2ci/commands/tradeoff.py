@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.markdown import Markdown
 
 from gs2ci.api import costs
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.printed_pages import print_pages
 
 
 @with_options_of(costs.tradeoff, without=("command", "progress"))
@@ -47,10 +46,7 @@ def run(
     command = shlex.join(["gs2ci", *sys.argv[1:]])
     with answered(as_text=not json) as answer:
         made = costs.tradeoff(shot, output, knobs=knobs, report=report, command=command, **options)
-        console = Console()
-        console.print(Markdown(made.text))
-        for page in made.pages:
-            console.print(str(page), soft_wrap=True)
+        print_pages(made.text, made.pages)
         answer(
             {"shot": made.found.name, "trials": made.found.rows, "left_out_s": made.found.left_out, "pages": made.pages}
         )
