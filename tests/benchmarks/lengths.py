@@ -3,14 +3,14 @@
     python -m tests.benchmarks lengths
 
 A slanted panel, a ball and a staircase before a wall, as triangles that the simulator's ray caster shows, so that they
-are no scene of the solver's own kind; 128 × 96 px, 8 masks, shot noise and readout noise, true masks, and a stage that
-tells the path exactly, in millimetres (`GS2CI_STAGE_OFF` makes each place err by a share of the path). Default
-settings; `GS2CI_SEED` draws others, `GS2CI_SIZE` ("192x256") asks for another size, with the same motion. For each:
-random pairs of pixels on the solid, at least a quarter of its breadth apart, away from its rims and of a confidence of
-0.9 or more, as `gs2ci measure` measures them. Printed: the median error of a length between the pixels' middles, the
-share within 1 %, the scale that all lengths have in common, the median stated error, and the share of lengths that lie
-within 1.96 of their stated standard errors, which ought to be 95 %: there the points meant are anywhere within their
-pixels, as the stated error has it.
+are no scene of the solver's own kind; 128 × 96 px, 8 masks, shot noise and readout noise, true masks, a camera matrix
+without error, and a stage that tells the path exactly, in mm (`GS2CI_STAGE_OFF` makes each place err by a share
+of the path). Default settings; `GS2CI_SEED` draws others, `GS2CI_SIZE` ("192x256") asks for another size, with the same
+motion in mm. For each: random pairs of pixels on the solid, at least a quarter of its breadth apart, away from its rims
+and of a confidence of 0.9 or more, as `gs2ci measure` measures them. Printed: the size, the median error of a length
+between the pixels' middles, the share within 1 %, the scale that all lengths have in common, the median stated error,
+and the share of lengths that lie within 1.96 of their stated standard errors, which ought to be 95 %: there the points
+meant are anywhere within their pixels, as the stated error has it.
 """
 
 import os
@@ -92,7 +92,7 @@ def judge(wanted: tuple[str, int]) -> str:
     which, seed = wanted
     shot, scene = take(which, seed)
     found = lengths(shot, scene, np.random.default_rng([seed, 2]))
-    return f"{which:10} {seed:3d}  {found.line()}"
+    return f"{which:10} {seed:3d}  {HEIGHT} × {WIDTH} px  {found.line()}"
 
 
 def take(which: str, seed: int) -> tuple[Shot, Scene]:
