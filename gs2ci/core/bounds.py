@@ -52,6 +52,13 @@ class Bounded:
         return self
 
 
+class BoundedRecord(Bounded):
+    """The same, for records that are checked as they are made: none exists out of its bounds."""
+
+    def __post_init__(self) -> None:
+        self.check()
+
+
 @cache
 def _bounds(settings: type) -> dict[str, TypeAdapter[Any]]:
     """Return what checks each field of a class; a field without bounds may hold anything."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pydantic import AfterValidator, Field, PositiveInt
 
-from gs2ci.core.bounds import Bounded, odd
+from gs2ci.core.bounds import Bounded, BoundedRecord, odd
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 
@@ -52,3 +52,16 @@ def test_what_is_within_its_bounds_is_returned_as_it_is():
     settings = Outer(count=np.int64(3), share=np.float32(0.5), rate=2, free="anything", more=(Inner(3), Inner(255)))
     assert settings.check() is settings
     assert isinstance(settings.count, np.int64)
+
+
+@dataclass(frozen=True)
+class Made(BoundedRecord):
+    share: Annotated[float, Field(ge=0, le=1)]
+
+
+def test_a_record_out_of_its_bounds_is_not_made():
+    assert Made(1.0).share == 1.0
+    with pytest.raises(InputError, match=r"share = 1\.5 in Made; allowed: less than or equal to 1"):
+        Made(1.5)
+    with pytest.raises(InputError, match="share = -1 in Made"):
+        replace(Made(0.0), share=-1)
