@@ -54,7 +54,7 @@ def codes_sha256(codes: U16) -> U8:
     return np.frombuffer(digest, np.uint8)
 
 
-def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: float, now: datetime | None = None) -> Fit:
+def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: float) -> Fit:
     """Compare a bundle with the connected bench and with the capture that is planned on it; nothing moves.
 
     Args:
@@ -62,12 +62,11 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
         bench: The bench, connected.
         provenance: Its devices' identities.
         max_age_days: Age from which on a section is too old.
-        now: The time; None takes the clock's.
 
     Raises:
         DriverError: A device does not answer.
     """
-    old = [_age(section, max_age_days, now or datetime.now(UTC)) for section in bundle.sections.values()]
+    old = [_age(section, max_age_days, datetime.now(UTC)) for section in bundle.sections.values()]
     misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *_setup(bundle, bench)]
     if "masks" in bundle:
         misfits += _masks(bundle.sections["masks"], bench)

@@ -174,14 +174,12 @@ class RefusedError(DriverError):
         code: int | str,
         meaning: str,
         *,
-        allowed: str = "",
         remedy: str = "",
     ) -> None:
         super().__init__(
             device,
             f"refused with {code} ({meaning})",
             asked=asked,
-            allowed=allowed,
             remedy=remedy or "see `gs2ci devices` for what the device can do",
         )
         self.code = code

@@ -40,13 +40,10 @@ RegistrationMode = Literal["auto", "off"]
 REGISTRATION_MODES: Final = get_args(RegistrationMode)
 
 MotionMode = Literal["auto", "off", "on"]
-MOTION_MODES: Final = get_args(MotionMode)
 
 LightMode = Literal["auto", "as-seen", "even"]
-LIGHT_MODES: Final = get_args(LightMode)
 
 WithinMask = Literal["still", "moving"]
-WITHIN_MASK: Final = get_args(WithinMask)
 
 MOST_MOMENTS: Final = 1000
 """Each is written as a picture, and for a moving scene as a scene file too."""

@@ -5,11 +5,12 @@ settings (`presets`), the order of the stages (`pipeline`).
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Final, get_args
+from typing import Annotated, Final
 
-from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, FirstLookName, MotionMode, PoseSource, ProxyName
-from gs2ci.reconstruct.decode.by_name import check_name
+from pydantic import Field, PositiveInt
+
+from gs2ci.core.bounds import Bounded
+from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -31,7 +32,7 @@ _RELIST_EVERY: Final = 4
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Bounded):
     """Settings of every stage.
 
     Args:
@@ -78,12 +79,12 @@ class Settings:
     polish: PatchSettings | None = field(default_factory=PatchSettings.polish_sparsely)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
-    fits: int = 2
+    fits: Annotated[int, Field(ge=1, le=MOST_FITS)] = 2
     second_density: DensityRule | None = field(default_factory=Osgr.generous)
     fine: FineSettings | None = None
     fine_if_asked: FineSettings = field(default_factory=FineSettings)
     residual: ResidualSettings | None = field(default_factory=ResidualSettings)
-    stride_px: int = 3
+    stride_px: PositiveInt = 3
     withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
@@ -92,7 +93,7 @@ class Settings:
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    seed: int = 42
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 42
 
     @property
     def may_look_again(self) -> bool:
@@ -123,36 +124,3 @@ class Settings:
             return replace(self, fit=replace(self.fit, density=rule), second_density=None)
         fit = with_rule(self.fit, rule)
         return self if fit is self.fit else replace(self, fit=fit, second_density=None)
-
-    def check(self) -> "Settings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A stage's settings, the stride, the number of fits or the seed are out of range.
-        """
-        check_name(self.first_look)
-        if self.proxy not in get_args(ProxyName):
-            raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
-        if self.stride_px < 1 or not 0 <= self.seed < 2**63:
-            raise InputError(
-                f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
-            )
-        if not 1 <= self.fits <= MOST_FITS:
-            raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
-        if self.motion not in MOTION_MODES:
-            raise InputError(f"motion {self.motion!r}", allowed=", ".join(MOTION_MODES))
-        self.decode.check()
-        if self.long_decode is not None:
-            self.long_decode.check()
-        if self.polish is not None:
-            self.polish.check()
-        self.geometry.check()
-        self.brightness.check()
-        self.mask_moments.check()
-        self.registration.check()
-        self.fit.check()
-        (self.fine or self.fine_if_asked).check()
-        if self.residual is not None:
-            self.residual.steps()
-        self.raster.check()
-        return self

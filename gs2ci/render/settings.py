@@ -4,9 +4,11 @@ Here: `RasterSettings`. Not here: which renderer (`backend.py`), the image model
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
-from gs2ci.core.errors import InputError
+from pydantic import Field, PositiveInt
+
+from gs2ci.core.bounds import Bounded
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 
 # Far wider than useful: with a wider margin every Gaussian is in every list, whose memory grows with pixels ×
@@ -15,7 +17,7 @@ WIDEST_MARGIN_PX: Final = 64.0
 
 
 @dataclass(frozen=True)
-class RasterSettings:
+class RasterSettings(Bounded):
     """What a backend may leave out.
 
     Args:
@@ -27,23 +29,6 @@ class RasterSettings:
             costs time; if a Gaussian moves or grows further, parts of it are missing until the next lists.
     """
 
-    termination_transmittance: float = TERMINATION_TRANSMITTANCE
-    relist_every: int = 1
-    list_margin_px: float = 1.0
-
-    def check(self) -> "RasterSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: One of them is out of range.
-        """
-        if not 0 <= self.termination_transmittance < 1:
-            raise InputError(
-                f"termination transmittance {self.termination_transmittance}", allowed="0 or more, below 1"
-            )
-        if self.relist_every < 1 or not 0 <= self.list_margin_px <= WIDEST_MARGIN_PX:
-            raise InputError(
-                f"lists for {self.relist_every} renderings with a margin of {self.list_margin_px} px",
-                allowed=f"at least 1 rendering, and a margin of 0 to {WIDEST_MARGIN_PX:g} px",
-            )
-        return self
+    termination_transmittance: Annotated[float, Field(ge=0, lt=1)] = TERMINATION_TRANSMITTANCE
+    relist_every: PositiveInt = 1
+    list_margin_px: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_PX)] = 1.0

@@ -204,18 +204,17 @@ def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:
     return Setup(rig, effects=(*implied, *effects), seed=file.seed, **choices)
 
 
-def effects_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> list[Effect]:
+def effects_from_tables(tables: Mapping[str, Any]) -> list[Effect]:
     """Turn tables named as effects into effects.
 
     Args:
         tables: The tables.
-        path: The file that they are of, for errors.
 
     Raises:
         InputError: There is no such effect, or a key or value cannot be used.
     """
     kinds = _effect_kinds(tables)
-    file: Any = settings_from({"effects": tables}, _tables("RigFile", effects=(_effects_model(kinds), None)), path)
+    file: Any = settings_from({"effects": tables}, _tables("RigFile", effects=(_effects_model(kinds), None)), UNNAMED)
     return _effects(kinds, file.effects)
 
 

@@ -239,7 +239,7 @@ def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
 
 @pytest.mark.parametrize("fits", [0, -1, 65])
 def test_a_number_of_fits_that_makes_no_sense_is_refused(shot, fits):
-    with pytest.raises(InputError, match=f"{fits} fits side by side.*1 to 64"):
+    with pytest.raises(InputError, match=f"fits = {fits} in Settings"):
         reconstruct(shot, replace(QUICK, fits=fits))
 
 

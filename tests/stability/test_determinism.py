@@ -21,7 +21,6 @@ pytestmark = pytest.mark.slow
 SMALL = Scale((40, 48), 40)
 BY_TITLE = {case.title: case for case in CASES}
 TITLES = [
-    "noise: 20 % of the brightest reading",
     "channels: one behind a colour filter array",
     "fault: a step that multiplies means by 1e+06",
 ]
@@ -55,10 +54,10 @@ def test_a_case_has_the_same_bits_again_and_in_one_thread(title):
 
 
 def test_a_case_has_the_same_bits_in_another_process():
-    script = "from tests.stability.test_determinism import hash_of_run, TITLES; print(hash_of_run(TITLES[1]))"
+    script = "from tests.stability.test_determinism import hash_of_run, TITLES; print(hash_of_run(TITLES[0]))"
     paths = [str(ROOT / folder) for folder in (".", "drivers", "calibration", "sims")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONHASHSEED": "7", "NUMBA_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=HANG_S, check=True, env=environment
     )
-    assert done.stdout.strip() == fingerprint(TITLES[1], 2)
+    assert done.stdout.strip() == fingerprint(TITLES[0], 2)

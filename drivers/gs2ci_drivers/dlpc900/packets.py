@@ -105,13 +105,13 @@ def describe_error(code: int) -> ErrorCode:
     return ERROR_CODES.get(code, ErrorCode(f"unknown error code {code}", _REINSTALL))
 
 
-def read_request(command: Command, sequence: int, data: bytes = b"") -> bytes:
+def read_request(command: Command, sequence: int) -> bytes:
     """Build a message that reads `command`; the device answers with its data.
 
     Raises:
-        InputError: The data or the sequence number does not fit.
+        InputError: The sequence number does not fit.
     """
-    return _request(_READ | _REPLY_WANTED, command, sequence, data)
+    return _request(_READ | _REPLY_WANTED, command, sequence, b"")
 
 
 def write_request(command: Command, data: bytes, sequence: int, *, acknowledge: bool = True) -> bytes:

@@ -170,10 +170,8 @@ def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
         values = _rows(raw, geometry, 1)[:, :, 0].astype(np.uint16)
     elif geometry.pixel.packing is Packing.WORDS:
         return _aligned(_words(raw, geometry), geometry)
-    elif geometry.pixel.packing is Packing.MIPI10:
-        values = _mipi10(_rows(raw, geometry, 5), geometry.width)
     else:
-        values = _mipi12(_rows(raw, geometry, 3), geometry.width)
+        values = _mipi(_rows(raw, geometry, 5 if geometry.pixel.packing is Packing.MIPI10 else 3), geometry.width)
     _check_range(values, geometry)
     return values
 
@@ -205,25 +203,15 @@ def _aligned(words: U16, geometry: FrameGeometry) -> U16:
     return words >> np.uint16(spare)
 
 
-def _mipi10(groups: U8, width: int) -> U16:
-    """Unpack [H, G, 5] bytes: four high bytes, then four pairs of low bits, pixel 0 lowest (pixfmt-y10p)."""
-    out = np.empty((groups.shape[0], groups.shape[1], 4), np.uint16)
-    low = groups[:, :, 4]
-    for i in range(4):
+def _mipi(groups: U8, width: int) -> U16:
+    """Unpack [H, G, P + 1] bytes: P high bytes, then the low bits of P pixels, pixel 0 lowest (10 or 12 bits each)."""
+    pixels = groups.shape[2] - 1
+    bits = 8 // pixels
+    out = np.empty((*groups.shape[:2], pixels), np.uint16)
+    for i in range(pixels):
         out[:, :, i] = groups[:, :, i]
-        out[:, :, i] <<= 2
-        out[:, :, i] |= (low >> np.uint8(2 * i)) & np.uint8(3)
-    return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
-
-
-def _mipi12(groups: U8, width: int) -> U16:
-    """Unpack [H, G, 3] bytes: two high bytes, then two nibbles, pixel 0 in the low one (pixfmt-srggb12p)."""
-    out = np.empty((groups.shape[0], groups.shape[1], 2), np.uint16)
-    low = groups[:, :, 2]
-    for i in range(2):
-        out[:, :, i] = groups[:, :, i]
-        out[:, :, i] <<= 4
-        out[:, :, i] |= (low >> np.uint8(4 * i)) & np.uint8(15)
+        out[:, :, i] <<= bits
+        out[:, :, i] |= (groups[:, :, pixels] >> np.uint8(bits * i)) & np.uint8(2**bits - 1)
     return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
 
 

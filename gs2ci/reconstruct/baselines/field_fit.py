@@ -9,13 +9,16 @@ steps instead of a hundred thousand, and a path that starts from our tracks and 
 """
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import torch
+from pydantic import Field, PositiveInt
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.baselines.radiance_field import Frustum, RadianceField, cast
@@ -30,7 +33,7 @@ _NEARER, _FARTHER = 1.5, 0.5
 
 
 @dataclass(frozen=True)
-class FieldSettings:
+class FieldSettings(Bounded):
     """How long and how finely.
 
     Args:
@@ -42,23 +45,12 @@ class FieldSettings:
         poses_from: Share of the iterations after which poses move.
     """
 
-    iterations: int = 2500
-    pixels: int = 192
-    samples: int = 32
-    rate: float = 1e-2
-    pose_rate: float = 5e-4
-    poses_from: float = 0.1
-
-    def check(self) -> "FieldSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A count is below 1, a rate is not positive, or the share is out of range.
-        """
-        counts, rates = (self.iterations, self.pixels, self.samples), (self.rate, self.pose_rate)
-        if min(counts) < 1 or not all(0 < rate < np.inf for rate in rates) or not 0 <= self.poses_from <= 1:
-            raise InputError(f"{self}", allowed="counts from 1 on, rates above 0, poses_from 0 to 1")
-        return self
+    iterations: PositiveInt = 2500
+    pixels: PositiveInt = 192
+    samples: PositiveInt = 32
+    rate: Positive = 1e-2
+    pose_rate: Positive = 5e-4
+    poses_from: Annotated[float, Field(ge=0, le=1)] = 0.1
 
 
 @dataclass(frozen=True)

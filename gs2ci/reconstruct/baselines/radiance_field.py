@@ -24,6 +24,10 @@ _MARGIN: Final = 0.25
 # exp(12) per unit of s stops all light within a thousandth of a sample; more would leave float32.
 _MOST_LOG_DENSITY: Final = 12.0
 _PRIMES: Final = (1, 2_654_435_761, 805_459_861)
+# Levels of the hash grid, entries of each of its tables at most (a power of two), and the width of both networks.
+_LEVELS: Final = 8
+_ENTRIES: Final = 2**16
+_HIDDEN: Final = 48
 
 
 @dataclass(frozen=True)
@@ -148,31 +152,20 @@ class RadianceField(nn.Module):
 
     Args:
         frustum: Where.
-        levels: Of the hash grid.
-        entries: Of each of its tables at most, a power of two.
-        hidden: Width of both networks.
         generator: Of all first numbers.
     """
 
-    def __init__(
-        self,
-        frustum: Frustum,
-        levels: int = 8,
-        entries: int = 2**16,
-        hidden: int = 48,
-        generator: torch.Generator | None = None,
-    ) -> None:
+    def __init__(self, frustum: Frustum, generator: torch.Generator) -> None:
         super().__init__()
         self.frustum = frustum
-        generator = generator or torch.Generator().manual_seed(0)
         height, width = frustum.size
         wide = 1 + 2 * _MARGIN
         finest = (max(8, round(wide * width / 1.5)), max(8, round(wide * height / 1.5)), 64)
-        self.grid = HashGrid((8, 8, 8), finest, levels, entries, 2, generator)
+        self.grid = HashGrid((8, 8, 8), finest, _LEVELS, _ENTRIES, 2, generator)
         self._kept = 15
         shapes = (
-            ((self.grid.width, hidden), (hidden, 1 + self._kept)),
-            ((self._kept + 3, hidden), (hidden, 3)),
+            ((self.grid.width, _HIDDEN), (_HIDDEN, 1 + self._kept)),
+            ((self._kept + 3, _HIDDEN), (_HIDDEN, 3)),
         )
         self.body, self.shade = (
             nn.ParameterList(

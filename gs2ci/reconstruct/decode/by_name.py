@@ -5,10 +5,8 @@ with which no reconstruction starts (`gs2ci.api.decoders`).
 """
 
 from dataclasses import replace
-from typing import get_args
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import FirstLookName
@@ -26,16 +24,6 @@ def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings |
     if name == "gap-tv":
         return None
     return replace(PatchSettings.quick() if name == "patches-quick" else PatchSettings(), start=start)
-
-
-def check_name(name: str) -> None:
-    """Refuse an unknown name.
-
-    Raises:
-        InputError: There is no such decoder.
-    """
-    if name not in get_args(FirstLookName):
-        raise InputError(f"first look {name!r}", allowed=", ".join(get_args(FirstLookName)))
 
 
 def decode_by_name(shot: Shot, name: FirstLookName, settings: GapTvSettings, progress: Progress | None = None) -> F32:

@@ -7,9 +7,11 @@ enough for tracking and plane sweeps; they are never a photometric target of the
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
@@ -17,7 +19,7 @@ from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
 
 @dataclass(frozen=True)
-class GapTvSettings:
+class GapTvSettings(Bounded):
     """How long and how smooth to decode.
 
     Args:
@@ -27,23 +29,10 @@ class GapTvSettings:
         coupling: Weight of a difference between consecutive views relative to one between neighbouring pixels.
     """
 
-    iterations: int = 40
-    weight: float = 0.07
-    inner: int = 5
-    coupling: float = 0.0
-
-    def check(self) -> "GapTvSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A count below 1, a weight that is not a positive finite number, or a negative coupling.
-        """
-        counts = self.iterations >= 1 and self.inner >= 1
-        if not (counts and 0 < self.weight < np.inf and 0 <= self.coupling < np.inf):
-            raise InputError(
-                f"GAP-TV settings {self}", allowed="iterations >= 1, inner >= 1, weight > 0, coupling >= 0"
-            )
-        return self
+    iterations: PositiveInt = 40
+    weight: Positive = 0.07
+    inner: PositiveInt = 5
+    coupling: NotNegative = 0.0
 
 
 def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None) -> F32:

@@ -7,14 +7,17 @@ photometric target of a fit.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
+from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
@@ -37,7 +40,7 @@ _LEAST_NEARBY: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class PlugAndPlaySettings:
+class PlugAndPlaySettings(Bounded):
     """Which scheme, and how the noise level falls.
 
     Args:
@@ -53,32 +56,10 @@ class PlugAndPlaySettings:
     """
 
     scheme: Scheme = "gap"
-    sigmas: tuple[float, ...] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
-    iterations: int = 10
-    gamma: float = 0.01
+    sigmas: Annotated[tuple[Positive, ...], Field(min_length=1)] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
+    iterations: PositiveInt = 10
+    gamma: Positive = 0.01
     begin: Beginning = "average"
-
-    def check(self) -> "PlugAndPlaySettings":
-        """Return self if the settings make sense.
-
-        Raises:
-            InputError: An unknown scheme or start, a count below 1, or a level or gamma that is not a positive
-                finite number.
-        """
-        numbers = (*self.sigmas, self.gamma)
-        if (
-            self.scheme not in ("gap", "admm")
-            or self.begin not in ("average", "transpose")
-            or not self.sigmas
-            or self.iterations < 1
-            or not all(0 < number < np.inf for number in numbers)
-        ):
-            raise InputError(
-                f"plug-and-play settings {self}",
-                allowed="scheme gap or admm, begin average or transpose, at least one sigma > 0, iterations >= 1, "
-                "gamma > 0",
-            )
-        return self
 
 
 def plug_and_play(

@@ -10,15 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.measurement.coding import Coding
 
 
 @dataclass(frozen=True)
-class ResidualSettings:
+class ResidualSettings(Bounded):
     """How the residual is decoded.
 
     Args:
@@ -27,9 +30,9 @@ class ResidualSettings:
         inner: Denoiser steps in each iteration.
     """
 
-    iterations: int = 5
-    weight: float = 0.02
-    inner: int = 5
+    iterations: PositiveInt = 5
+    weight: Positive = 0.02
+    inner: PositiveInt = 5
 
     def steps(self) -> GapTvSettings:
         """Return the settings in the form of the decoder.

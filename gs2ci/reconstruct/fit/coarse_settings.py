@@ -4,8 +4,11 @@ Here: `CoarseSettings` and its check. Not here: the stage (`coarse.py`), presets
 """
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
+from pydantic import PositiveInt
+
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -24,7 +27,7 @@ STANDARD_ITERATIONS: Final = 400
 
 
 @dataclass(frozen=True)
-class CoarseSettings:
+class CoarseSettings(Bounded):
     """The schedule of the coarse stage.
 
     Args:
@@ -45,8 +48,8 @@ class CoarseSettings:
         colours: How far colours may change with the direction of sight.
     """
 
-    iterations: int = STANDARD_ITERATIONS
-    densify_every: int = STANDARD_ITERATIONS // 8
+    iterations: PositiveInt = STANDARD_ITERATIONS
+    densify_every: PositiveInt = STANDARD_ITERATIONS // 8
     densify_from: float = 0.025
     densify_until: float = 0.75
     gaussians_per_pixel: float | None = 0.25
@@ -63,34 +66,21 @@ class CoarseSettings:
     motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
     colours: ColourSettings = field(default_factory=ColourSettings)
 
-    def check(self) -> "CoarseSettings":
+    def check(self) -> Self:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel with poses
-                that do not step at every iteration, or the loss's window or hold-out settings out of range.
+            InputError: One is out of its bounds, there is no bound on the population at all, or turning is exchanged
+                for travel with poses that do not step at every iteration.
         """
-        if self.iterations < 1 or self.densify_every < 1:
-            raise InputError(
-                f"{self.iterations} iterations of the fit, densified every {self.densify_every}",
-                allowed="counts of at least 1",
-            )
         if self.gaussians_per_pixel is None and self.most_gaussians is None:
             raise InputError(
                 "a fit without any bound on its population",
                 allowed="gaussians_per_pixel, which limits it, or most_gaussians, which ends the fit",
             )
-        self.loss.check()
-        if self.surfaces is not None:
-            self.surfaces.check()
-        if self.relief is not None:
-            self.relief.check()
-            if self.poses.every != 1:
-                raise InputError(
-                    f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
-                    allowed="poses that step at every iteration, or no relief settings",
-                )
-        self.hold_out.check()
-        self.motion.check()
-        self.colours.check()
-        return self
+        if self.relief is not None and self.poses.every != 1:
+            raise InputError(
+                f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
+                allowed="poses that step at every iteration, or no relief settings",
+            )
+        return super().check()

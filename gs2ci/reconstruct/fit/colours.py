@@ -8,8 +8,11 @@ Here: the settings. Not here: the harmonics (`gs2ci.render.harmonics`), their st
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from gs2ci.core.errors import InputError
+from pydantic import Field
+
+from gs2ci.core.bounds import Bounded
 from gs2ci.render.harmonics import DEGREE_MAX
 
 # Tolerance for rounding: the quotient of two shares of a schedule may be a whole number up to rounding.
@@ -17,7 +20,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class ColourSettings:
+class ColourSettings(Bounded):
     """Which spherical harmonics are fitted, and from when.
 
     Args:
@@ -25,21 +28,8 @@ class ColourSettings:
         every: Share of the schedule between degrees: degree 1 is added after it, degree 2 after twice as much.
     """
 
-    degree: int = 0
-    every: float = 0.05
-
-    def check(self) -> "ColourSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: The degree is not 0 to 3, or the share not above 0 and at most 1.
-        """
-        if not 0 <= self.degree <= DEGREE_MAX or not 0 < self.every <= 1:
-            raise InputError(
-                f"spherical harmonics of degree {self.degree}, one more after each {self.every:g} of the schedule",
-                allowed=f"a degree of 0 to {DEGREE_MAX} and a share above 0 and at most 1",
-            )
-        return self
+    degree: Annotated[int, Field(ge=0, le=DEGREE_MAX)] = 0
+    every: Annotated[float, Field(gt=0, le=1)] = 0.05
 
     def at(self, share: float) -> int:
         """Return the degree of colours after a share of the schedule."""

@@ -10,13 +10,16 @@ Here: the field and its steps. Not here: the loops over Gaussians and maps (`dep
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaussians, move_map
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
@@ -31,7 +34,7 @@ _SQUARE_DECAY = 0.999
 
 
 @dataclass(frozen=True)
-class DepthFieldSettings:
+class DepthFieldSettings(Bounded):
     """Grid and step sizes of the field.
 
     Args:
@@ -43,26 +46,12 @@ class DepthFieldSettings:
         final_rate: Step size at its end; exponential in between.
     """
 
-    every: int = 2
-    across: int = 6
-    down: int = 5
-    deep: int = 4
-    rate: float = 4e-3
-    final_rate: float = 4e-4
-
-    def check(self) -> "DepthFieldSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A rate that is not a number above 0, a count below 1, or fewer than two knots.
-        """
-        rates = 0 < self.rate < np.inf and 0 < self.final_rate < np.inf
-        knots = min(self.across, self.down, self.deep)
-        if not (rates and self.every >= 1 and knots > 1):
-            raise InputError(
-                f"depth field settings {self}", allowed="rates above 0, every at least 1, 2 knots or more each way"
-            )
-        return self
+    every: PositiveInt = 2
+    across: Annotated[int, Field(ge=2)] = 6
+    down: Annotated[int, Field(ge=2)] = 5
+    deep: Annotated[int, Field(ge=2)] = 4
+    rate: Positive = 4e-3
+    final_rate: Positive = 4e-4
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,16 @@ The mean of this estimate is the paper's sum, at a fraction of the cost.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 import torch
+from pydantic import Field, NonNegativeInt, PositiveInt
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
@@ -39,7 +43,7 @@ _EPSILON = 1e-6
 
 
 @dataclass(frozen=True)
-class FineSettings:
+class FineSettings(Bounded):
     """The schedule and the weights of the fine stage. The weights are the paper's (section IV-A).
 
     Args:
@@ -62,17 +66,17 @@ class FineSettings:
 
     prior: str = "consistent"
     distance: str = "structure"
-    iterations: int = 300
+    iterations: PositiveInt = 300
     steps: StepSizes = field(
         default_factory=lambda: replace(
             StepSizes.of_the_literature(), means=3.2e-5, means_final_share=1.0, colours=2.5e-3
         )
     )
-    damping: float = 0.3
-    between: int = 1
-    pseudo_weight: float = 0.006
-    l1: float = 0.8
-    perceptual: float = 0.01
+    damping: Annotated[float, Field(gt=0, le=1)] = 0.3
+    between: NonNegativeInt = 1
+    pseudo_weight: NotNegative = 0.006
+    l1: NotNegative = 0.8
+    perceptual: NotNegative = 0.01
     support: SupportSettings = field(default_factory=SupportSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     gated: bool = True
@@ -96,25 +100,6 @@ class FineSettings:
             hold_out=HoldOut(share=0.0, look_every=100, patience=iterations, growth_patience=iterations),
             gated=False,
         )
-
-    def check(self) -> "FineSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A count or a weight is out of range.
-        """
-        weights = np.array([self.pseudo_weight, self.l1, self.perceptual])
-        if self.iterations < 1 or self.between < 0 or not ((weights >= 0) & np.isfinite(weights)).all():
-            raise InputError(
-                f"fine stage of {self.iterations} iterations, {self.between} poses between two cameras, weights "
-                f"{weights.tolist()}",
-                allowed="iterations >= 1, between >= 0, weights >= 0",
-            )
-        if not 0 < self.damping <= 1:
-            raise InputError(f"damping {self.damping} of the fine stage", allowed="above 0, at most 1")
-        self.support.check()
-        self.hold_out.check()
-        return self
 
 
 @dataclass(frozen=True)

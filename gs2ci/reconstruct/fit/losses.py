@@ -5,22 +5,23 @@ here: the rendering that makes the prediction (`gs2ci.render`).
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, Bool
-from gs2ci.core.windows import check_window
+from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.reconstruct.fit.gaussian_kernels import add_opacity_gradient, add_size_gradient
 from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
 from gs2ci.render.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
-class LossWeights:
+class LossWeights(Bounded):
     """The weights of the objective, and its window.
 
     Args:
@@ -31,18 +32,9 @@ class LossWeights:
     """
 
     similarity: float = 0.1
-    window_px: int = WINDOW
+    window_px: Annotated[int, Field(ge=LEAST_WINDOW, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = WINDOW
     opacity: float = 0.01
     size: float = 0.0
-
-    def check(self) -> "LossWeights":
-        """Return self if the window can be used.
-
-        Raises:
-            InputError: Its side is even or out of range.
-        """
-        check_window("the similarity", self.window_px, LEAST_WINDOW)
-        return self
 
 
 class DataTerm:

@@ -13,17 +13,18 @@ Here: when masks are open, their moments and poses, the bound. Not here: renderi
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.reconstruct.choices import WITHIN_MASK, WithinMask
+from gs2ci.reconstruct.choices import WithinMask
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render import se3
 
@@ -44,7 +45,7 @@ def mask_times(views: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class MaskMomentSettings:
+class MaskMomentSettings(Bounded):
     """How many moments a mask gets.
 
     Args:
@@ -58,23 +59,8 @@ class MaskMomentSettings:
     """
 
     within_mask: WithinMask = "still"
-    tolerance: float = 0.01
-    most: int = 8
-
-    def check(self) -> "MaskMomentSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: An unknown word, a tolerance that is not above zero, or less than one moment.
-        """
-        if self.within_mask not in WITHIN_MASK:
-            raise InputError(f"a camera that is {self.within_mask!r} within a mask", allowed=", ".join(WITHIN_MASK))
-        if not (self.tolerance > 0 and self.most >= 1):
-            raise InputError(
-                f"up to {self.most} moments of a mask, for a tolerance of {self.tolerance}",
-                allowed="at least 1 moment, and a tolerance above 0",
-            )
-        return self
+    tolerance: Annotated[float, Field(gt=0)] = 0.01
+    most: PositiveInt = 8
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,16 @@ fitted (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import NotNegative
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.geometry.flow import velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -32,7 +34,7 @@ _ROUND_PX: Final = 0.01
 
 
 @dataclass(frozen=True)
-class ObjectMotionSettings:
+class ObjectMotionSettings(Bounded):
     """How Gaussians may move.
 
     Args:
@@ -41,21 +43,8 @@ class ObjectMotionSettings:
             scales, summed over the pixels.
     """
 
-    rows: int = 2
-    cost: float = 0.02
-
-    def check(self) -> "ObjectMotionSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: No rows or too many, or a cost that is negative or not finite.
-        """
-        if not 1 <= self.rows <= MOST_ROWS or not 0 <= self.cost < np.inf:
-            raise InputError(
-                f"a motion of {self.rows} rows at a cost of {self.cost:g}",
-                allowed=f"1 to {MOST_ROWS} rows and a cost of at least 0",
-            )
-        return self
+    rows: Annotated[int, Field(ge=1, le=MOST_ROWS)] = 2
+    cost: NotNegative = 0.02
 
     def penalty(self, scene: Gaussians, px_per_length: float, pixels: int) -> Tensor | float:
         """Return the cost of a scene's motion, in the unit of the mean absolute error; 0 for a still scene.

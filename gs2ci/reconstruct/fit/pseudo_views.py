@@ -6,18 +6,22 @@ these views (`reconstruct.priors2d`), the loss and the loop (`fine.py`).
 
 import itertools
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render import se3
 
 
 @dataclass(frozen=True)
-class SupportSettings:
+class SupportSettings(Bounded):
     """The weight of a pixel of a pseudo-view, by the light that the Gaussians stop there (paper: IV-A).
 
     Args:
@@ -26,19 +30,9 @@ class SupportSettings:
         least: Weight of a pixel whose light nothing stops, w_min.
     """
 
-    threshold: float = 0.25
-    softness: float = 0.08
-    least: float = 0.10
-
-    def check(self) -> "SupportSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A softness that is not positive, or a share outside [0, 1].
-        """
-        if not (0 <= self.threshold <= 1 and 0 <= self.least <= 1 and 0 < self.softness < np.inf):
-            raise InputError(f"support settings {self}", allowed="threshold and least in [0, 1], softness > 0")
-        return self
+    threshold: Annotated[float, Field(ge=0, le=1)] = 0.25
+    softness: Positive = 0.08
+    least: Annotated[float, Field(ge=0, le=1)] = 0.10
 
 
 def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:

@@ -20,14 +20,16 @@ Here: the direction, and its steps. Not here: the gradients (`coarse.py`), the p
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.relief_kernels import derivative_along, step_of_gaussians, take_step
 from gs2ci.render.conventions import NEAR
@@ -40,7 +42,7 @@ _MOST_GROWTH: Final = 0.25
 
 
 @dataclass(frozen=True)
-class ReliefSettings:
+class ReliefSettings(Bounded):
     """How inverse depth and turning are exchanged.
 
     Args:
@@ -49,19 +51,9 @@ class ReliefSettings:
         final_rate: At its end; exponential in between.
     """
 
-    begins: float = 0.1
-    rate: float = 1.5e-2
-    final_rate: float = 3e-3
-
-    def check(self) -> "ReliefSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A rate that is not a number above 0, or a share outside [0, 1).
-        """
-        if not (0 < self.rate < np.inf and 0 < self.final_rate < np.inf and 0 <= self.begins < 1):
-            raise InputError(f"relief settings {self}", allowed="rates above 0, and begins in [0, 1)")
-        return self
+    begins: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    rate: Positive = 1.5e-2
+    final_rate: Positive = 3e-3
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,16 @@ held-out pixels and their residual (`gs2ci.reconstruct.measurement.jury`), the l
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final
 
-from gs2ci.core.errors import InputError
+from pydantic import Field, PositiveInt
+
+from gs2ci.core.bounds import Bounded
 from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE
 
 
 @dataclass(frozen=True)
-class HoldOut:
+class HoldOut(Bounded):
     """How much of the measurement is held out, and how long a fit waits for its residual to improve.
 
     Args:
@@ -25,26 +27,16 @@ class HoldOut:
         improvement: Relative decrease of the residual that counts as an improvement.
     """
 
-    share: float = HELDOUT_SHARE
-    look_every: int = 50
-    patience: int = 150
-    growth_patience: int = 50
+    share: Annotated[float, Field(ge=0, le=0.5)] = HELDOUT_SHARE
+    look_every: PositiveInt = 50
+    patience: PositiveInt = 150
+    growth_patience: PositiveInt = 50
     improvement: float = 1e-3
 
     def looking(self, every: int) -> "HoldOut":
         """Return the settings with looks every so many iterations, and patience for as many looks as by default."""
         looks, growth_looks = HoldOut.patience // HoldOut.look_every, HoldOut.growth_patience // HoldOut.look_every
         return replace(self, look_every=every, patience=looks * every, growth_patience=growth_looks * every)
-
-    def check(self) -> "HoldOut":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A share outside [0, 0.5], or a count below 1.
-        """
-        if not 0 <= self.share <= 0.5 or min(self.look_every, self.patience, self.growth_patience) < 1:
-            raise InputError(f"hold-out settings {self}", allowed="a share in [0, 0.5] and counts of at least 1")
-        return self
 
 
 # After a quarter of the schedule the residual of a fit predicts its final one well enough. On the real fan the residual

@@ -10,15 +10,19 @@ Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.p
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated, Self
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.relief import Exchange
@@ -51,7 +55,7 @@ _ROUND_PX = 0.1
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(Bounded):
     """One search for surfaces, and how strongly light is drawn to them until the next search.
 
     Args:
@@ -62,9 +66,9 @@ class Search:
         asks_measurement: Whether the depth of plain areas is estimated from the measurement itself.
     """
 
-    begins: float
-    weight: float
-    final_weight: float
+    begins: Annotated[float, Field(gt=0, le=1)]
+    weight: Positive
+    final_weight: Positive
     asks_measurement: bool = False
 
     def weight_at(self, share: float) -> float:
@@ -74,7 +78,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class SurfaceSettings:
+class SurfaceSettings(Bounded):
     """How light is drawn to surfaces.
 
     Args:
@@ -89,37 +93,23 @@ class SurfaceSettings:
     """
 
     searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3, asks_measurement=True))
-    every: int = 2
-    views: int = 4
-    others: int = 4
-    pixel_share: float = 0.3
+    every: PositiveInt = 2
+    views: Annotated[int, Field(ge=2)] = 4
+    others: Annotated[int, Field(ge=2)] = 4
+    pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
     depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
 
-    def check(self) -> "SurfaceSettings":
+    def check(self) -> Self:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A weight that is not above 0, shares outside (0, 1], fewer than two views, or the sweep's own.
+            InputError: One is out of its bounds, or the searches are none or not in the order in which they begin.
         """
         begins = [search.begins for search in self.searches]
-        weights = [weight for search in self.searches for weight in (search.weight, search.final_weight)]
-        if (
-            not (begins and begins[0] > 0 and begins[-1] <= 1 and begins == sorted(begins))
-            or not all(0 < weight < np.inf for weight in weights)
-            or not 0 < self.pixel_share <= 1
-            or min(self.views, self.others) < 2
-            or self.every < 1
-        ):
-            raise InputError(
-                f"surface settings {self}",
-                allowed="searches that begin in order and in (0, 1], with weights above 0, a pixel_share in (0, 1], "
-                "2 views and others or more, every at least 1",
-            )
-        self.sweep.check()
-        if self.depth_field is not None:
-            self.depth_field.check()
-        return self
+        if not begins or begins != sorted(begins):
+            raise InputError(f"surface settings whose searches begin at {begins}", allowed="one or more, in order")
+        return super().check()
 
 
 @dataclass(frozen=True)

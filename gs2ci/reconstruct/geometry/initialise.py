@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
@@ -55,7 +56,7 @@ PLANE_NOTE = finding(Code.DEPTH_STARTS_AS_PLANE)
 
 
 @dataclass(frozen=True)
-class GeometrySettings:
+class GeometrySettings(Bounded):
     """Settings of every step."""
 
     tracks: TrackSettings = field(default_factory=TrackSettings)
@@ -63,16 +64,6 @@ class GeometrySettings:
     focal: FocalSettings = field(default_factory=FocalSettings)
     criteria: Criteria = field(default_factory=Criteria)
     sweep: SweepSettings = field(default_factory=SweepSettings)
-
-    def check(self) -> "GeometrySettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A window or the number of planes is out of range.
-        """
-        self.tracks.check()
-        self.sweep.check()
-        return self
 
 
 @dataclass(frozen=True)

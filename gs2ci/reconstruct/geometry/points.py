@@ -10,6 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.motion import rays
 
 # Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
@@ -45,16 +46,16 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
         Points of the reference view, then those that only other views see, from the farthest view on.
     """
     grid = _grid(views.shape[1:3], stride)
-    rays = _rays(grid, geometry.intrinsics)
+    directions = rays(grid, geometry.intrinsics)
     at_grid = (grid[..., 1].astype(int), grid[..., 0].astype(int))
     inverse_depth = geometry.inverse_depth[at_grid].astype(np.float64)
-    positions = [rays / inverse_depth[:, None]]
+    positions = [directions / inverse_depth[:, None]]
     colours = [views[geometry.reference][at_grid]]
     spacing = [1 / inverse_depth]
     taken = [geometry.reference]
     smooth = cv2.GaussianBlur(geometry.inverse_depth, (0, 0), _RIM_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     for i in _farthest_first(geometry):
-        rim_depth, points = _rim(geometry, smooth, rays, i)
+        rim_depth, points = _rim(geometry, smooth, directions, i)
         new = ~np.any([_sees(geometry, points, j) for j in taken], axis=0)
         positions.append(points[new])
         colours.append(views[i][at_grid][new])
@@ -74,12 +75,6 @@ def _grid(size: tuple[int, ...], stride: int) -> F64:
     return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
 
 
-def _rays(pixels: F64, intrinsics: F64) -> F64:
-    homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
-    rays: F64 = homogeneous @ np.linalg.inv(intrinsics).T
-    return rays
-
-
 def _project(geometry: Geometry, points: F64, view: int) -> tuple[F64, F64]:
     """Project points, [P, 3], to pixels, [P, 2], and depths, [P]."""
     pose = geometry.world_to_camera[view]
@@ -96,7 +91,7 @@ def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
     return inside[:, 0] & inside[:, 1]
 
 
-def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F64]:
+def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F64, F64]:
     """Lift the pixels of a view to the depth of the nearest pixel of the reference view.
 
     Returns:
@@ -104,13 +99,13 @@ def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F6
     """
     height, width = smooth.shape
     pose = geometry.world_to_camera[view]
-    inverse_depth = np.full(len(rays), float(np.median(smooth)))
+    inverse_depth = np.full(len(directions), float(np.median(smooth)))
     for _ in range(_RIM_STEPS):
-        points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+        points = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
         pixels, _ = _project(geometry, points, geometry.reference)
         nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
         inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
-    points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+    points = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
     return inverse_depth, points
 
 

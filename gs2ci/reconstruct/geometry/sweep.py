@@ -5,13 +5,15 @@ matching: Hirschmüller 2008, four directions.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
-from gs2ci.core.windows import check_window
+from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
+from gs2ci.core.config import Positive
 from gs2ci.reconstruct.geometry.eight import FEATURES
 from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
@@ -25,7 +27,7 @@ _LEAST_SIDE = 4
 
 
 @dataclass(frozen=True)
-class SweepSettings:
+class SweepSettings(Bounded):
     """How finely to sweep.
 
     Args:
@@ -38,25 +40,12 @@ class SweepSettings:
         blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
     """
 
-    planes: int = 96
+    planes: Annotated[int, Field(ge=LEAST_PLANES)] = 96
     far_share: float = 0.03
     near_factor: float = 1.25
     most_pixels: int = 500_000
-    window_px: int = 7
-    blur_px: float = RESIDUE_BLUR_PX
-
-    def check(self) -> "SweepSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: Too few planes, a window whose side is even or out of range, or a blur that is not valid.
-        """
-        if self.planes < LEAST_PLANES:
-            raise InputError(f"{self.planes} depth planes", allowed=f"at least {LEAST_PLANES}")
-        if not 0 < self.blur_px < np.inf:
-            raise InputError(f"a blur of {self.blur_px} px before the plane sweep", allowed="more than 0")
-        check_window("the plane sweep", self.window_px, least_px=1)
-        return self
+    window_px: Annotated[int, Field(ge=1, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 7
+    blur_px: Positive = RESIDUE_BLUR_PX
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:

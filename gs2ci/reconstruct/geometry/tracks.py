@@ -5,12 +5,14 @@ the pixel in row r and column c lies at (c + 0.5, r + 0.5).
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from gs2ci.core.arrays import F32, F64, U8, Bool
-from gs2ci.core.windows import check_window
+from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
@@ -23,7 +25,7 @@ _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
 
 
 @dataclass(frozen=True)
-class TrackSettings:
+class TrackSettings(Bounded):
     """What to track.
 
     Args:
@@ -38,16 +40,7 @@ class TrackSettings:
     quality: float = 0.005
     spacing_px: float = 5.0
     forward_backward_px: float = 1.0
-    window_px: int = 21
-
-    def check(self) -> "TrackSettings":
-        """Return self if the window can be used.
-
-        Raises:
-            InputError: Its side is even or out of range.
-        """
-        check_window("the tracks", self.window_px, _LEAST_WINDOW_PX)
-        return self
+    window_px: Annotated[int, Field(ge=_LEAST_WINDOW_PX, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 21
 
 
 @dataclass(frozen=True)

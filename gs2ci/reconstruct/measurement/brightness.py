@@ -13,16 +13,17 @@ anything is decoded (`doubts`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import Field, NonNegativeInt
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import LIGHT_MODES, LightMode
+from gs2ci.reconstruct.choices import LightMode
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
 
@@ -37,7 +38,7 @@ _BLOCKS: Final = 5
 
 
 @dataclass(frozen=True)
-class BrightnessSettings:
+class BrightnessSettings(Bounded):
     """How brightness is estimated.
 
     Args:
@@ -53,25 +54,10 @@ class BrightnessSettings:
             shot states weights that are not all alike.
     """
 
-    rounds: int = 3
-    least_gain: float = 0.006
-    least_errors: float = 4.0
+    rounds: NonNegativeInt = 3
+    least_gain: Annotated[float, Field(ge=0, le=1)] = 0.006
+    least_errors: Annotated[float, Field(ge=0)] = 4.0
     light: LightMode = "auto"
-
-    def check(self) -> "BrightnessSettings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: Negative rounds, a gain outside [0, 1], negative errors, or an unknown light.
-        """
-        if self.light not in LIGHT_MODES:
-            raise InputError(f"light {self.light!r}", allowed=", ".join(LIGHT_MODES))
-        if self.rounds < 0 or not 0 <= self.least_gain <= 1 or not self.least_errors >= 0:
-            raise InputError(
-                f"{self.rounds} rounds for brightness, a least gain of {self.least_gain}, {self.least_errors} errors",
-                allowed="rounds >= 0, a gain in [0, 1] and a number of standard errors >= 0",
-            )
-        return self
 
     def shows_as_seen(self, weights: F32) -> bool:
         """Tell whether delivered views are as bright as they were seen, and not as under even light.

@@ -102,21 +102,20 @@ def pixel_weights(errors: F64, known: Bool) -> F64:
     return weights / mean if mean > 0 else weights
 
 
-def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64 | None = None) -> MisfitEstimate:
+def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEstimate:
     """Estimate the parameters of these names, from a start that is right to about a pixel everywhere.
 
     Args:
         problem: The measurement.
         start: Where to start.
         names: Of `NAMES`.
-        weights: Of the pixels, [H, W]; None: from the errors of the start.
     """
     index = [NAMES.index(name) for name in names]
     scale = problem.steps()[index]
     vector = start.vector()
     known = start.placement.known(problem.size)
     errors = problem.errors(start)
-    weights = pixel_weights(errors, known) if weights is None else weights
+    weights = pixel_weights(errors, known)
     root = np.sqrt(weights)
     best = float(np.sum((root * errors) ** 2))
     damping = 1e-4

@@ -68,11 +68,11 @@ class Seen:
         spike[0, spike.shape[1] // 2] = 1.0
         return float(cv2.GaussianBlur(spike.T, (0, 0), self.window_px).max()) ** 2
 
-    def level(self, total: F64, black: float = 0.0) -> F64:
+    def level(self, total: F64) -> F64:
         """Return the level of the scene around each pixel, [K, H, W], with its own reading."""
         return np.stack(
             [
-                self.blur(counts * (plane - black) * total) / np.maximum(self.blur(counts * total * total), _TINY)
+                self.blur(counts * plane * total) / np.maximum(self.blur(counts * total * total), _TINY)
                 for plane, counts in zip(self.planes, self.counts, strict=True)
             ]
         )

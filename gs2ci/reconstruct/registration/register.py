@@ -7,16 +7,17 @@ Here: the order of these steps, and the record of what was tried, found and corr
 """
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import REGISTRATION_MODES, RegistrationMode
+from gs2ci.reconstruct.choices import RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.registration.admission import brief_views, level_of
 from gs2ci.reconstruct.registration.coarse import (
@@ -45,7 +46,7 @@ _LEAST_SIDE_PX: Final = 8
 
 
 @dataclass(frozen=True)
-class RegistrationSettings:
+class RegistrationSettings(Bounded):
     """Whether masks are registered, and the range of the search.
 
     Args:
@@ -54,20 +55,7 @@ class RegistrationSettings:
     """
 
     mode: RegistrationMode = "auto"
-    most_shift_px: int = 64
-
-    def check(self) -> "RegistrationSettings":
-        """Return self if the settings make sense.
-
-        Raises:
-            InputError: An unknown mode, or a reach outside [0, 1024].
-        """
-        if self.mode not in REGISTRATION_MODES or not 0 <= self.most_shift_px <= 1024:
-            raise InputError(
-                f"registration {self.mode!r} up to {self.most_shift_px} px",
-                allowed="auto or off, and a reach from 0 to 1024 px",
-            )
-        return self
+    most_shift_px: Annotated[int, Field(ge=0, le=1024)] = 64
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
-from gs2ci.core.records import CFA_PATTERNS, CfaPattern
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.records import CfaPattern
 from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class BayerFilter:
+class BayerFilter(BoundedRecord):
     """Keep of each pixel's light the colour that its filter passes, [H, W, 3] -> [H, W, 1].
 
     Bayer, US patent 3 971 065 (1976). Light of the other colours never becomes charge, so the filter is the
@@ -29,10 +29,6 @@ class BayerFilter:
     fixed_pattern: ClassVar[bool] = False
 
     pattern: CfaPattern = "RGGB"
-
-    def __post_init__(self) -> None:
-        if self.pattern not in CFA_PATTERNS:
-            raise InputError(f"colour filter array {self.pattern!r}", allowed=", ".join(CFA_PATTERNS))
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Infinite: it decides what is recorded, one colour per pixel or three."""

@@ -4,15 +4,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class BlackLevel:
+class BlackLevel(BoundedRecord):
     """Shift all readings: the clamp's drift since the dark frames were taken.
 
     The offset mu_y.dark of EMVA Standard 1288, Release 3.1, section 2.1, is a figure of the data sheet
@@ -28,11 +29,7 @@ class BlackLevel:
     cost_ns: ClassVar[float] = 2.0
     fixed_pattern: ClassVar[bool] = False
 
-    shift_dn: float
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.shift_dn):
-            raise InputError(f"black level shifted by {self.shift_dn} DN", allowed="a finite number")
+    shift_dn: FiniteFloat
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Exactly the shift."""

@@ -1,18 +1,19 @@
 """Blooming: charge that a full pixel cannot hold spills along its column."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Blooming:
+class Blooming(BoundedRecord):
     """Let a share of each pixel's charge beyond the full well flow into its column, half up and half down.
 
     It fills every pixel that it reaches up to the well and flows on; what reaches the border is gone. The rest goes
@@ -28,11 +29,7 @@ class Blooming:
     cost_ns: ClassVar[float] = 40.0
     fixed_pattern: ClassVar[bool] = False
 
-    share: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1:
-            raise InputError(f"blooming of {self.share} of the excess charge", allowed="0 to 1")
+    share: Annotated[float, Field(ge=0, le=1)]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The total excess S spills into pixels that take at most the well's charge W each.

@@ -3,25 +3,20 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class ChargeNoise:
+class ChargeNoise(BoundedRecord):
     """Normal numbers that an effect adds to the electrons, drawn in its own way."""
 
     name: ClassVar[str]
     stage: ClassVar[Stage] = Stage.CHARGE
 
-    sigma_e: float
-
-    def __post_init__(self) -> None:
-        if not (self.sigma_e >= 0 and np.isfinite(self.sigma_e)):
-            raise InputError(f"{self.name} of {self.sigma_e} electrons", allowed="finite, 0 or more")
+    sigma_e: NotNegative
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Standard deviation times the gain K (EMVA 1288, eq. 10), whatever the scene."""

@@ -1,12 +1,13 @@
 """Clock drift: the clocks of modulator and sensor run at different rates."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.trigger_timing import within_window
 from gs2ci_sims.rig import Rig
@@ -14,7 +15,7 @@ from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class ClockDrift:
+class ClockDrift(BoundedRecord):
     """Stretch the masks' schedule from the first mask on; the sensor closes by its own clock.
 
     Args:
@@ -26,11 +27,7 @@ class ClockDrift:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    ppm: float
-
-    def __post_init__(self) -> None:
-        if not -1e6 < self.ppm < np.inf:
-            raise InputError(f"clock drift of {self.ppm} ppm", allowed="finite, above -1e6")
+    ppm: Annotated[FiniteFloat, Field(gt=-1e6)]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Each mask's weight changes by the stretch, the last one's by the part cut off, and its light comes later.

@@ -1,12 +1,14 @@
 """Dark current: electrons freed by heat, in proportion to the exposure."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
+from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
@@ -16,7 +18,7 @@ REFERENCE_C: Final = 25.0
 
 
 @dataclass(frozen=True)
-class DarkCurrent:
+class DarkCurrent(BoundedRecord):
     """Add the mean charge that collects in the dark during the whole exposure, gaps between masks included.
 
     It grows linearly with time and exponentially with temperature: mu_I(T) = mu_I.ref 2^((T - T_ref) / T_d) (EMVA
@@ -34,17 +36,9 @@ class DarkCurrent:
     cost_ns: ClassVar[float] = 2.0
     fixed_pattern: ClassVar[bool] = False
 
-    current_e_per_s: float
-    temperature_c: float = REFERENCE_C
-    doubling_k: float = 8.0
-
-    def __post_init__(self) -> None:
-        current, doubling = self.current_e_per_s, self.doubling_k
-        if not 0 <= current < np.inf or not abs(self.temperature_c) <= 100 or not 1 <= doubling < np.inf:
-            raise InputError(
-                f"dark current of {current} e/s at {self.temperature_c} C, doubling every {doubling} K",
-                allowed="a finite current of 0 or more, -100 to 100 C, doubling_k of 1 or more",
-            )
+    current_e_per_s: NotNegative
+    temperature_c: Annotated[float, Field(ge=-100, le=100)] = REFERENCE_C
+    doubling_k: Annotated[FiniteFloat, Field(ge=1)] = 8.0
 
     def collected_e(self, exposure_s: float) -> float:
         """Get the mean electrons that one pixel collects in the dark."""

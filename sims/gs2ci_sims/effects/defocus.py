@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc, disc_transfer
 from gs2ci_sims.rig import Rig
@@ -19,7 +20,7 @@ DIAMETER_MAX_PX: Final = 64.0
 
 
 @dataclass(frozen=True)
-class Defocus:
+class Defocus(BoundedRecord):
     """Blur each pixel by the disc that belongs to its depth.
 
     A thin lens with an aperture of diameter A, focused at z_f, spreads a point at z over a disc of diameter
@@ -38,15 +39,8 @@ class Defocus:
     fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = True
 
-    aperture: float
-    focus_depth: float
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.aperture < np.inf and 0 < self.focus_depth < np.inf):
-            raise InputError(
-                f"aperture {self.aperture} focused at {self.focus_depth}",
-                allowed="aperture >= 0, focus_depth > 0, finite",
-            )
+    aperture: NotNegative
+    focus_depth: Positive
 
     def diameter_px(self, depth: F64, focal_px: float) -> F64:
         """Get the disc's diameter for depths z in scene units; 0 where nothing is."""

@@ -1,13 +1,14 @@
 """Dust: particles on the sensor's cover glass cast shadows that are the same in every exposure."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
@@ -17,7 +18,7 @@ MOST_PARTICLES: Final = 10_000
 
 
 @dataclass(frozen=True)
-class Dust:
+class Dust(BoundedRecord):
     """Multiply the light by what opaque round particles on the cover glass let through, the same in every exposure.
 
     A pixel sees the aperture of the lens through a cone, which crosses the glass in a disc; it loses the share of that
@@ -36,17 +37,9 @@ class Dust:
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True
 
-    particles: float
-    diameter_px: float
-    cone_px: float
-
-    def __post_init__(self) -> None:
-        sizes = (self.diameter_px, self.cone_px)
-        if not (0 <= self.particles <= MOST_PARTICLES and all(0 <= size <= MOST_PX for size in sizes)):
-            raise InputError(
-                f"{self.particles} particles of {self.diameter_px} px in cones of {self.cone_px} px",
-                allowed=f"0 to {MOST_PARTICLES} particles, sizes of 0 to {MOST_PX:g} px",
-            )
+    particles: Annotated[float, Field(ge=0, le=MOST_PARTICLES)]
+    diameter_px: Annotated[float, Field(ge=0, le=MOST_PX)]
+    cone_px: Annotated[float, Field(ge=0, le=MOST_PX)]
 
     def shadow(self) -> F64:
         """Return the share of its light that each pixel around a particle loses, [2 r + 1, 2 r + 1] in [0, 1]."""

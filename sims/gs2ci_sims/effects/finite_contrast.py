@@ -1,20 +1,22 @@
 """Finite contrast: a closed element still lets some light through, unevenly over the modulator."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class FiniteContrast:
+class FiniteContrast(BoundedRecord):
     """Raise the off level of the masks to a map of leakage: M becomes leak + (1 - leak) M.
 
     The leakage is log-normal over the field, a fixed pattern of the device. Measured masks of two laboratory
@@ -32,16 +34,9 @@ class FiniteContrast:
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True
 
-    contrast: float = 25.0
-    spread: float = 0.62
-    patch_px: float = 4.0
-
-    def __post_init__(self) -> None:
-        if not (self.contrast > 1 and 0 <= self.spread <= 2 and 0 <= self.patch_px < np.inf):
-            raise InputError(
-                f"contrast {self.contrast}, spread {self.spread}, patches of {self.patch_px} px",
-                allowed="contrast > 1, spread 0 to 2, patch_px >= 0",
-            )
+    contrast: Annotated[float, Field(gt=1)] = 25.0
+    spread: Annotated[float, Field(ge=0, le=2)] = 0.62
+    patch_px: NotNegative = 4.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The light that passes all closed elements by this device's map of leakage."""

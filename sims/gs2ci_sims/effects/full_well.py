@@ -1,18 +1,19 @@
 """Full well: a pixel holds a limited number of electrons."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class FullWell:
+class FullWell(BoundedRecord):
     """Clip each pixel's charge at its capacity; what is beyond is lost (no blooming).
 
     The saturation capacity µ_e.sat of EMVA Standard 1288, Release 3.1, section 2.4.
@@ -26,11 +27,7 @@ class FullWell:
     cost_ns: ClassVar[float] = 2.0
     fixed_pattern: ClassVar[bool] = False
 
-    capacity_e: float
-
-    def __post_init__(self) -> None:
-        if not self.capacity_e > 0:
-            raise InputError(f"full well of {self.capacity_e} electrons", allowed="more than 0")
+    capacity_e: Annotated[float, Field(gt=0)]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The charge beyond the capacity, with six standard deviations of its noise."""

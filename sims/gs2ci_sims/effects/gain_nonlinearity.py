@@ -2,19 +2,20 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class GainNonlinearity:
+class GainNonlinearity(BoundedRecord):
     """Bend the response by a parabola that is zero at no charge and at the full well W.
 
     With x = charge / W, the amplifier puts out W (x + 4 d x (1 - x)): d is the largest departure from the straight
@@ -30,11 +31,7 @@ class GainNonlinearity:
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = False
 
-    departure: float
-
-    def __post_init__(self) -> None:
-        if not abs(self.departure) < 0.25:
-            raise InputError(f"a response that departs by {self.departure} from a line", allowed="less than 0.25")
+    departure: Annotated[float, Field(gt=-0.25, lt=0.25)]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The parabola, its top from half the well on, of charge with shot noise; one exposure in 1e7 exceeds it.

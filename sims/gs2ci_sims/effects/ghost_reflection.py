@@ -1,13 +1,14 @@
 """Ghost reflection: light reflected by the sensor returns from a window, inverted and out of focus."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
@@ -16,7 +17,7 @@ MOST_BLUR_PX: Final = 256.0
 
 
 @dataclass(frozen=True)
-class GhostReflection:
+class GhostReflection(BoundedRecord):
     """Add a share of the image, turned by half a turn about the middle of the sensor and spread over a disc.
 
     Light reflected twice, by the sensor and by a surface in front of it, forms a ghost; its share is the product of
@@ -34,15 +35,8 @@ class GhostReflection:
     cost_ns: ClassVar[float] = 100.0
     fixed_pattern: ClassVar[bool] = False
 
-    share: float
-    blur_px: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.share <= 0.5 and 0 <= self.blur_px <= MOST_BLUR_PX):
-            raise InputError(
-                f"a ghost of {self.share} of the light over {self.blur_px} px",
-                allowed=f"a share of 0 to 0.5, 0 to {MOST_BLUR_PX:g} px",
-            )
+    share: Annotated[float, Field(ge=0, le=0.5)]
+    blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR_PX)] = 0.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The ghost of the previewed measurement, plus its share of the preview's possible error.

@@ -1,18 +1,20 @@
 """Hot pixels: a few have a thousand times the dark current of the others."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class HotPixels:
+class HotPixels(BoundedRecord):
     """Give a random few pixels an excess dark current, exponentially distributed.
 
     The same pixels and currents in every exposure of one device. The tail of a sensor's dark current histogram is
@@ -29,15 +31,8 @@ class HotPixels:
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 
-    share: float
-    mean_e_per_s: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1 or not 0 <= self.mean_e_per_s < np.inf:
-            raise InputError(
-                f"{self.share} of all pixels hot with {self.mean_e_per_s} e/s on average",
-                allowed="a share of 0 to 1, a finite current of 0 or more",
-            )
+    share: Annotated[float, Field(ge=0, le=1)]
+    mean_e_per_s: NotNegative
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Moments of the exponential law, clipped at the full well, and six standard errors of their sample mean.

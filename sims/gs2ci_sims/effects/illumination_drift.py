@@ -4,16 +4,17 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class IlluminationDrift:
+class IlluminationDrift(BoundedRecord):
     """Multiply the light by 1 + rate t, with t = 0 in the middle of the exposure; never below 0.
 
     Args:
@@ -25,11 +26,7 @@ class IlluminationDrift:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    rate_per_s: float
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.rate_per_s):
-            raise InputError(f"illumination drift of {self.rate_per_s} per second", allowed="a finite number")
+    rate_per_s: FiniteFloat
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Each mask's light changes by the mean of the drift; if the drift changes sign, by the mean magnitude."""

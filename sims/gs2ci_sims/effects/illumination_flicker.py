@@ -1,11 +1,13 @@
 """Illumination flicker: the light of lamps on the mains oscillates at twice its frequency."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
@@ -13,7 +15,7 @@ from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class IlluminationFlicker:
+class IlluminationFlicker(BoundedRecord):
     """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is random: nothing is locked to the mains.
 
     `depth` is percent flicker / 100, (max - min) / (max + min) (IEEE 1789-2015, section 3).
@@ -28,14 +30,8 @@ class IlluminationFlicker:
     cost_ns: ClassVar[float] = 0.2
     fixed_pattern: ClassVar[bool] = False
 
-    depth: float
-    mains_hz: float = 50.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.depth <= 1 and 0 < self.mains_hz < np.inf):
-            raise InputError(
-                f"flicker of depth {self.depth} at {self.mains_hz} Hz", allowed="depth 0 to 1, finite frequency > 0"
-            )
+    depth: Annotated[float, Field(ge=0, le=1)]
+    mains_hz: Positive = 50.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The oscillation left in an interval's mean, depth |sin x / x|, at the worst phase; the rest moves in time."""

@@ -1,11 +1,13 @@
 """LCoS flicker: pulse-coded drive makes a panel's reflectance ripple."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
@@ -13,7 +15,7 @@ from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class LcosFlicker:
+class LcosFlicker(BoundedRecord):
     """Multiply all transmissions by 1 + depth cos(2 pi drive t), synchronous with the masks: they share a clock.
 
     The molecules follow the pulses of a digital drive (Hermerschmidt et al., Proc. SPIE 7723 (2010), on phase
@@ -29,15 +31,8 @@ class LcosFlicker:
     cost_ns: ClassVar[float] = 0.2
     fixed_pattern: ClassVar[bool] = False
 
-    depth: float
-    drive_hz: float = 300.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.depth <= 1 and 0 < self.drive_hz < np.inf):
-            raise InputError(
-                f"LCoS flicker of depth {self.depth} at {self.drive_hz} Hz",
-                allowed="depth 0 to 1, finite frequency > 0",
-            )
+    depth: Annotated[float, Field(ge=0, le=1)]
+    drive_hz: Positive = 300.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The ripple left in an interval's mean, depth |sin x / x|; the rest moves in time."""

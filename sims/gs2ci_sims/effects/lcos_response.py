@@ -6,7 +6,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -16,7 +17,7 @@ CUTS: Final = np.array([0.0625, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0,
 
 
 @dataclass(frozen=True)
-class LcosResponse:
+class LcosResponse(BoundedRecord):
     """Let the transmission relax from the old state to the new with a time constant.
 
     First-order relaxation of the director (Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3), the same for
@@ -31,11 +32,7 @@ class LcosResponse:
     cost_ns: ClassVar[float] = 0.2
     fixed_pattern: ClassVar[bool] = False
 
-    tau_s: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.tau_s < np.inf:
-            raise InputError(f"LCoS time constant of {self.tau_s} s", allowed="finite, 0 or more")
+    tau_s: NotNegative
 
     def states(self, masks: int, rig: Rig) -> F64:
         """Return the modulator's state at the switch to each mask, as shares of all masks, [N, N]."""

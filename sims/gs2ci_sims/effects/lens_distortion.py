@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
+from pydantic import FiniteFloat
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
@@ -18,7 +20,7 @@ INVERSION_STEPS: Final = 20
 
 
 @dataclass(frozen=True)
-class LensDistortion:
+class LensDistortion(BoundedRecord):
     """Shift points at radius r from the axis (tangent of the field angle) to r (1 + k1 r^2 + k2 r^4).
 
     The radial model of Brown (Photogrammetric Engineering 32 (1966) 444), with the signs of OpenCV: k1 < 0 is a
@@ -35,12 +37,8 @@ class LensDistortion:
     fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
 
-    k1: float
-    k2: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not np.isfinite([self.k1, self.k2]).all():
-            raise InputError(f"distortion k1 = {self.k1}, k2 = {self.k2}", allowed="finite numbers")
+    k1: FiniteFloat
+    k2: FiniteFloat = 0.0
 
     def undistorted_radius(self, radius: F64) -> F64:
         """Invert r (1 + k1 r^2 + k2 r^4) by Newton's method.

@@ -1,20 +1,21 @@
 """Mask edges: an element's transmission changes gradually at its edge."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class MaskEdges:
+class MaskEdges(BoundedRecord):
     """Blur the masks themselves by a Gaussian: gaps between mirrors, fringing fields between cells.
 
     A Gaussian of about 0.5 px fits two measured sets of laboratory masks against their binarised copies.
@@ -29,14 +30,8 @@ class MaskEdges:
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = False
 
-    sigma_px: float = 0.5
-    reach: float = 8.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
-            raise InputError(
-                f"mask edges of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
-            )
+    sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.5
+    reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The change by the blur of the masks that reach it."""

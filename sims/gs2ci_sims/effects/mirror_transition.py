@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
@@ -14,7 +16,7 @@ from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class MirrorTransition:
+class MirrorTransition(BoundedRecord):
     """Let the mask's transmission pass linearly from the old state to the new after each switch.
 
     Before the first mask, and after a dark gap, the old state is dark. A DMD's crossover takes about 3 us and its
@@ -29,11 +31,7 @@ class MirrorTransition:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    transition_s: float = 13e-6
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.transition_s < np.inf:
-            raise InputError(f"mirror transition of {self.transition_s} s", allowed="finite, 0 or more")
+    transition_s: NotNegative = 13e-6
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Half of the transition's share of the interval belongs to the previous mask."""

@@ -5,16 +5,18 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import FiniteFloat
 from scipy.ndimage import affine_transform
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Misregistration:
+class Misregistration(BoundedRecord):
     """Move the masks by an affine map about the middle of the sensor.
 
     Elements and pixels are squares of one pitch: the overlap of a shifted element with a pixel is bilinear in the
@@ -32,18 +34,10 @@ class Misregistration:
     cost_ns: ClassVar[float] = 60.0
     fixed_pattern: ClassVar[bool] = False
 
-    right_px: float = 0.0
-    down_px: float = 0.0
-    turn_mrad: float = 0.0
-    magnification: float = 1.0
-
-    def __post_init__(self) -> None:
-        numbers = (self.right_px, self.down_px, self.turn_mrad)
-        if not (np.isfinite(numbers).all() and 0 < self.magnification < np.inf):
-            raise InputError(
-                f"misregistration by {numbers}, magnification {self.magnification}",
-                allowed="finite numbers, magnification > 0",
-            )
+    right_px: FiniteFloat = 0.0
+    down_px: FiniteFloat = 0.0
+    turn_mrad: FiniteFloat = 0.0
+    magnification: Positive = 1.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The change of each mask that reaches it."""

@@ -1,12 +1,13 @@
 """Modulator PSF: the relay from modulator to sensor blurs the light behind the masks, at least by diffraction."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
 from gs2ci_sims.rig import Rig
@@ -16,7 +17,7 @@ WHOLE_REACH: Final = 8.0
 
 
 @dataclass(frozen=True)
-class ModulatorPsf:
+class ModulatorPsf(BoundedRecord):
     """Convolve the light behind the masks with a Gaussian; it is linear, so once for the sum over all masks.
 
     The relay's own blur and diffraction add in quadrature. The Gaussian nearest to Airy's pattern has a standard
@@ -34,15 +35,9 @@ class ModulatorPsf:
     cost_ns: ClassVar[float] = 60.0
     fixed_pattern: ClassVar[bool] = False
 
-    sigma_px: float = 0.0
+    sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     diffraction: bool = True
-    reach: float = 8.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
-            raise InputError(
-                f"modulator PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
-            )
+    reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
     def total_sigma_px(self, rig: Rig) -> float:
         """Get the standard deviation of blur and diffraction together, in sensor pixels."""

@@ -5,7 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from pydantic import FiniteFloat
 
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
@@ -14,7 +17,7 @@ from gs2ci_sims.signals import MovingScene
 
 
 @dataclass(frozen=True)
-class ObjectMotion:
+class ObjectMotion(BoundedRecord):
     """Move the Gaussians within a ball at constant velocity; at time 0, mid-exposure, they are as in the scene.
 
     Args:
@@ -28,16 +31,9 @@ class ObjectMotion:
     cost_ns: ClassVar[float] = 5.0
     fixed_pattern: ClassVar[bool] = False
 
-    centre: tuple[float, float, float]
-    radius: float
-    velocity: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        if not (0 < self.radius < np.inf and np.isfinite([*self.centre, *self.velocity]).all()):
-            raise InputError(
-                f"object at {self.centre} of radius {self.radius} with velocity {self.velocity}",
-                allowed="finite numbers, radius > 0",
-            )
+    centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    radius: Positive
+    velocity: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The change by a shift of half of the path, limited by the share of the frame of the object and its path.

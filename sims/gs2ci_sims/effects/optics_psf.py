@@ -1,12 +1,13 @@
 """Optics PSF: the lens spreads each point of the scene a little."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
@@ -14,7 +15,7 @@ from gs2ci_sims.signals import View
 
 
 @dataclass(frozen=True)
-class OpticsPsf:
+class OpticsPsf(BoundedRecord):
     """Convolve each view with a Gaussian: a lens whose many small errors add up (aberrations, focus, diffraction).
 
     Its MTF is exp(-2 (pi sigma f)^2) (Boreman, Modulation Transfer Function in Optical Systems, section 1.2).
@@ -30,14 +31,8 @@ class OpticsPsf:
     fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
 
-    sigma_px: float
-    reach: float = 8.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
-            raise InputError(
-                f"optics PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
-            )
+    sigma_px: Annotated[float, Field(ge=0, le=100)]
+    reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The spectrum times 1 - MTF (Parseval)."""

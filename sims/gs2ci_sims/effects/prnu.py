@@ -2,19 +2,20 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Prnu:
+class Prnu(BoundedRecord):
     """Multiply each pixel's charge by a factor of its own, normally distributed around 1.
 
     PRNU_1288 of EMVA Standard 1288, Release 3.1, section 4: the spatial standard deviation of the response,
@@ -30,11 +31,7 @@ class Prnu:
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 
-    spread: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.spread <= 0.5:
-            raise InputError(f"PRNU of {self.spread}", allowed="0 to 0.5, a share of the signal")
+    spread: Annotated[float, Field(ge=0, le=0.5)]
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Spread times charge, times K; one device in 1e7 exceeds it, even if masks leave light in a single pixel.

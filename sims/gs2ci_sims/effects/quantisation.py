@@ -1,18 +1,19 @@
 """Quantisation: the converter rounds to whole numbers within its range."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Quantisation:
+class Quantisation(BoundedRecord):
     """Round readings to whole DN and clip them to the converter's range.
 
     It adds a variance of 1/12 DN² if the signal varies by more than a step (EMVA Standard 1288, Release 3.1, section
@@ -27,11 +28,7 @@ class Quantisation:
     cost_ns: ClassVar[float] = 5.0
     fixed_pattern: ClassVar[bool] = False
 
-    bits: int
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.bits <= 32:
-            raise InputError(f"a converter of {self.bits} bits", allowed="1 to 32")
+    bits: Annotated[int, Field(ge=1, le=32)]
 
     @property
     def max_dn(self) -> int:

@@ -6,7 +6,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
@@ -17,7 +18,7 @@ PARTS: Final = 16
 
 
 @dataclass(frozen=True)
-class RollingShutter:
+class RollingShutter(BoundedRecord):
     """Open and close row y by y line delays later than row 0, which has the nominal exposure.
 
     All rows expose for the same time; the modulator does not wait for them: rows that open late miss light of the
@@ -33,11 +34,7 @@ class RollingShutter:
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = False
 
-    line_delay_s: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.line_delay_s < np.inf:
-            raise InputError(f"rolling shutter with {self.line_delay_s} s per line", allowed="finite, 0 or more")
+    line_delay_s: NotNegative
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The light of each mask that each row misses."""

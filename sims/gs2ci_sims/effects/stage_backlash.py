@@ -7,7 +7,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
@@ -83,7 +84,7 @@ def _centres(world_to_camera: F64) -> F64:
 
 
 @dataclass(frozen=True)
-class StageBacklash:
+class StageBacklash(BoundedRecord):
     """Let the camera lag after each reversal of the stage: the play operator.
 
     A path that never turns back is not changed: the play is taken up before the exposure (ISO 230-2 calls the lost
@@ -98,11 +99,7 @@ class StageBacklash:
     cost_ns: ClassVar[float] = 1.0
     fixed_pattern: ClassVar[bool] = False
 
-    play: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.play < np.inf:
-            raise InputError(f"backlash of {self.play}", allowed="finite, 0 or more")
+    play: NotNegative
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the largest lag shifts the image of the nearest point by; nothing where the path never turns back."""

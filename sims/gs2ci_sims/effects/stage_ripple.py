@@ -1,12 +1,14 @@
 """Stage velocity ripple: a screw's pitch error varies the stage's speed periodically."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
@@ -43,7 +45,7 @@ class WarpedPath:
 
 
 @dataclass(frozen=True)
-class StageRipple:
+class StageRipple(BoundedRecord):
     """Let the velocity along the path swing by a share, once per turn of the screw; the phase is drawn.
 
     Velocity v (1 + share cos(2 pi f t + p)) integrates to a position that is early by share / (2 pi f) sin(...).
@@ -58,14 +60,8 @@ class StageRipple:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    share: float
-    hertz: float
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.share <= 1 and 0 < self.hertz < np.inf):
-            raise InputError(
-                f"velocity ripple of {self.share} at {self.hertz} Hz", allowed="share 0 to 1, finite frequency > 0"
-            )
+    share: Annotated[float, Field(ge=0, le=1)]
+    hertz: Positive
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the image's shift changes: its speed times the most that the camera is early or late."""

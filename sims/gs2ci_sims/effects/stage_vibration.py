@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative, Positive
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
@@ -39,7 +40,7 @@ class TremblingPath:
 
 
 @dataclass(frozen=True)
-class StageVibration:
+class StageVibration(BoundedRecord):
     """Let the camera tremble sinusoidally across the line of sight; the phases of both axes are drawn.
 
     Args:
@@ -52,14 +53,8 @@ class StageVibration:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    amplitude: float
-    hertz: float
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.amplitude < np.inf and 0 < self.hertz < np.inf):
-            raise InputError(
-                f"vibration of {self.amplitude} at {self.hertz} Hz", allowed="amplitude >= 0, frequency > 0, finite"
-            )
+    amplitude: NotNegative
+    hertz: Positive
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What shifting the image of the nearest point by the amplitude along both axes changes."""

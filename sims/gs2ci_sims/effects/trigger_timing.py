@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
+from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -17,7 +19,7 @@ JITTER_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
-class TriggerTiming:
+class TriggerTiming(BoundedRecord):
     """Shift the sensor's window against the masks by a latency and a drawn jitter; its length stays.
 
     What the window misses of the first mask is lost; after the last mask the modulator is dark.
@@ -32,15 +34,8 @@ class TriggerTiming:
     cost_ns: ClassVar[float] = 0.1
     fixed_pattern: ClassVar[bool] = False
 
-    latency_s: float = 0.0
-    jitter_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.latency_s) and 0 <= self.jitter_s < np.inf):
-            raise InputError(
-                f"trigger latency {self.latency_s} s with jitter {self.jitter_s} s",
-                allowed="finite numbers, jitter 0 or more",
-            )
+    latency_s: FiniteFloat = 0.0
+    jitter_s: NotNegative = 0.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""

@@ -6,14 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.bounds import BoundedRecord
+from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
 
 @dataclass(frozen=True)
-class Vignetting:
+class Vignetting(BoundedRecord):
     """Multiply by cos^n of the field angle.
 
     n = 4 is the natural law of a thin lens (Kingslake, Optics in Photography, chapter 7); mechanical vignetting
@@ -28,11 +29,7 @@ class Vignetting:
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = False
 
-    exponent: float = 4.0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.exponent < np.inf:
-            raise InputError(f"vignetting exponent {self.exponent}", allowed="finite, 0 or more")
+    exponent: NotNegative = 4.0
 
     def transmission(self, size: tuple[int, int], intrinsics: F64) -> F64:
         """Get the factor of each pixel, [H, W] in (0, 1]."""

@@ -27,5 +27,5 @@ def test_a_shot_without_a_pixel_to_hold_out_takes_the_first(make_shot):
 
 
 def test_settings_that_make_no_sense_are_refused(make_shot):
-    with pytest.raises(InputError, match="GAP-TV settings"):
+    with pytest.raises(InputError, match=" in GapTvSettings"):
         choose_coupling(make_shot(), GapTvSettings(), seed=0, candidates=(-1.0,))

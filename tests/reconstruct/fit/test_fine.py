@@ -313,7 +313,7 @@ def test_settings_of_the_paper_are_the_default():
     ],
 )
 def test_settings_out_of_range_are_refused(part):
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=f"{next(iter(part))} = .* in FineSettings"):
         FineSettings(**part).check()
 
 

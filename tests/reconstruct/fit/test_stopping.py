@@ -6,13 +6,13 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
 
 @pytest.mark.parametrize("settings", [{"share": -0.01}, {"share": 0.51}, {"share": float("nan")}])
 def test_a_share_that_makes_no_sense_is_refused(settings):
-    with pytest.raises(InputError, match="hold-out settings"):
+    with pytest.raises(InputError, match=r"share = .* in HoldOut"):
         HoldOut(**settings).check()
 
 
 @pytest.mark.parametrize("count", ["look_every", "patience", "growth_patience"])
 def test_a_count_below_one_is_refused(count):
-    with pytest.raises(InputError, match=f"{count}=0"):
+    with pytest.raises(InputError, match=f"{count} = 0 in HoldOut"):
         HoldOut(**{count: 0}).check()
 
 

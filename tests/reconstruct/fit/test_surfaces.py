@@ -242,20 +242,20 @@ SOUND = Search(0.3, 1e-2, 1e-3)
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "said"),
     [
-        {"searches": (replace(SOUND, weight=0.0),)},
-        {"searches": (SOUND, replace(SOUND, final_weight=np.inf))},
-        {"searches": ()},
-        {"every": 0},
-        {"searches": (replace(SOUND, begins=0.0), SOUND)},
-        {"searches": (replace(SOUND, begins=0.8), SOUND)},
-        {"searches": (replace(SOUND, begins=1.2),)},
-        {"pixel_share": 1.5},
-        {"views": 1},
-        {"others": 1},
+        ({"searches": (replace(SOUND, weight=0.0),)}, "weight = 0.0 in Search"),
+        ({"searches": (SOUND, replace(SOUND, final_weight=np.inf))}, "final_weight = inf in Search"),
+        ({"searches": ()}, r"searches begin at \[\]"),
+        ({"every": 0}, "every = 0 in SurfaceSettings"),
+        ({"searches": (replace(SOUND, begins=0.0), SOUND)}, "begins = 0.0 in Search"),
+        ({"searches": (replace(SOUND, begins=0.8), SOUND)}, r"searches begin at \[0.8, 0.3\]"),
+        ({"searches": (replace(SOUND, begins=1.2),)}, "begins = 1.2 in Search"),
+        ({"pixel_share": 1.5}, "pixel_share = 1.5 in SurfaceSettings"),
+        ({"views": 1}, "views = 1 in SurfaceSettings"),
+        ({"others": 1}, "others = 1 in SurfaceSettings"),
     ],
 )
-def test_settings_without_meaning_are_refused(wrong):
-    with pytest.raises(InputError, match="surface settings"):
+def test_settings_without_meaning_are_refused(wrong, said):
+    with pytest.raises(InputError, match=said):
         SurfaceSettings(**wrong).check()

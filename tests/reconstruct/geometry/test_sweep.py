@@ -159,18 +159,18 @@ def test_two_planes_are_found_through_other_windows(seen, window_px):
 
 @pytest.mark.parametrize("window_px", [0, 6, -7, 257])
 def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
-    with pytest.raises(InputError, match=rf"window of {window_px} px for the plane sweep; allowed: odd numbers from 1"):
+    with pytest.raises(InputError, match=f"window_px = {window_px} in SweepSettings"):
         SweepSettings(window_px=window_px).check()
 
 
 @pytest.mark.parametrize("blur_px", [0.0, -1.0, np.nan, np.inf])
 def test_a_blur_that_is_none_is_refused(blur_px):
-    with pytest.raises(InputError, match=r"blur of .* before the plane sweep"):
+    with pytest.raises(InputError, match=r"blur_px = .* in SweepSettings"):
         SweepSettings(blur_px=blur_px).check()
 
 
 def test_fewer_planes_than_a_parabola_needs_are_refused():
-    with pytest.raises(InputError, match="2 depth planes"):
+    with pytest.raises(InputError, match="planes = 2 in SweepSettings"):
         SweepSettings(planes=2).check()
 
 

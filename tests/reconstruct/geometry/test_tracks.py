@@ -84,7 +84,7 @@ def test_selection_counts_the_views_that_see_a_point():
 
 @pytest.mark.parametrize("window_px", [1, 20, 999])
 def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
-    with pytest.raises(InputError, match=rf"window of {window_px} px for the tracks; allowed: odd numbers from 3"):
+    with pytest.raises(InputError, match=f"window_px = {window_px} in TrackSettings"):
         TrackSettings(window_px=window_px).check()
 
 

@@ -7,10 +7,14 @@ the groups.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
+from pydantic import PositiveInt
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -21,7 +25,7 @@ from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
 
 @dataclass(frozen=True)
-class PatchSettings:
+class PatchSettings(Bounded):
     """Schedule and parameters of a decode by similar patches.
 
     Args:
@@ -33,10 +37,10 @@ class PatchSettings:
         start: Settings of the decode with which it starts.
     """
 
-    iterations: int = 96
-    first_sigma: float = 60 / 255
-    last_sigma: float = 6 / 255
-    refind_every: int = 3
+    iterations: PositiveInt = 96
+    first_sigma: Positive = 60 / 255
+    last_sigma: Positive = 6 / 255
+    refind_every: PositiveInt = 3
     lattice: Lattice = field(default_factory=Lattice)
     start: GapTvSettings = field(default_factory=GapTvSettings)
 
@@ -98,23 +102,18 @@ class PatchSettings:
         """Return last steps at the lowest noise level, to include pixels without which views were decoded."""
         return cls(iterations=8, first_sigma=cls.last_sigma)
 
-    def check(self) -> "PatchSettings":
+    def check(self) -> Self:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, a noise level that is not a positive finite number, a rising noise level, or
-                lattice or start out of range.
+            InputError: One is out of its bounds, or the noise level rises.
         """
-        falls = 0 < self.last_sigma <= self.first_sigma < np.inf
-        if self.iterations < 1 or self.refind_every < 1 or not falls:
+        if self.last_sigma > self.first_sigma:
             raise InputError(
-                f"patch decode of {self.iterations} iterations from sigma {self.first_sigma:.4g} to "
-                f"{self.last_sigma:.4g}, patches searched for every {self.refind_every} uses",
-                allowed="iterations >= 1, refind_every >= 1, 0 < last_sigma <= first_sigma",
+                f"a patch decode from sigma {self.first_sigma:.4g} to {self.last_sigma:.4g}",
+                allowed="last_sigma <= first_sigma",
             )
-        self.lattice.check()
-        self.start.check()
-        return self
+        return super().check()
 
 
 def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None) -> F32:

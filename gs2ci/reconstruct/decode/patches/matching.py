@@ -5,13 +5,15 @@ here: the motion (`flow`), the denoising of a group (`low_rank`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final, Self
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.decode.patches.eigen import REORDERED
 from gs2ci.reconstruct.decode.patches.flow import Flow
@@ -24,7 +26,7 @@ _ORDERS: Final = {1: (0,), 2: (0, 1), 3: (0, 2, 1), 4: (0, 2, 1, 3)}
 
 
 @dataclass(frozen=True)
-class Lattice:
+class Lattice(Bounded):
     """The positions of reference patches, and the patches that are compared with them.
 
     Args:
@@ -39,30 +41,26 @@ class Lattice:
     """
 
     patch_px: int = 6
-    step_px: int = 4
-    reach_px: int = 7
-    per_group: int = 64
-    views: int = 8
-    phases: int = 4
+    step_px: PositiveInt = 4
+    reach_px: NonNegativeInt = 7
+    per_group: PositiveInt = 64
+    views: PositiveInt = 8
+    phases: Annotated[int, Field(ge=1, le=len(_ORDERS))] = 4
 
     @property
     def side_by_side(self) -> "Lattice":
         """Get the lattice without overlap of patches: fewer than half as many as by default."""
         return replace(self, step_px=self.patch_px)
 
-    def check(self) -> "Lattice":
+    def check(self) -> Self:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count or length is out of range.
+            InputError: One is out of its bounds, or reference patches leave gaps between them.
         """
-        sizes = (self.patch_px, self.step_px, self.per_group, self.views)
-        if min(sizes) < 1 or self.reach_px < 0 or self.phases not in _ORDERS or self.step_px > self.patch_px:
-            raise InputError(
-                f"lattice of patches {self}",
-                allowed="patch_px >= step_px >= 1, reach_px >= 0, per_group >= 1, views >= 1, phases 1 to 4",
-            )
-        return self
+        if self.step_px > self.patch_px:
+            raise InputError(f"patches of {self.patch_px} px, {self.step_px} px apart", allowed="step_px <= patch_px")
+        return super().check()
 
     def parts(self, views: int) -> int:
         """Get the number of phases that so many views allow."""

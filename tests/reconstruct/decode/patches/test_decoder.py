@@ -113,20 +113,18 @@ def test_the_quick_schedule_is_a_shorter_one():
 
 @pytest.mark.parametrize(
     "wrong",
-    [
-        {"iterations": 0},
-        {"refind_every": 0},
-        {"first_sigma": 0.01, "last_sigma": 0.02},
-        {"last_sigma": 0.0},
-        {"first_sigma": np.inf},
-        {"last_sigma": np.nan},
-    ],
+    [{"iterations": 0}, {"refind_every": 0}, {"last_sigma": 0.0}, {"first_sigma": np.inf}, {"last_sigma": np.nan}],
 )
 def test_senseless_settings_are_refused(wrong):
-    with pytest.raises(InputError, match="patch decode of"):
+    with pytest.raises(InputError, match=f"{next(iter(wrong))} = .* in PatchSettings"):
         PatchSettings(**wrong).check()
 
 
+def test_a_noise_level_that_rises_is_refused():
+    with pytest.raises(InputError, match=r"from sigma 0.01 to 0.02"):
+        PatchSettings(first_sigma=0.01, last_sigma=0.02).check()
+
+
 def test_a_senseless_start_is_refused():
-    with pytest.raises(InputError, match="GAP-TV settings"):
+    with pytest.raises(InputError, match="iterations = 0 in GapTvSettings"):
         PatchSettings(start=GapTvSettings(iterations=0)).check()

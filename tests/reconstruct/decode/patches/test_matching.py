@@ -85,9 +85,14 @@ def test_groups_are_the_same_for_any_number_of_threads():
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"patch_px": 0}, {"step_px": 0}, {"step_px": 7}, {"reach_px": -1}, {"per_group": 0}, {"views": 0}, {"phases": 5}],
+    ("name", "value"), [("step_px", 0), ("reach_px", -1), ("per_group", 0), ("views", 0), ("phases", 0), ("phases", 5)]
 )
-def test_senseless_lattices_are_refused(wrong):
-    with pytest.raises(InputError, match="lattice of patches"):
+def test_senseless_lattices_are_refused(name, value):
+    with pytest.raises(InputError, match=f"{name} = {value} in Lattice"):
+        Lattice(**{name: value}).check()
+
+
+@pytest.mark.parametrize("wrong", [{"patch_px": 0}, {"step_px": 7}])
+def test_patches_with_gaps_between_them_are_refused(wrong):
+    with pytest.raises(InputError, match="allowed: step_px <= patch_px"):
         Lattice(**wrong).check()

@@ -90,5 +90,5 @@ def test_the_steps_of_a_short_time_come_closer_to_the_truth_than_gap_tv(decoded,
 
 
 def test_senseless_settings_are_refused(make_shot):
-    with pytest.raises(InputError, match="patch decode of 0 iterations"):
+    with pytest.raises(InputError, match="iterations = 0 in PatchSettings"):
         decode_until(make_shot(), 1e9, PatchSettings(iterations=0))
