@@ -3,8 +3,9 @@
 Views of a moving image differ by a little that is no light (`Renderer.grain`). The constant there is the grain of a
 bare view; lens and relay blur most of it, and masks seldom lie where it is largest. Here it is measured instead: views
 follow each other by `SPACING_PX` of motion, what of each pixel is a polynomial of the motion is taken away, and
-what is left passes the masks and the relay. It is an estimate, as the constant is. Not here: whether a measurement
-pays (`sampling`).
+what is left passes the masks and the relay. It is an estimate, as the constant is, and errs upwards: motion that the
+polynomial does not follow counts as grain, the worst colour counts for all, and what grain adds up to is bounded by
+Cauchy and Schwarz. Not here: whether a measurement pays (`sampling`).
 """
 
 from typing import Final
@@ -29,8 +30,6 @@ DEGREE: Final = 3
 SPACING_PX: Final = 0.1
 VIEWS: Final = BURSTS * VIEWS_EACH
 LENGTH_PX: Final = SPACING_PX * (VIEWS_EACH - 1)
-# The error of a sampled exposure against the estimate: see docs/decisions, "The grain is measured".
-SAFETY: Final = 1.5
 
 
 class MeasuredGrain:
@@ -49,7 +48,7 @@ class MeasuredGrain:
         self._square_dn2 = _squares_dn2(look, renderer, travel)
 
     def rms_dn(self, moments: Moments) -> float:
-        """Return it for views at these moments, DN rms, `SAFETY` included.
+        """Return it for views at these moments, DN rms.
 
         View k collects a_kn of mask n's light, so its grain adds the square of sum_n a_kn m_n to the variance: at most
         sum_n |a_kn| times sum_n |a_kn| m_n^2 (Cauchy and Schwarz).
@@ -61,7 +60,7 @@ class MeasuredGrain:
         variance = float((collected.sum(axis=1)[:, None] * collected * self._square_dn2).sum())
         # Views of what hardly moves have the same grain.
         alike = max(1.0, len(moments.times_s) / (1 + self._travelled_px / GRAIN_PX))
-        return SAFETY * float(np.sqrt(variance * alike))
+        return float(np.sqrt(variance * alike))
 
 
 def _squares_dn2(look: Preview, renderer: Renderer, travel: tuple[F64, F64]) -> F64:
