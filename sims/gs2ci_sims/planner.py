@@ -99,7 +99,9 @@ def plan(
 
     blurs = MotionBlur.name not in choice.off
     moving = _as_moved(look, kept, seed)
-    sampling = choose_sampling(moving, kept, budget - spent, seed=seed, blurs=blurs, slices=task.slices)
+    sampling = choose_sampling(
+        moving, kept, budget - spent, seed=seed, blurs=blurs, slices=task.slices, renderer=renderer
+    )
     sampled = [sampling.blur if isinstance(effect, MotionBlur) else effect for effect in kept]
     simulated = tuple(effect for effect in sampled if effect is not None)
     given_up = systematic + spent + (sampling.error_dn if blurs else 0.0)

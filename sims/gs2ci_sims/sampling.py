@@ -1,10 +1,10 @@
 """The number and the times of the views that sample a moving image: as few as the tolerance allows.
 
 Here: the choice among panels of time (`moments`), by the bounds of `effects.motion_blur` and `waves`. Not here: which
-effects are simulated (`planner`, the only user).
+effects are simulated (`planner`, the only user), how grain is measured (`grain`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,10 +13,13 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Effect, Stage
 from gs2ci_sims.effects.motion_blur import MotionBlur, sampling_bound
+from gs2ci_sims.grain import BURSTS, LENGTH_PX, MeasuredGrain
+from gs2ci_sims.grain import VIEWS as GRAIN_VIEWS
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import kinks_s
 from gs2ci_sims.preview import Preview
+from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.signals import Slices, nominal_slices
 from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
 
@@ -40,6 +43,9 @@ TRUTH_SHARE: Final = 1e-3
 NODES_WORTH: Final = 3
 # A jump of velocity nearer to the end of a panel than this share of the panel is ignored.
 NEAR_SHARE: Final = 0.02
+# Grain is measured where its constant alone calls for this many times as many more views as measuring takes, a mask
+# counted as half a view.
+GRAIN_PAYS: Final = 2.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,14 @@ class Sampling:
 
 
 def choose_sampling(
-    look: Preview, effects: Sequence[Effect], budget_dn: float, *, seed: int, blurs: bool, slices: Slices | None = None
+    look: Preview,
+    effects: Sequence[Effect],
+    budget_dn: float,
+    *,
+    seed: int,
+    blurs: bool,
+    slices: Slices | None = None,
+    renderer: Renderer | None = None,
 ) -> Sampling:
     """Choose the smallest number of views that keeps the error within the budget; if none does, the best one.
 
@@ -74,6 +87,7 @@ def choose_sampling(
         blurs: False if motion blur is switched off: each mask sees one view.
         slices: The times of the masks before effects, if they differ from the rig's timing; masks then switch anywhere
             within a panel.
+        renderer: Draws some views to measure its grain, where that saves more of them; None does not measure it.
     """
     count = len(look.masks)
     chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
@@ -86,16 +100,48 @@ def choose_sampling(
     if not (slices.mix.any(axis=1) & (slices.duration_s > 0)).any():
         return Sampling(None, count, 0.0, "", "no light is collected")
     bounding = _Bounding(look, slices)
-    plain_dn = bounding.error_dn(one_per_interval(look.intervals_s))
+    plain = one_per_interval(look.intervals_s)
     if not blurs:
-        return Sampling(None, count, plain_dn, "", "forced off")
-    plain = _Option(one_per_interval(look.intervals_s), plain_dn, plain_dn <= budget_dn, plain=True)
-    best = plain if plain.fits else None
-    fallback = [plain]
+        return Sampling(None, count, bounding.error_dn(plain), "", "forced off")
     kinks = kinks_s(look.path, float(travel[0][0]), float(travel[0][-1]))
     families = [*_across_masks(look, travel, kinks)]
     if not irregular:
         families = [*_within_masks(look, kinks), *families]
+    if renderer is not None and _may_measure(look, travel, budget_dn):
+        constant, bounding.grain_dn = bounding.grain_dn, _no_grain
+        least = _cheapest(bounding, plain, families, budget_dn, count)
+        bounding.grain_dn = constant
+        if least.fits and _measuring_pays(look, least.views, budget_dn):
+            bounding.grain_dn = MeasuredGrain(look, renderer, slices, travel).rms_dn
+    return _as_sampling(look, _cheapest(bounding, plain, families, budget_dn, count))
+
+
+def _may_measure(look: Preview, travel: tuple[F64, F64], budget_dn: float) -> bool:
+    """Return whether grain can be measured, and might decide: rays through meshes alias over longer ways."""
+    far_enough = float(travel[1][-1]) >= BURSTS * LENGTH_PX
+    return far_enough and look.scene.mesh is None and _measuring_pays(look, 0, budget_dn)
+
+
+def _measuring_pays(look: Preview, least: int, budget_dn: float) -> bool:
+    """Return whether the constant of the grain calls for many more views than the motion does (`least`)."""
+    # Its variance is one over the number of views, until they are too close together.
+    count = len(look.masks)
+    called_for = count * (look.graininess(count) / max(budget_dn, 1e-300)) ** 2
+    return called_for - least > GRAIN_PAYS * (GRAIN_VIEWS + 0.5 * count)
+
+
+def _no_grain(_moments: Moments) -> float:
+    return 0.0
+
+
+def _cheapest(
+    bounding: "_Bounding", plain_moments: Moments, families: Sequence[_Family], budget_dn: float, count: int
+) -> "_Option":
+    """Return the option with the fewest views within the budget; if there is none, the cheapest that is nearly best."""
+    plain_dn = bounding.error_dn(plain_moments)
+    plain = _Option(plain_moments, plain_dn, plain_dn <= budget_dn, plain=True)
+    best = plain if plain.fits else None
+    fallback = [plain]
     most = VIEWS_PER_MASK_MAX * count
     for edges, nodes, across in families:
         panels = len(edges) - 1
@@ -120,7 +166,7 @@ def choose_sampling(
     if best is None:
         tolerated = min(option.error_dn for option in fallback) + ALIKE_SHARE * budget_dn
         best = min((option for option in fallback if option.error_dn <= tolerated), key=lambda option: option.views)
-    return _as_sampling(look, best)
+    return best
 
 
 @dataclass(frozen=True)
@@ -142,23 +188,37 @@ class _Option:
 
 
 class _Bounding:
-    """Error bounds of options, from the light that each mask collects."""
+    """Error bounds of options, from the light that each mask collects.
+
+    `grain_dn` says what grain makes of the readings; bounds of the motion are kept for when it is replaced.
+    """
 
     def __init__(self, look: Preview, slices: Slices) -> None:
         self._look = look
         self._waves = CollectedWaves(look.scene, look.path, slices, look.object_px_per_s)
+        self._kept: dict[tuple[bytes, int, bool], float] = {}
+        self.grain_dn: Callable[[Moments], float] = lambda moments: look.graininess(len(moments.times_s))
 
     def error_dn(self, moments: Moments) -> float:
         """Bound the error of these moments, DN rms."""
-        views = (len(moments.edges_s) - 1) * moments.nodes
-        return sampling_bound(self._look, self._waves, moments).rms_dn + self._look.graininess(views)
+        return self._once(moments, False) + self.grain_dn(moments)
 
     def option(self, edges_s: F64, nodes: int, across: bool, budget_dn: float) -> _Option:
         """Bound an option; it does not fit either if the error of its true views is too large."""
         moments = Moments(edges_s, nodes)
         error_dn = self.error_dn(moments)
-        fits = error_dn <= budget_dn and self._truth_rms(moments) <= TRUTH_SHARE
+        fits = error_dn <= budget_dn and self._once(moments, True) <= TRUTH_SHARE
         return _Option(moments, error_dn, fits, across)
+
+    def _once(self, moments: Moments, truth: bool) -> float:
+        key = (moments.edges_s.tobytes(), moments.nodes, truth)
+        if key not in self._kept:
+            self._kept[key] = self._truth_rms(moments) if truth else self._motion_dn(moments)
+        return self._kept[key]
+
+    def _motion_dn(self, moments: Moments) -> float:
+        """Bound what the motion between the views makes of the readings, DN rms."""
+        return sampling_bound(self._look, self._waves, moments).rms_dn
 
     def _truth_rms(self, moments: Moments) -> float:
         """Bound the error of the views at the middles of the masks' intervals, rms; white is 1."""
