@@ -67,13 +67,14 @@ class Attempts:
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
-        asked = self._question(still)
-        if not self._wanted:
-            # A wrong path leaves a residual that looks like motion, too.
-            again = self._again(first, still)
-            # If patches did not reduce the residual of one fit, they will not reduce that of the mean of two either.
-            same = again.look is still.look and asked.gain is not None and not asked.speaks_for_motion
-            asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
+        # A wrong path leaves a residual that looks like motion, too.
+        again = still if self._wanted else self._again(first, still)
+        # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
+        # not reduce that of the mean of several either.
+        asked = self._question(still) if again.look is still.look else None
+        if asked is None or (again.ensemble is not still.ensemble and (asked.gain is None or asked.speaks_for_motion)):
+            asked = self._question(again)
+        still = again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
