@@ -114,8 +114,8 @@ class Attempts:
             return self.fits.completed(tried)
         residuals = self._residuals({name: one.fits[0].views for name, one in attempts.items()})
         taken = self._best(attempts, residuals)
-        _, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
-        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others))
+        best, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
+        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[best])
 
     def _rival(self, tried: Attempt) -> Rival:
         """Return the held-out residuals of an attempt's leader by iteration, to compare another leader with."""

@@ -64,7 +64,8 @@ class Tries:
         fit = SimpleNamespace(views=self.leaves[name], curve=(CurvePoint(1.0, 100, 0.1, 0.03, None, 5),))
         return Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
 
-    def completed(self, tried, beside=()):
+    def completed(self, tried, beside=(), left=None):
+        assert left == tried.fits[0].views
         self.completions += 1
         self.beside = [fit.views for fit in beside]
         return replace(tried, later=())
