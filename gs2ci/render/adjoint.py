@@ -5,7 +5,7 @@ that interface, and the same by torch's graph for scenes and backends that need 
 """
 
 from collections.abc import Callable, Mapping
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard
 
 import numpy as np
 import torch
@@ -21,7 +21,6 @@ Pull = Callable[[F32], F32]
 `grad`, and returns that by the poses, [V, 4, 4]. It may be called once."""
 
 
-@runtime_checkable
 class AdjointBackend(Backend, Protocol):
     """A backend that differentiates without torch's graph."""
 
@@ -51,7 +50,7 @@ def coded_with_pull(
     times: Tensor | None = None,
 ) -> tuple[F32, Pull]:
     """Render the coded sum, [H, W, 3], by any backend; arguments and errors as for `Backend.coded`."""
-    if isinstance(backend, AdjointBackend) and scene.motion is None and scene.harmonics is None:
+    if _has_adjoint(backend) and scene.motion is None and scene.harmonics is None:
         return backend.coded_with_pull(scene, world_to_camera, intrinsics, mask_set, screen, reuse)
     poses = world_to_camera.detach().requires_grad_()
     with torch.enable_grad():
@@ -63,6 +62,11 @@ def coded_with_pull(
         return found
 
     return image.detach().float().numpy(), pull
+
+
+def _has_adjoint(backend: Backend) -> TypeGuard[AdjointBackend]:
+    """Tell whether a backend differentiates itself, by one look-up: `isinstance` tries every member of a protocol."""
+    return hasattr(backend, "coded_with_pull")
 
 
 def accumulate(scene: Gaussians, gradients: Mapping[str, F32]) -> None:

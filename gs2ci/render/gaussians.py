@@ -6,7 +6,7 @@ densification rules (`gs2ci.reconstruct.fit.density`).
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import torch
@@ -86,8 +86,8 @@ class Gaussians:
 
     def parameters(self) -> dict[str, Tensor]:
         """Return the tensors by field name; `motion` and `harmonics` only if there are any."""
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {name: tensor for name, tensor in found.items() if tensor is not None}
+        # A dataclass keeps its fields there in their order, and asking for them by `fields` takes ten times as long.
+        return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
 
     def means_at(self, times: Tensor) -> Tensor:
         """Return the centres at moments [V]: [V, G, 3], or [G, 3] for all of them if nothing moves."""

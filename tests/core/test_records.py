@@ -120,6 +120,16 @@ def test_a_camera_out_of_range_is_refused(focal_px, centre_px):
         check_intrinsics(np.array([[focal_px, 0, centre_px], [0, 50, 0], [0, 0, 1]]))
 
 
+@pytest.mark.parametrize("place", [(2, 0), (2, 1), (2, 2)])
+def test_a_last_row_other_than_0_0_1_is_refused_beyond_rounding(place):
+    matrix = np.array([[50.0, 0, 3], [0, 50, 3], [0, 0, 1]])
+    matrix[place] += 5e-9
+    check_intrinsics(matrix)
+    matrix[place] += 2e-5
+    with pytest.raises(InputError, match=r"intrinsics.*fx, 0, cx"):
+        check_intrinsics(matrix)
+
+
 @pytest.mark.parametrize("place", [(0, 1), (1, 0)])
 def test_a_skew_is_refused_as_no_part_of_the_solver_knows_one(place):
     matrix = np.array([[500.0, 0, 3], [0, 500, 3], [0, 0, 1]])

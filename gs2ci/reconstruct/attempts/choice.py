@@ -67,13 +67,14 @@ class Attempts:
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
-        asked = self._question(still)
-        if not self._wanted:
-            # A wrong path leaves a residual that looks like motion, too.
-            again = self._again(first, still)
-            # If patches did not reduce the residual of one fit, they will not reduce that of the mean of two either.
-            same = again.look is still.look and asked.gain is not None and not asked.speaks_for_motion
-            asked, still = asked if same or again.ensemble is still.ensemble else self._question(again), again
+        # A wrong path leaves a residual that looks like motion, too.
+        again = still if self._wanted else self._again(first, still)
+        # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
+        # not reduce that of the mean of several either.
+        asked = self._question(still) if again.look is still.look else None
+        if asked is None or (again.ensemble is not still.ensemble and (asked.gain is None or asked.speaks_for_motion)):
+            asked = self._question(again)
+        still = again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
@@ -113,8 +114,8 @@ class Attempts:
             return self.fits.completed(tried)
         residuals = self._residuals({name: one.fits[0].views for name, one in attempts.items()})
         taken = self._best(attempts, residuals)
-        _, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
-        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others))
+        best, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
+        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[best])
 
     def _rival(self, tried: Attempt) -> Rival:
         """Return the held-out residuals of an attempt's leader by iteration, to compare another leader with."""

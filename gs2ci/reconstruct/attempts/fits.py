@@ -133,20 +133,23 @@ class Fits:
         fits = fit_together(self.fit_one(geometry, how.rival), now, self.progress, self.pace, self.halt)
         return Attempt(look, geometry, fits, self._mean(fits, "fit"), later)
 
-    def completed(self, tried: Attempt, beside: Sequence[CoarseFit] = ()) -> Attempt:
+    def completed(self, tried: Attempt, beside: Sequence[CoarseFit] = (), left: float | None = None) -> Attempt:
         """Make the fits of an attempt that have not been made yet.
 
         Args:
             tried: The attempt.
             beside: Fits of other attempts, the best first. Each is added to the attempt's, and replaces a companion,
                 unless their mean has a larger held-out residual than the attempt's own views.
+            left: The held-out residual of the mean of the attempt's fits after its refinement; None: not known yet.
         """
         if self.mask_moments is not None:
             # Views at the middle of the masks are rendered anew from all fits, with the camera matrix of the best.
             beside = tuple(fit for fit in beside if np.array_equal(fit.intrinsics, tried.geometry.intrinsics))
         if self.halt.asked or not (tried.later or beside):
             return tried
-        while beside and self._left((*tried.fits, *beside)) > self._left(tried.fits):
+        if beside and left is None:
+            left = self._left(tried.fits)
+        while beside and left is not None and self._left((*tried.fits, *beside)) > left:
             beside = beside[:-1]
         later = tried.later[: max(0, len(tried.later) - len(beside))]
         fits = (*tried.fits, *beside, *(self._companions(tried.geometry, later) if later else ()))

@@ -5,6 +5,7 @@ milliseconds per iteration, so buffers are kept and only ever grow. Each renderi
 a workspace of its own; a pool takes back what is released.
 """
 
+import math
 import threading
 from typing import Any, Final
 
@@ -23,7 +24,7 @@ class Workspace:
 
     def get(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[Any]:
         """Return the buffer of this name, large enough for `shape`, contents undefined."""
-        size = int(np.prod(shape, dtype=np.int64))
+        size = math.prod(shape)
         buffer = self._buffers.get(name)
         if buffer is None or buffer.size < size:
             buffer = _aligned(int(size * _GROWTH), np.dtype(dtype))

@@ -15,6 +15,7 @@ from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.choice import ranking
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.moving import MotionQuestion
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -63,7 +64,8 @@ class Tries:
         fit = SimpleNamespace(views=self.leaves[name], curve=(CurvePoint(1.0, 100, 0.1, 0.03, None, 5),))
         return Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
 
-    def completed(self, tried, beside=()):
+    def completed(self, tried, beside=(), left=None):
+        assert left == tried.fits[0].views
         self.completions += 1
         self.beside = [fit.views for fit in beside]
         return replace(tried, later=())
@@ -105,6 +107,28 @@ def test_fits_from_rest_have_to_keep_up_with_those_along_the_path(monkeypatch, m
     (rival,) = [how.rival for name, how in tries.made if name == "rest"]
     assert rival.heldout == {100: 0.03}
     assert rival.iterations == Settings().fit.iterations
+
+
+@pytest.mark.parametrize(
+    ("same_path", "gain", "asked"),
+    [(False, 0.0, ["again"]), (True, 0.0, ["first"]), (True, None, ["first", "again"])],
+)
+def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, moving, same_path, gain, asked):
+    look, other = (SimpleNamespace(**vars(moving), name="first") for _ in range(2))
+    tries, seen = Tries({"first": 0.03}), []
+    mean = SimpleNamespace(views=0.02, best=SimpleNamespace(scene=SimpleNamespace(motion=None)))
+    again = replace(tries.attempt(look if same_path else other, None, How()), ensemble=mean)
+
+    def question(_, still):
+        name = "again" if still is again else "first"
+        seen.append(name)
+        return MotionQuestion(gain=gain if name == "first" else 0.0)
+
+    monkeypatch.setattr(choice.Attempts, "_again", lambda *_: again)
+    monkeypatch.setattr(choice.Attempts, "_question", question)
+    _, taken, report = choice.Attempts(tries).all(look)
+    assert seen == asked
+    assert (taken, report.question.gain) == (again, 0.0)
 
 
 def test_beside_a_still_scene_a_decode_at_length_is_sparse_and_has_to_be_better():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows, padded
-from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store
+from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store, sum_of_lanes, where_ge
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 # Parts of the groups: enough for the cores of a workstation, as long as their buffers stay within bounds.
@@ -50,23 +50,28 @@ def _denoise(
     count, height, width = views.shape
     groups, members = corners.shape[0], corners.shape[1]
     size = patch[0] * patch[1]
-    row = padded(size)
+    lying = members < size
+    row = padded(min(members, size))
     # Sum of patches and their number, beside each other.
     sums = np.zeros((parts, count, height, width, 2), np.float32)
     for part in numba.prange(parts):
-        group, work, lines = workspace(members, size)
+        group, work, lines, mean = workspace(members, size)
         for g in range(groups * part // parts, groups * (part + 1) // parts):
             for m in range(members):
                 i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
                 for y in range(patch[0]):
                     for x in range(patch[1]):
-                        group[m * row + y * patch[1] + x] = views[i, top + y, left + x]
-            shrink_group(group, members, size, np.float32(sigma), work, lines)
+                        pixel = y * patch[1] + x
+                        at = pixel * row + m if lying else m * row + pixel
+                        group[at] = views[i, top + y, left + x]
+            shrink_group(group, members, size, np.float32(sigma), work, lines, mean)
             for m in range(members):
                 i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
                 for y in range(patch[0]):
                     for x in range(patch[1]):
-                        sums[part, i, top + y, left + x, 0] += group[m * row + y * patch[1] + x]
+                        pixel = y * patch[1] + x
+                        at = pixel * row + m if lying else m * row + pixel
+                        sums[part, i, top + y, left + x, 0] += group[at]
                         sums[part, i, top + y, left + x, 1] += _ONE
     denoised = np.empty_like(views)
     for task in numba.prange(count * height):
@@ -81,46 +86,58 @@ def _denoise(
 
 
 @numba.njit(cache=True)
-def workspace(members: int, size: int) -> tuple[F32, F32, F32]:
-    """Return the working memory of `shrink_group`: a group of M patches of D pixels, three matrices, and single rows.
+def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
+    """Return the working memory of `shrink_group`: a group, three matrices, single rows, and the mean patch.
 
-    All are 0; rows are padded to whole vectors (`eigen`), and what is beyond D has to stay 0.
+    A group of M patches of D pixels has a row for each patch or, if there are fewer patches than pixels, a row for each
+    pixel: the singular values are the same, and the matrix whose eigenvectors are needed is the smaller one of two.
+    All are 0; rows are padded to whole vectors (`eigen`), and what is beyond their numbers has to stay 0.
     """
-    row = padded(size)
-    group = np.zeros(members * row, np.float32)
-    return group, np.zeros((3, size * row), np.float32), np.zeros((LINES + 1, row), np.float32)
+    columns = min(members, size)
+    row = padded(columns)
+    lines = np.zeros((LINES, row), np.float32)
+    for j in range(row):
+        lines[LINES - 1, j] = np.float32(j)
+    group, work = np.zeros(max(members, size) * row, np.float32), np.zeros((3, columns * row), np.float32)
+    return group, work, lines, np.zeros(padded(size), np.float32)
 
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
-def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32) -> None:
+def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32, mean: F32) -> None:
     """Remove the noise of one group, in place.
 
     Args:
-        group: Its patches, M rows of D pixels, as `workspace` gives them.
+        group: Its M patches of D pixels, as `workspace` says.
         members: M.
         size: D.
         sigma: Standard deviation of its noise, above 0.
         work: For covariance, eigenvectors and projection.
-        lines: For the eigenvectors' search, and the mean patch.
+        lines: For the eigenvectors' search.
+        mean: For the mean patch.
 
     A singular value s of the centred patches becomes max(0, s − √M σ² / s₀), where s₀² = s² − M σ² is its energy
     without noise (Gu 2014, eq. 6 with its constant at 1); below s² = M σ² it becomes 0.
     """
-    covariance, vectors, projection, mean = work[0], work[1], work[2], lines[LINES]
-    row = mean.shape[0]
-    _centre(group, members, size, mean, covariance)
-    eigen_rows(covariance, vectors, lines[:LINES], size)
-    kept = _weigh(lines[0], vectors, members, size, sigma, projection)
+    covariance, vectors, projection = work[0], work[1], work[2]
+    lying, rows, columns = members < size, max(members, size), min(members, size)
+    row, numbers, beyond = lines.shape[1], lines[LINES - 1], np.float32(columns)
+    if lying:
+        _centre_rows(group, rows, columns, mean, numbers)
+    else:
+        _centre(group, members, row, mean)
+    _multiply(group, rows, columns, row, covariance)
+    eigen_rows(covariance, vectors, lines, columns)
+    kept = _weigh(lines[0], vectors, members, columns, sigma, projection)
     restored = lines[1]
-    for m in range(0, members * row, row):
+    for r in range(rows):
         for b in range(0, row, LANES):
-            total = load(mean, b)
+            total = where_ge(load(numbers, b), beyond, _ZERO, broadcast(mean[r])) if lying else load(mean, b)
             if kept > 0:
-                for i in range(size):
-                    total = fused(broadcast(get(group, m + i)), load(projection, i * row + b), total)
+                for i in range(columns):
+                    total = fused(broadcast(get(group, r * row + i)), load(projection, i * row + b), total)
             store(restored, b, total)
         for b in range(0, row, LANES):
-            store(group, m + b, load(restored, b))
+            store(group, r * row + b, load(restored, b))
 
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
@@ -148,9 +165,8 @@ def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, pro
 
 
 @numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
-def _centre(group: F32, members: int, size: int, mean: F32, covariance: F32) -> None:
-    """Subtract the mean patch, and sum the products of the differences."""
-    row = mean.shape[0]
+def _centre(group: F32, members: int, row: int, mean: F32) -> None:
+    """Subtract the mean patch from patches in rows."""
     share = _ONE / np.float32(members)
     for b in range(0, row, LANES):
         total = broadcast(_ZERO)
@@ -160,12 +176,31 @@ def _centre(group: F32, members: int, size: int, mean: F32, covariance: F32) -> 
         store(mean, b, total)
         for m in range(members):
             store(group, m * row + b, load(group, m * row + b) - total)
-    # Four rows of the covariance at once: each patch is read once for all four, and their sums are independent.
-    for i in range(0, size, 4):
-        i1, i2, i3 = min(i + 1, size - 1), min(i + 2, size - 1), min(i + 3, size - 1)
+
+
+@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+def _centre_rows(group: F32, size: int, members: int, mean: F32, numbers: F32) -> None:
+    """Subtract the mean patch from patches in columns."""
+    row, beyond = numbers.shape[0], np.float32(members)
+    for r in range(size):
+        total = broadcast(_ZERO)
+        for b in range(r * row, (r + 1) * row, LANES):
+            total = total + load(group, b)
+        mean[r] = sum_of_lanes(total) / beyond
+        for b in range(0, row, LANES):
+            centred = load(group, r * row + b) - mean[r]
+            store(group, r * row + b, where_ge(load(numbers, b), beyond, _ZERO, centred))
+
+
+@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+def _multiply(group: F32, rows: int, columns: int, row: int, covariance: F32) -> None:
+    """Sum the products of all pairs of columns."""
+    # Four rows at once: each row of the group is read once for all four, and their sums are independent.
+    for i in range(0, columns, 4):
+        i1, i2, i3 = min(i + 1, columns - 1), min(i + 2, columns - 1), min(i + 3, columns - 1)
         for b in range(0, row, LANES):
             s0, s1, s2, s3 = broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO)
-            for m in range(0, members * row, row):
+            for m in range(0, rows * row, row):
                 patch = load(group, m + b)
                 s0 = fused(broadcast(get(group, m + i)), patch, s0)
                 s1 = fused(broadcast(get(group, m + i1)), patch, s1)
