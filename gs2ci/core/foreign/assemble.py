@@ -305,6 +305,12 @@ def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: 
     meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
     taken = meas_key if holder is container else None
     mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
+    if mask_key and mask_key == taken:
+        raise InputError(
+            f"{path}: key {mask_key!r} for the measurement and for the masks",
+            allowed="two keys",
+            remedy="name the masks with --mask-key and the measurement with --meas-key",
+        )
     truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
     keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
     if meas_key:

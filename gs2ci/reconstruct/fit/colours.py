@@ -34,10 +34,12 @@ class ColourSettings:
         Raises:
             InputError: The degree is not 0 to 3, or the share not above 0 and at most 1.
         """
-        if not 0 <= self.degree <= DEGREE_MAX or not 0 < self.every <= 1:
+        if not 0 <= self.degree <= DEGREE_MAX:
+            raise InputError(f"spherical harmonics of degree {self.degree}", allowed=f"0 to {DEGREE_MAX}")
+        if not 0 < self.every <= 1:
             raise InputError(
-                f"spherical harmonics of degree {self.degree}, one more after each {self.every:g} of the schedule",
-                allowed=f"a degree of 0 to {DEGREE_MAX} and a share above 0 and at most 1",
+                f"spherical harmonics of one degree more after each {self.every:g} of the schedule",
+                allowed="a share above 0 and at most 1",
             )
         return self
 
