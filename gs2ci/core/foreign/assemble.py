@@ -23,7 +23,7 @@ from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user knows; None, "auto" and "" mean: find out.
+    """What the user states; None, "auto" and "" mean: infer it from the numbers.
 
     Args:
         meas_key: Key of the measurement.
@@ -167,7 +167,7 @@ class _Import:
     guesses: list[str]
 
     def check_agreement(self) -> PatternTrace | None:
-        """Say if measurement and masks do not look like each other's; return where the masks' pattern shows."""
+        """Report if measurement and masks do not fit each other; return where the masks' pattern shows."""
         image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
         found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
         if self.options.offset is None:

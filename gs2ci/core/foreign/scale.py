@@ -88,7 +88,7 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
 
 
 def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
-    levels = np.unique(values[:, ::7, ::7])  # a sample finds grey wherever there is any to speak of
+    levels = np.unique(values[:, ::7, ::7])  # a sample suffices to find grey levels
     binary = len(levels) <= 2 and bool(np.isin(values, (0.0, full)).all())
     sentences = [
         f"masks: {'binary' if binary else 'grey'}, "
