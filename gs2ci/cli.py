@@ -159,8 +159,7 @@ def _about(docstring: str) -> str:
     The parser joins a paragraph's lines unless they are indented; so all but the first are.
     """
     text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(docstring))[0]
-    # A line as wide as the terminal would be followed by an empty one.
-    lines = textwrap.TextWrapper(shutil.get_terminal_size().columns - 1, subsequent_indent="  ")
+    lines = textwrap.TextWrapper(shutil.get_terminal_size().columns, subsequent_indent="  ")
     return "\n\n".join(lines.fill(" ".join(part.split())) for part in text.split("\n\n"))
 
 
