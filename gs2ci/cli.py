@@ -103,8 +103,8 @@ def _serve(arguments: list[str]) -> int:
     if arguments[0] not in COMMANDS:
         longer = [name for name in COMMANDS if name.startswith(arguments[0])]
         near = longer or difflib.get_close_matches(arguments[0], COMMANDS, 1)
-        hint = f", did you mean {near[0]!r}?" if near else ""
-        sys.stderr.write(f"gs2ci: unknown command {arguments[0]!r}{hint}; allowed: {', '.join(COMMANDS)}\n")
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        _print_error(Gs2ciError(f"unknown command {arguments[0]!r}{hint}", allowed=", ".join(COMMANDS)))
         return EXIT_USER_ERROR
     return _run(arguments[0], arguments[1:], quiet=quiet and not {"-h", "--help"} & set(arguments))
 

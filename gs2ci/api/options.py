@@ -6,7 +6,8 @@ depend on a file or a device.
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from numbers import Integral, Real
+from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 
@@ -29,7 +30,8 @@ def check_whole(option: str, value: int | None, least: int, most: int = MOST_COU
     Raises:
         InputError: It is out of bounds.
     """
-    if value is not None and not least <= value <= most:
+    given: Any = value  # in Python it may be of any kind
+    if value is not None and not (isinstance(given, Integral) and least <= value <= most):
         raise InputError(
             f"{option} {value}", allowed=f"a whole number from {least} to {most}", remedy=remedy or _left_out(option)
         )
@@ -57,12 +59,17 @@ def check_number(
     Raises:
         InputError: It is out of bounds or not finite.
     """
-    if value is None or (math.isfinite(value) and least <= value <= most and (above is None or value > above)):
+    if value is None:
+        return
+    given: Any = value  # in Python it may be of any kind
+    finite = isinstance(given, Real) and math.isfinite(given)
+    if finite and least <= value <= most and (above is None or value > above):
         return
     bounds = [f"above {above:g}"] if above is not None else [f"from {least:g}"] if math.isfinite(least) else []
     bounds += [f"to {most:g}" if bounds else f"up to {most:g}"] if math.isfinite(most) else []
     allowed = " ".join(["a finite number", *bounds])
-    raise InputError(f"{option} {value:g}", allowed=allowed, remedy=remedy or _left_out(option))
+    shown = f"{value:g}" if isinstance(given, Real) else repr(value)
+    raise InputError(f"{option} {shown}", allowed=allowed, remedy=remedy or _left_out(option))
 
 
 def check_choice(option: str, value: str | None, allowed: Sequence[str | None]) -> None:

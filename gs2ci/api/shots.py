@@ -4,6 +4,7 @@ Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a fore
 layouts (`gs2ci.core.storage`).
 """
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -39,14 +40,15 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
 
     Raises:
         StorageError: A shot file cannot be read, or has no such shot.
-        InputError: A foreign file cannot be understood; the message names file, key and remedy.
+        InputError: The first argument is no path, or a foreign file cannot be understood; the message names file, key
+            and remedy.
 
     Example:
         >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
         >>> shot.views, shot.size, shot.channels
         (4, (24, 32), 3)
     """
-    path = Path(path)
+    path = _place(path)
     if path.suffix in (".h5", ".hdf5"):
         if masks is not None or known:
             raise InputError(
@@ -183,7 +185,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
         The path.
 
     Raises:
-        InputError: A shot contradicts itself.
+        InputError: A shot contradicts itself, or the first argument is no path.
         StorageError: The file exists, cannot be written, or the shots differ in data that a file stores only once.
 
     Example:
@@ -195,7 +197,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
     from gs2ci.core.storage import write_shots
     from gs2ci.core.storage.sealing import check_target
 
-    path = Path(path)
+    path = _place(path)
     check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     return write_shots(path, [shots] if isinstance(shots, Shot) else list(shots))
 
@@ -236,8 +238,25 @@ def picked(shots: Sequence[Shot], index: int | None, path: Path) -> list[Shot]:
     if index is None:
         return list(shots)
     if not 0 <= index < len(shots):
-        raise InputError(f"{path}: no measurement {index}", allowed=f"0 to {len(shots) - 1}")
+        raise InputError(
+            f"{path}: no measurement {index}", allowed=f"0 to {len(shots) - 1}" if len(shots) > 1 else "0: it holds one"
+        )
     return [shots[index]]
+
+
+def _place(path: str | Path) -> Path:
+    """Return a path as a Path.
+
+    Raises:
+        InputError: It is something else.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(
+            f"{type(path).__name__} where a path is expected",
+            allowed="the path of a file",
+            remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)",
+        )
+    return Path(path)
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":

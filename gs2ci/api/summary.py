@@ -42,8 +42,11 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     console.print()
     console.print(table)
     console.print()
+    bullet = Table(show_header=False, box=None, padding=(0, 1, 0, 0))
     for found in (report.stopped, *report.notes):
-        console.print(found.advice, markup=False, highlight=False)
+        bullet.add_row(Text("•"), Text(found.advice))
+    console.print(bullet)
+    console.print()
     for name, what in (
         ("report.html", "look here first"),
         ("overview.png", "the same in one picture"),

@@ -22,8 +22,8 @@ def run(
 ) -> Path:
     """Rebuild the page of a run from its folder.
 
-    `gs2ci reconstruct` writes the same page at its end; use this command to get the page of a newer version of the
-    program, or to write it to another place.
+    Use this command to get the page of a newer version of the program, or to write it to another place; `gs2ci
+    reconstruct` writes the same page at its end.
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.

@@ -102,3 +102,10 @@ class DeviceError(Gs2ciError):
         Traceback (most recent call last):
         gs2ci_drivers.failures.OutOfRangeError: ...
     """
+
+
+def reason_of(error: Exception) -> str:
+    """Return what an error says, without the number of an error of the operating system."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)

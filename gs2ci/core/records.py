@@ -203,11 +203,15 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
         # A tensor may be part of a graph, or be on a device.
         held = given.detach().cpu() if hasattr(given, "detach") else given
         try:
-            taken = np.asarray(held, dtype=kind)
+            found = np.asarray(held)
+            # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
+            if found.dtype.kind not in "biuf":
+                raise TypeError(f"it holds {found.dtype}")
+            taken = found.astype(kind)
         except (TypeError, ValueError) as error:
             raise InputError(
                 f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",
-                allowed="a numpy array, a torch tensor, or nested lists of numbers",
+                allowed="a numpy array, a torch tensor, or nested lists of real numbers",
             ) from error
         object.__setattr__(record, name, taken)
 
@@ -235,7 +239,9 @@ def _check_measurement(shot: Shot) -> None:
         raise InputError(
             f"measurement has shape {list(y.shape)}",
             allowed="[H, W, 3] for RGB, [H, W, 1] for mono or a colour mosaic",
-            remedy="give one image; a stack of images is several shots",
+            remedy="give a picture [H, W] as picture[..., None]"
+            if y.ndim == 2
+            else "give one image; a stack of images is several shots",
         )
     _finite("measurement", y)
     largest = float(np.abs(y).max(initial=0.0))

@@ -111,7 +111,7 @@ def look(
         settings: Of all stages.
         progress: Receives every stage and step.
         lap: Called with a stage's name when it ends.
-        masks_of: The measurement with its calibrated masks, before pixels were closed; None: the jury's.
+        masks_of: The measurement with its calibrated masks, before pixels were closed; None: the shot of `jury`.
 
     Raises:
         Gs2ciError: A stage fails.

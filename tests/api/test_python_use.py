@@ -33,8 +33,24 @@ def test_a_shot_is_made_of_arrays_of_any_kind():
 def test_what_holds_no_numbers_is_refused():
     with pytest.raises(gs2ci.InputError, match=r"masks of a shot is str.*allowed: a numpy array, a torch tensor"):
         gs2ci.Shot(np.ones((6, 8, 1)), "masks.npy")
+    for other in (np.ones((6, 8, 1)) * 1j, np.array(None), np.array([None, 1]), [["1", "2"]]):
+        with pytest.raises(gs2ci.InputError, match=r"masks of a shot is .*allowed: .* nested lists of real numbers"):
+            gs2ci.Shot(np.ones((6, 8, 1)), other)
     with pytest.raises(gs2ci.InputError, match="--poses is object"):
         gs2ci.import_file("measurement.npz", poses=object())
+
+
+def test_arguments_of_another_kind_are_refused_by_their_type():
+    shot = gs2ci.Shot(np.ones((6, 8)), np.ones((4, 6, 8)))
+    with pytest.raises(gs2ci.InputError, match=r"has shape \[6, 8\].*as picture\[\.\.\., None\]"):
+        shot.check()
+    for call in (gs2ci.load, gs2ci.reconstruct, lambda array: gs2ci.save(array, "shot.h5")):
+        with pytest.raises(gs2ci.InputError, match=r"ndarray where a path is expected.*gs2ci\.Shot"):
+            call(np.ones((6, 8)))
+    with pytest.raises(gs2ci.InputError, match="--seed few; allowed: a whole number"):
+        gs2ci.reconstruct(shot, seed="few")
+    with pytest.raises(gs2ci.InputError, match="--focal-px 'few'; allowed: a finite number"):
+        gs2ci.reconstruct(shot, focal_px="few")
 
 
 def test_a_shot_file_takes_no_guesses_beside_it_and_a_foreign_one_tells_them(examples):
@@ -74,6 +90,9 @@ def test_a_run_in_memory_is_the_run_that_was_saved(examples, filled):
         gs2ci.open_run("copy").save("mine")
     (examples / "copy" / "decode.npy").write_bytes(b"")
     with pytest.raises(gs2ci.StorageError, match="no whole run"):
+        gs2ci.open_run("copy")
+    (examples / "copy" / "decode.npy").unlink()
+    with pytest.raises(gs2ci.StorageError, match=r"no whole run: copy/decode\.npy: No such file or directory;"):
         gs2ci.open_run("copy")
 
 

@@ -79,10 +79,10 @@ def _drifting_case(case: Case) -> Shot:
 
 def run() -> None:
     least, wanted = Settings().brightness, os.environ.get("GS2CI_CASES", "")
-    print(f"{'':34} seed {'gain':>7} {'errors':>7} believed")
+    print(f"{'':34} seed {'gain':>7} {'errors':>7} accepted")
     for name, seed, shot in _shots(os.environ.get("GS2CI_SHARED_DATA")):
         if wanted not in name:
             continue
         told = estimated(shot(), seed)
-        said = "nothing told" if told is None else f"{told.gain:7.4f} {told.errors_away:7.1f} {told.is_sure(least)}"
+        said = "no estimate" if told is None else f"{told.gain:7.4f} {told.errors_away:7.1f} {told.is_sure(least)}"
         print(f"{name:34} {seed:4} {said}", flush=True)

@@ -124,7 +124,7 @@ def _outcome(rank: float | None, *, said_open: bool) -> str:
     right = rank is not None and rank > 0
     if said_open:
         return f"open ({'right' if right else 'wrong'})"
-    return "right" if right else "wrong without a word"
+    return "right" if right else "wrong, not reported"
 
 
 def _first(trial: Trial) -> float | None:

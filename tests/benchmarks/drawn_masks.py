@@ -26,9 +26,7 @@ SCENES = ("boxes", "planes", "ball", "thicket")
 
 def run() -> None:
     """Print the table."""
-    print(
-        "| scene | true masks, dB | stated | registered | brightness told | and the leak of each pixel | widening, px |"
-    )
+    print("| scene | true masks, dB | stated | registered | brightness given | and each pixel's leak | widening, px |")
     print("|---|---|---|---|---|---|---|")
     for scene in SCENES:
         shot = Bench(scene, kind="laboratory").expose(SIZE)

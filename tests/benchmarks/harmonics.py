@@ -34,7 +34,7 @@ SIZE: Final = (96, 128)
 DEGREES: Final = (0, 3)
 COLUMNS: Final = ("views", "scene", "between", "beyond", "depth off, %", "CPU s")
 Figures = tuple[float | None, ...]
-"""In the order of `COLUMNS`; None where nobody knows."""
+"""In the order of `COLUMNS`; None if unknown."""
 
 
 def run() -> None:

@@ -1,7 +1,7 @@
 """The loss by motion within a mask, and its recovery by moments of each mask: simulated exposures, sharp true views.
 
     python -m tests.benchmarks motion_within_masks
-    GS2CI_CASES=boxes python -m tests.benchmarks motion_within_masks    scenes and paths whose names hold that word
+    GS2CI_CASES=boxes python -m tests.benchmarks motion_within_masks    scenes and paths whose names contain that word
 
 The camera goes by so many px of the median depth during each mask, of 8, in pictures of 96 × 72: steadily, ever
 faster (from a third of the mean speed to five thirds), or while it trembles. The simulator integrates the light over

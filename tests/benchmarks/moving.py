@@ -4,10 +4,10 @@
 
 Three parts. Simulated moving objects under a moving camera, three scenes, each beside itself at rest (data: the
 project's simulator; its bench integrates the light over the exposure, from its own renderer), with `--motion auto` and
-`off`: what motion gains, and what being asked costs a still scene, in dB and processor seconds. The first blocks of the
-video clips in `video_sci` of GS2CI_SHARED_DATA or `../shared/data`, cropped to their middle, where they are there
-(data: the benchmarks of the PnP-SCI authors). The real measurements in `real_cacti` beside them, likewise cropped, by
-their held-out residual alone.
+`off`: what motion gains, and what the test for motion costs a still scene, in dB and processor seconds. The first
+blocks of the video clips in `video_sci` of GS2CI_SHARED_DATA or `../shared/data`, cropped to their middle, if they
+exist (data: the benchmarks of the PnP-SCI authors). The real measurements in `real_cacti` beside them, likewise
+cropped, by their held-out residual alone.
 
 Settings of the environment:
 

@@ -3,12 +3,12 @@
     python -m tests.benchmarks registration                decodes alone: a quarter of an hour
     GS2CI_WHOLE=1 python -m tests.benchmarks registration  whole reconstructions of fewer scenes: hours
 
-`GS2CI_SEEDS=1` takes one seed instead of three, `GS2CI_CASES=blur` only cases whose names hold that word.
+`GS2CI_SEEDS=1` takes one seed instead of three, `GS2CI_CASES=blur` only cases whose names contain that word.
 
 Every case is a shot whose truth is known, stated wrongly in one way. Its decode is scored three times: with true
 masks and readings, as stated, and as registered. Scenes: photographs of scikit-image on two planes that move against
 each other, coded here by numpy with masks drawn on a larger modulator and warped by scipy (nothing of the solver's own,
-and what a shift brings into the picture is known to nobody); and scenes of the simulator, whose light path has none
+and what a shift brings into the picture is not known); and scenes of the simulator, whose light path has none
 of it either. Three seeds each. Right shots of all kinds: `right_shots`.
 """
 
@@ -211,7 +211,7 @@ def run() -> None:
     scenes = [*map(photograph, PHOTOGRAPHS), *map(simulated, SIMULATED)]
     seeds = SEEDS[: 1 if whole else int(os.environ.get("GS2CI_SEEDS", len(SEEDS)))]
     only = os.environ.get("GS2CI_CASES", "")
-    print(f"{'wrong by':28s} told, dB  loss as stated (worst)  loss registered (worst)  changed  seconds")
+    print(f"{'wrong by':28s} true masks, dB   loss as stated (worst)  loss registered (worst)  changed  seconds")
     for name, case in CASES.items():
         if only not in name:
             continue

@@ -256,7 +256,7 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
     heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
     if grade != "holds" and not heard and not case.silent and not case.says:
-        problems.append(f"loses {loss_db:.1f} dB without a word")
+        problems.append(f"loses {loss_db:.1f} dB without a warning")
     grade = "breaks" if order else grade
     return replace(found, grade=grade, psnr_db=psnr_db, decode_db=decode_db, loss_db=loss_db, problems=tuple(problems))
 
@@ -271,13 +271,13 @@ def unfounded(result: RunResult, order: str, order_open: str, depth: DepthScore 
         depth: Its depth, where the order could be known; else None.
     """
     if order:
-        return [f"{order}, without a word"]
+        return [f"{order}, without a warning"]
     told = result.geometry.get("method") in TELL_ORDER
     claimed = result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2])
     if order_open and claimed and not told:
-        return [f"{order_open}, and an order of depth is handed over without a word"]
+        return [f"{order_open}, and an order of depth is handed over without a warning"]
     if not order_open and depth is not None and by_chance(depth.rank, depth.rank_error):
-        return [f"the order of depth is chance (rank correlation {depth.rank:+.2f}), without a word"]
+        return [f"the order of depth is chance (rank correlation {depth.rank:+.2f}), without a warning"]
     return []
 
 

@@ -119,7 +119,7 @@ def test_depth_clearly_the_wrong_way_round_breaks_said_or_not(graded):
     for outcome in (silent, said):
         assert outcome.grade == outcome.depth_grade == "breaks"
         assert "near and far are exchanged" in outcome.order
-    assert "without a word" in silent.problems[0]
+    assert "without a warning" in silent.problems[0]
     assert not said.problems
 
 
@@ -127,7 +127,7 @@ def test_a_path_backwards_breaks_whatever_depth_is(graded):
     outcome = graded(path=backwards(graded.path))
     assert outcome.grade == "breaks"
     assert "backwards" in outcome.order
-    assert "without a word" in outcome.problems[0]
+    assert "without a warning" in outcome.problems[0]
 
 
 def test_a_small_share_of_the_wrong_order_is_wrong_if_its_patches_are_many(graded):
@@ -157,14 +157,14 @@ def test_where_the_camera_only_turned_order_has_to_be_said_open_and_is_not_grade
         assert "a turn explains" in outcome.order_open
         assert outcome.grade != "breaks"
         assert outcome.depth_grade == "unknown"
-    assert "without a word" in silent.problems[0]
+    assert "without a warning" in silent.problems[0]
     assert not said.problems
 
 
 def test_a_stage_may_be_taken_at_its_word_where_nothing_shows_an_order(graded):
     even = np.full((8, *graded.true.shape, 3), 0.5, np.float32)
     guessed, told = (graded(graded.true, views=even, method=method) for method in ("tracks", "stage"))
-    assert any("without a word" in problem for problem in guessed.problems)
+    assert any("without a warning" in problem for problem in guessed.problems)
     assert not any("order" in problem for problem in told.problems)
 
 

@@ -77,7 +77,7 @@ def fit(measurement: F64, model: F64) -> tuple[float, float]:
 def check_pattern(
     measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]
 ) -> PatternTrace | None:
-    """Say if the measurement does not show the masks' pattern where the masks are stated to be.
+    """Report if the measurement does not show the masks' pattern at the stated position.
 
     Args:
         measurement: For messages.

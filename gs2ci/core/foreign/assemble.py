@@ -23,7 +23,7 @@ from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user knows; None, "auto" and "" mean: find out.
+    """What the user states; None, "auto" and "" mean: infer it from the numbers.
 
     Args:
         meas_key: Key of the measurement.
@@ -167,7 +167,7 @@ class _Import:
     guesses: list[str]
 
     def check_agreement(self) -> PatternTrace | None:
-        """Say if measurement and masks do not look like each other's; return where the masks' pattern shows."""
+        """Report if measurement and masks do not fit each other; return where the masks' pattern shows."""
         image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
         found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
         if self.options.offset is None:
@@ -305,6 +305,12 @@ def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: 
     meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
     taken = meas_key if holder is container else None
     mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
+    if mask_key and mask_key == taken:
+        raise InputError(
+            f"{path}: key {mask_key!r} for the measurement and for the masks",
+            allowed="two keys",
+            remedy="name the masks with --mask-key and the measurement with --meas-key",
+        )
     truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
     keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
     if meas_key:

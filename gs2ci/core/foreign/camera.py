@@ -100,7 +100,7 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
         values = np.concatenate([values, last], axis=1)
     if not (np.abs(values) <= LARGEST).all():
         raise InputError(
-            f"{given.where}: poses hold NaN, infinity or absurd numbers",
+            f"{given.where}: poses hold NaN, infinity or numbers that are far too large",
             remedy="mend them, or leave the poses out",
         )
     if np.allclose(values[:, :3, 3], 0) and not np.allclose(values[:, 3, :3], 0):

@@ -41,7 +41,7 @@ def open_foreign(path: Path) -> Container:
     if is_picture(start):
         return read_pictures(path)
     raise InputError(
-        f"{path}: {'empty' if not start else 'of no known format'}",
+        f"{path}: {'empty' if not start else 'its content is of no known format'}",
         allowed=_FORMATS,
         remedy="save the measurement and its masks in one of these",
     )

@@ -22,7 +22,7 @@ MANY_CLIPPED: Final = 0.05
 
 
 def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, guesses: list[str]) -> F64:
-    """Replace NaN, infinity and absurd numbers in a measurement.
+    """Replace NaN, infinity and numbers that are far too large in a measurement.
 
     Args:
         measurement: For messages.
@@ -43,7 +43,8 @@ def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, g
         row, column = np.argwhere(bad.any(axis=(0, 3)))[0].tolist()
         refused = how == "refuse"
         raise InputError(
-            f"{measurement.where}: {count} pixels are NaN, infinite or absurd, the first at row {row}, column {column}",
+            f"{measurement.where}: {count} pixels are NaN, infinite or far too large, "
+            f"the first at row {row}, column {column}",
             allowed=f"finite readings, or with --bad-pixels median up to {MOST_BAD:.0%} bad ones",
             remedy="say --bad-pixels median to replace them" if refused else "mend the measurement before saving",
         )

@@ -61,7 +61,7 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
     bad = int((~(np.abs(values) <= LARGEST)).sum())
     if bad:
         raise InputError(
-            f"{masks.where}: {bad} values are NaN, infinite or absurd",
+            f"{masks.where}: {bad} values are NaN, infinite or far too large",
             allowed="transmissions, >= 0",
             remedy="set dead mask pixels to 0 (never open) and mend the same pixels of the measurement",
         )
@@ -88,7 +88,7 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
 
 
 def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
-    levels = np.unique(values[:, ::7, ::7])  # a sample finds grey wherever there is any to speak of
+    levels = np.unique(values[:, ::7, ::7])  # a sample suffices to find grey levels
     binary = len(levels) <= 2 and bool(np.isin(values, (0.0, full)).all())
     sentences = [
         f"masks: {'binary' if binary else 'grey'}, "
@@ -119,7 +119,7 @@ def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
     """
     if not (np.abs(views) <= LARGEST).all():
         raise InputError(
-            f"{truth.where}: true views hold NaN, infinity or absurd numbers",
+            f"{truth.where}: true views hold NaN, infinity or numbers that are far too large",
             remedy="mend them, or say --truth-key none",
         )
     low, high = float(views.min()), float(views.max())

@@ -174,7 +174,7 @@ class CaptureHeader:
         return self
 
     def blank_shot(self) -> Shot:
-        """Make a dark shot with this header, so that one place knows what fits together."""
+        """Make a dark shot with this header, so that what fits together is checked in one place."""
         height, width = self.masks.shape[1:] if self.masks.ndim == 3 else (1, 1)
         dark = np.zeros((height, width, self.channels), np.float32)
         return Shot(

@@ -71,7 +71,7 @@ def being_written(partial: Path) -> bool:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:  # it is not there, or the file system knows no locks
+    except OSError:  # it does not exist, or the file system does not support locks
         return False
     return False
 

@@ -207,7 +207,7 @@ class ShotWriter:
         try:
             self.close()
         except StorageError:
-            # What went wrong first is what is told.
+            # The first error is the one to report.
             if error is None:
                 raise
 

@@ -1,8 +1,8 @@
-"""What a field over a scene's pictures and inverse depths does to Gaussians and to maps, and its gradient.
+"""Apply a field over pictures and inverse depths to Gaussians and to depth maps, and compute its gradient.
 
-The field is given at the knots of a grid over (u, v, 1/z) of a reference view and is linear between them in each; past
-its ends it is what it is there. The tests hold the kernels to numpy in float64. One thread, so that sums have one
-order. Here: the kernels. Not here: steps and settings (`depth_field.py`).
+The field is given at the knots of a grid over (u, v, 1/z) of a reference view and is linear between them in each;
+outside it has the value of the nearest point of the grid. The tests compare the kernels with numpy in float64. One
+thread, so that sums have one order. Here: the kernels. Not here: steps and settings (`depth_field.py`).
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ Numbers = NDArray[Any]
 
 @njit(**JIT)
 def _place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
-    """Return the knot below a place and how far on to the next it is."""
+    """Return the knot below a position and the fraction of the way to the next."""
     along = min(max((at - low) / step, 0.0), count - 1.0)
     knot = min(int(along), count - 2)
     return knot, along - knot
@@ -28,7 +28,7 @@ def _place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
 
 @njit(**JIT)
 def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> float:
-    """Return the field, [A, B, C], at a place."""
+    """Return the field, [A, B, C], at a position."""
     i, a = _place(u, low[0], step[0], field.shape[0])
     j, b = _place(v, low[1], step[1], field.shape[1])
     k, c = _place(w, low[2], step[2], field.shape[2])
@@ -52,7 +52,7 @@ def gather_gradient(
     step: F64,
     gradient: F64,
 ) -> None:
-    """Store the gradient by the field's knots, [A, B, C], of that by means and log sizes, [G, 3] each.
+    """Store the gradient by the field's knots, [A, B, C], given those by means and log sizes, [G, 3] each.
 
     Added to inverse depth, b moves a point X of the reference view by -z b X, and sizes with it.
 

@@ -100,7 +100,7 @@ class ViewGradient(NamedTuple):
 
 
 def tasks_for(blocks: int) -> int:
-    """Count the tasks of `differentiate_project`, each with its own partial sum of the pose gradients."""
+    """Return the number of tasks of `differentiate_project`, each with its own partial sum of the pose gradients."""
     return -(-blocks // BLOCKS_PER_TASK)
 
 

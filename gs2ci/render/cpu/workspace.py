@@ -75,7 +75,7 @@ class Pool:
 
 
 class Lease:
-    """A workspace in use; given back by `release`, or when nobody holds the lease any more."""
+    """A workspace in use; given back by `release`, or when no reference to the lease remains."""
 
     def __init__(self, pool: Pool, workspace: Workspace) -> None:
         self._pool = pool

@@ -54,7 +54,7 @@ class Defocus(BoundedRecord):
         widest = float(self._widest_px(scene.scene.intrinsics, np.array([near, far])).max())
         return scene.of_views(*self.view_change(scene)).after(
             BoundStep("A", self.aperture, "units", "diameter of the aperture"),
-            BoundStep("zf", self.focus_depth, "units", "depth of what is sharp"),
+            BoundStep("zf", self.focus_depth, "units", "depth in focus"),
             BoundStep("f", focal_px, "px", "focal length"),
             BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
             BoundStep("z2", far, "units", "farthest depth (1 % are farther)"),

@@ -35,7 +35,7 @@ class FullWell(BoundedRecord):
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
             "K * x",
             BoundStep("W", self.capacity_e, "e", "full well"),
-            BoundStep("Q", float(scene.most_e.max()), "e", "charge that no pixel exceeds, noise aside"),
+            BoundStep("Q", float(scene.most_e.max()), "e", "upper bound of the charge of a pixel, without noise"),
             BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
             gain_step(rig),
         )

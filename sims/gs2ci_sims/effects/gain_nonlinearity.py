@@ -56,7 +56,7 @@ class GainNonlinearity(BoundedRecord):
             "min(sqrt(r**2 + 6 * sqrt(d / n) + 6 * p**2 / n), every)",
             *steps,
             BoundStep("q", mean_e, "e", "charge, mean over the pixels"),
-            BoundStep("T", top_e, "e", "charge that no pixel exceeds"),
+            BoundStep("T", top_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("p", peak_dn, "DN", "change of the brightest pixel, with six sigma of its noise"),
             BoundStep(
                 "d",
@@ -84,7 +84,7 @@ class GainNonlinearity(BoundedRecord):
         return (
             BoundStep("D", self.departure, "", "largest departure from a line, of full scale"),
             gain_step(rig),
-            BoundStep("e", error_e, "e", "by what the charge may differ from the previewed, rms"),
+            BoundStep("e", error_e, "e", "error of the previewed charge, rms"),
             BoundStep("v", likely_dn, "DN", "4 D W x (1 - x) K at the previewed charge x W, rms over the pixels"),
             BoundStep(
                 "u",
@@ -93,7 +93,7 @@ class GainNonlinearity(BoundedRecord):
                 "the same of what it may differ by, with its shot noise, at the steepest slope",
                 "4 * abs(D) * K * sqrt(e**2 + e)",
             ),
-            BoundStep("top", top_dn, "DN", "the same at the charge that no pixel exceeds"),
+            BoundStep("top", top_dn, "DN", "the same at the upper bound of the charge"),
             BoundStep("r", min(likely_dn + error_dn, top_dn), "DN", "rms over pixels and exposures", "min(v + u, top)"),
         )
 

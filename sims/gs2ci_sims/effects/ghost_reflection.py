@@ -44,8 +44,8 @@ class GhostReflection(BoundedRecord):
         Neither the rotation nor the blur increases an image's rms.
         """
         return scene.of_photon_effect(self, self.share).after(
-            BoundStep("s", self.share, "", "share of the light that comes again"),
-            BoundStep("d", self.blur_px, "px", "disc that the ghost is spread over"),
+            BoundStep("s", self.share, "", "share of the light in the ghost"),
+            BoundStep("d", self.blur_px, "px", "diameter of the disc over which the ghost is spread"),
         )
 
     def brightest(self, scene: ViewPreview) -> float:

@@ -37,13 +37,14 @@ class HotPixels(BoundedRecord):
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Moments of the exponential law, clipped at the full well, and six standard errors of their sample mean.
 
-        For the charge x of a hot pixel of mean m: E x^2 = 2 m^2, E x^4 = 24 m^4; its own shot noise adds m. The
-        hottest of k pixels exceeds m (ln k + 14) with a probability below exp(-14), one in a million.
+        For the charge x of a hot pixel of mean m, its own shot noise included: E x^2 = 2 m^2 + m,
+        E x^4 = 24 m^4 + 36 m^3 + 14 m^2 + m (the factorial moments of a Poisson number of exponential mean are k! m^k).
+        The hottest of k pixels exceeds m (ln k + 14) with a probability below exp(-14), one in a million.
         """
         mean_e, well_e = self.mean_e_per_s * rig.exposure_s, rig.sensor.full_well_e
         pixels = int(np.prod(scene.scene.size))
         second = self.share * min(2 * mean_e**2 + mean_e, well_e**2)
-        fourth = self.share * min(24 * mean_e**4, well_e**4)
+        fourth = self.share * min(24 * mean_e**4 + 36 * mean_e**3 + 14 * mean_e**2 + mean_e, well_e**4)
         hottest_e = min(self._hottest_e(mean_e, pixels), well_e)
         rms_e = np.sqrt(second + 6 * np.sqrt(fourth / pixels))
         return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e)).by(
@@ -61,7 +62,13 @@ class HotPixels(BoundedRecord):
                 "mean square of the excess charge and its shot noise",
                 "p * min(2 * m**2 + m, W**2)",
             ),
-            BoundStep("x4", fourth, "e^4", "mean fourth power", "p * min(24 * m**4, W**4)"),
+            BoundStep(
+                "x4",
+                fourth,
+                "e^4",
+                "mean fourth power, likewise",
+                "p * min(24 * m**4 + 36 * m**3 + 14 * m**2 + m, W**4)",
+            ),
             gain_step(rig),
         )
 

@@ -50,7 +50,7 @@ class Prnu(BoundedRecord):
             "sqrt(min(v + 6 * sqrt(2 * v * b) + 36 * b, 36 * v))",
             BoundStep("s", self.spread, "", "relative spread of the pixels' response"),
             BoundStep("Q", rms_e, "e", "charge, rms over the pixels"),
-            BoundStep("T", top_e, "e", "charge that no pixel exceeds"),
+            BoundStep("T", top_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("n", pixels, "", "pixels"),
             gain_step(rig),
             BoundStep("v", mean, "DN^2", "mean square over the pixels and over devices", "(K * s * Q)**2"),

@@ -55,7 +55,7 @@ class ShotNoise:
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e, random=True).by(
             "K * min(sqrt(Q + 6 * sqrt(Q * (3 * T + 1) / n) + 6 * p**2 / n), every)",
             BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance over exposures"),
-            BoundStep("T", largest_e, "e", "charge that no pixel exceeds"),
+            BoundStep("T", largest_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("p", peak_e, "e", "six sigma of the brightest pixel"),
             BoundStep("n", pixels, "", "pixels"),
             BoundStep("every", every_e, "e", "rms with six sigma in every pixel"),

@@ -233,6 +233,12 @@ def test_broken_files_are_refused(tmp_path, content, message):
     assert "broken.mat" in str(caught.value)
 
 
+def test_one_key_for_measurement_and_masks_is_refused(tmp_path):
+    np.savez(tmp_path / "one.npz", meas=np.ones((6, 8, 3)), masks=np.ones((3, 6, 8)))
+    with pytest.raises(InputError, match=r"key 'meas' for the measurement and for the masks.*--mask-key"):
+        import_shots(tmp_path / "one.npz", None, ImportOptions(mask_key="meas"))
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         open_foreign(tmp_path / "none.npz")

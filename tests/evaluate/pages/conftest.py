@@ -27,7 +27,14 @@ from gs2ci.evaluate.tradeoff.record import TradeoffRecord, Tried, write_record
 from tests.evaluate.reports import GEOMETRY
 from tests.patience import HANG_S
 
-NAMES = ("chromium", "chromium-browser", "chrome-headless-shell", "google-chrome", "google-chrome-stable")
+NAMES = (
+    "chromium",
+    "chromium-browser",
+    "chromium-headless-shell",
+    "chrome-headless-shell",
+    "google-chrome",
+    "google-chrome-stable",
+)
 
 
 class Tab:
