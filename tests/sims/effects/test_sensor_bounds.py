@@ -101,3 +101,18 @@ def test_a_bound_holds_for_every_exposure_and_device_where_the_charge_is_known(e
     found = np.array([sensor_ratios(still, rig, effect, seed) for seed in range(60)])
     assert found.max() <= 1.0
     assert found[:, 0].max() >= 0.05
+
+
+def test_few_hot_pixels_stay_within_their_bound_in_each_of_many_devices(look):
+    """Six standard errors of the squares' sum are exceeded here by 1.5 times: one pixel may hold most of it."""
+    rig = Rig(Light(1e4), modulator=Modulator(MASKS))
+    size = look.scene.size
+    effect = HotPixels(6 / np.prod(size), 100 / rig.exposure_s)
+    bound = effect.bound(dataclasses.replace(look, rig=rig), rig)
+    rng = np.random.default_rng(0)
+    worst_rms = worst_peak = 0.0
+    for _ in range(3000):
+        charge = rng.poisson(effect.apply(np.zeros(size), rig, rng)) * rig.dn_per_e
+        worst_rms, worst_peak = max(worst_rms, float(np.sqrt(np.mean(charge**2)))), max(worst_peak, charge.max())
+    assert 0.3 * bound.rms_dn < worst_rms <= bound.rms_dn
+    assert 0.3 * bound.peak_dn < worst_peak <= bound.peak_dn
