@@ -47,8 +47,8 @@ class HotPixels(BoundedRecord):
         The charge of a hot pixel of mean m, its own shot noise included, is at least j electrons with a probability of
         (m / (1 + m))^j: a Poisson number with an exponential mean. The hottest of k pixels reaches
         (ln k + 14) / ln(1 + 1 / m) electrons with a probability below exp(-14), one in a million. The limit of the sum
-        is Chernoff's (`_most_squares_e2`); six standard errors of the sum would be exceeded once in a thousand
-        exposures if only a few pixels are hot, since one of them may be most of it.
+        is Chernoff's (`_most_squares_e2`); six standard errors of the sum would be exceeded once in several hundred
+        devices if only a few pixels are hot, since one of them may be most of it.
         """
         mean_e, well_e = self.mean_e_per_s * rig.exposure_s, rig.sensor.full_well_e
         pixels = int(np.prod(scene.scene.size))
