@@ -38,8 +38,9 @@ from gs2ci.reconstruct.settings import Settings
 # A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
 # most, and the candidates made from it cost several decodes' time.
 _FAR_OFF: Final = 1.7
-# The expected error, rms in full scales, from which on the report doubts the views: 26 dB, visible at a glance.
-_ERRS: Final = 0.05
+# The expected error, rms in full scales, from which on the report doubts the views. An error of 0.05 (26 dB) is visible
+# at a glance; with little noise the expectation is 0.84 to 1 times the error (decision 0106).
+_ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95
 

@@ -24,7 +24,9 @@ error. Of a residual, the share 1 − σ²/⟨r²⟩ is not noise: c is this sha
 no more than this share is.
 
 The reading of a pixel behind masks of which none is open says next to nothing about the views, however large r²/|M|²
-is there: pixels have the weight (|M|²/m²)², at most 1, where m is the transmission of an open mask.
+is there: what is derived from readings, the gain included, has the weight (|M|²/m²)² in each pixel, at most 1, where m
+is the transmission of an open mask. The change ⟨d·d⟩ itself is known in all pixels alike: behind masks that were
+calibrated with noise, views change most where no mask is open, by a residual divided by the noise of the masks.
 
 If things move in a way that a scene cannot follow, its fit reproduces the sum of the views but not each view: its
 errors cancel along the views, and the held-out residual is smaller than these errors warrant. With covariance
@@ -125,8 +127,8 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
         by_view = np.mean(one.change * other.change, axis=2)  # [N, K]
         both = by_view.sum(axis=0)
         across = by_view[measured].sum(axis=0) - read * np.mean(one.coded * other.coded, axis=1) / light
-        terms = (blind - read * gained) / light + both - (one.learned + other.learned) * across
-        return float(np.average(terms, weights=pixel_weights))
+        by_readings = np.average((blind - read * gained) / light, weights=pixel_weights)
+        return float(by_readings + np.mean(both - (one.learned + other.learned) * pixel_weights * across))
 
     count = range(len(candidates))
     return np.array([[product(j, k) for k in count] for j in count])

@@ -134,6 +134,20 @@ def test_pixels_behind_no_open_mask_tell_next_to_nothing(truth):
     assert found["better"] > 0.6
 
 
+def test_a_change_behind_no_open_mask_is_an_error(truth):
+    """As by masks calibrated with noise: residuals divided by next to no light change the views there, and help where
+    masks are open."""
+    rng = np.random.default_rng(3)
+    masks = np.maximum(rng.random((VIEWS, *SIZE)) < 0.25, 0.03).astype(np.float32)
+    light = np.einsum("nhw,nhwc->hwc", masks, truth)
+    leaky = Jury.of(Shot(light.astype(np.float32), masks).check(), 0.3, 0)
+    views, dark = noisy(truth, 15, 0.05), (masks.max(axis=0) < 1)[None, :, :, None]
+    changed = follower(leaky, views).full + np.float32(0.6) * dark
+    assert error(changed, truth) > 2 * error(views, truth)
+    found = shares(leaky, {"as it is": same(views), "changed": Candidate(views, changed)}, 1e-6)
+    assert found["as it is"] > 0.6
+
+
 def test_what_follows_each_reading_is_taken_without_noise_and_left_with_much(truth):
     """Both look alike to the held-out pixels, which see neither the readings' detail nor their noise put back.
 
