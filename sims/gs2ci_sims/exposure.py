@@ -21,7 +21,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
+from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.light_path import EffectChain
@@ -230,7 +230,7 @@ class Studio:
 
         self._scene, self._path, self._chain, self._renderer = scene, path, chain, renderer
         self._moving = chain.through(Stage.SCENE, at_rest)
-        looking = [effect for effect in chain.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
+        looking = having(chain.at(Stage.RADIANCE), ViewEffect)
         self._margin = chain.margin_px(scene.size, scene.intrinsics)
         self._lens = lens_of(looking)
         self._needs_depth = any(effect.needs_depth for effect in looking)

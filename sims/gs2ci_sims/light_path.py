@@ -15,7 +15,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, load, names
-from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
+from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -149,14 +149,18 @@ def generator(seed: int, name: str) -> np.random.Generator:
     Raises:
         InputError: The seed is negative.
     """
-    if seed < 0:
-        raise InputError(f"seed {seed}", allowed="0 or more")
+    _refuse_negative(seed)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(name.encode()),)))
 
 
 def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
     """List the effects that every sensor has, with this one's figures."""
     return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
+
+
+def _refuse_negative(seed: int) -> None:
+    if seed < 0:
+        raise InputError(f"seed {seed}", allowed="0 or more")
 
 
 class EffectChain:
@@ -183,7 +187,7 @@ class EffectChain:
         self.rig = rig or Rig()
         self.effects = tuple(sorted(effects, key=lambda effect: order.index(type(effect))))
         self.seed = seed
-        generator(seed, "")  # refuses a negative one
+        _refuse_negative(seed)
 
     def at(self, stage: Stage) -> tuple[Effect, ...]:
         """Get the effects of one stage, in order."""
@@ -191,7 +195,7 @@ class EffectChain:
 
     def margin_px(self, size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the border of an image of this size the effects on views need."""
-        looking = [effect for effect in self.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
+        looking = having(self.at(Stage.RADIANCE), ViewEffect)
         return sum(effect.margin_px(self.rig, size, intrinsics) for effect in looking)
 
     def through(self, stage: Stage, signal: Signal) -> Signal:

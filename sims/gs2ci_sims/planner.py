@@ -14,7 +14,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
+from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage, having
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.quantisation import Quantisation
@@ -92,9 +92,10 @@ def plan(
     systematic, noise = total([bounds[name] for name in left_out])
     budget = math.sqrt(tolerance_dn**2 - noise**2) - systematic
     kept = [effect for effect in chain.effects if effect.name not in left_out and effect.name not in choice.off]
-    kernels = sum(isinstance(effect, KernelEffect) for effect in kept)
-    share = KERNEL_SHARE * budget / max(kernels, 1)
-    kept = [_with_reach(effect, look, rig, share) if isinstance(effect, KernelEffect) else effect for effect in kept]
+    kernels = {effect.name: effect for effect in having(kept, KernelEffect)}
+    share = KERNEL_SHARE * budget / max(len(kernels), 1)
+    cut = {name: _with_reach(effect, look, rig, share) for name, effect in kernels.items()}
+    kept = [cut.get(effect.name, effect) for effect in kept]
     spent = KERNEL_SHARE * budget if kernels else 0.0
 
     blurs = MotionBlur.name not in choice.off
@@ -234,8 +235,8 @@ class _Reasons:
         how = ""
         if isinstance(kept, MotionBlur):
             how = self.sampling.how
-        elif isinstance(kept, KernelEffect):
-            how = f"to {kept.reach:g} sigma"
+        elif kept is not None and (kernels := having([kept], KernelEffect)):
+            how = f"to {kernels[0].reach:g} sigma"
         why = self._why(effect, bound, kept is not None)
         return Decision(effect.name, bound, kept is not None, why, how, seconds if kept else 0.0)
 

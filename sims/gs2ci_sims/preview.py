@@ -83,8 +83,7 @@ class Preview(PreviewedCharge):
 
     def of_mask_effect(self, effect: Effect) -> Bound:
         """Bound what an effect on masks changes: applied to the masks that it meets, with its device's own pattern."""
-        before = self.masks_before(effect)
-        after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
+        before, after = self.masks_around(effect)
         return self.of_masks(effect, after - before)
 
     def of_shares(self, effect: Effect, mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:

@@ -223,7 +223,7 @@ class _Bounding:
     def _truth_rms(self, moments: Moments) -> float:
         """Bound the error of the views at the middles of the masks' intervals, rms; white is 1."""
         missed = self._waves.missed_at(moments, self._look.intervals_s.mean(axis=1)).max(axis=0)
-        return self._look.spectrum.missed(FREQUENCIES, missed)[0]
+        return float(self._look.spectrum.missed(FREQUENCIES, missed)[0])
 
 
 def _as_sampling(look: Preview, option: _Option) -> Sampling:

@@ -34,15 +34,20 @@ class MovingSpectrum:
     frequency: F64
     power: F64
 
-    def missed(self, frequency: F64, shares: F64) -> tuple[float, float]:
-        """Return the rms, radiance, of the image weighted by shares, and the largest share of any of its cosines.
+    def missed(self, frequency: F64, shares: F64) -> tuple[F64, F64]:
+        """Return the rms, radiance, of the image weighted by shares, and the largest share of its cosines, [...] each.
 
         Args:
             frequency: Frequencies of the shares, increasing, [F].
-            shares: Shares of a cosine's amplitude, [F, SECTORS].
+            shares: Shares of a cosine's amplitude, [..., F, SECTORS].
         """
-        left = np.stack([np.interp(self.frequency, frequency, sector) for sector in shares.T], axis=1)
-        return float(np.sqrt((self.power * np.square(left)).sum())), float(left.max())
+        # As `np.interp` has it, but for all at once.
+        below = np.searchsorted(frequency, self.frequency, side="right").clip(1, len(frequency)) - 1
+        past = np.minimum(np.maximum(self.frequency, frequency[0]), frequency[-1]) - frequency[below]
+        slopes = np.diff(shares, axis=-2) / np.diff(frequency)[:, None]
+        left = slopes[..., np.minimum(below, len(frequency) - 2), :] * past[:, None] + shares[..., below, :]
+        squares = (self.power * np.square(left)).reshape(*shares.shape[:-2], -1)
+        return np.sqrt(squares.sum(axis=-1)), left.max(axis=(-2, -1))
 
 
 def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> MovingSpectrum:

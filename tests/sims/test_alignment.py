@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gs2ci_sims.alignment import TopMean, WeightSet
+from gs2ci_sims.alignment import STEPS, TopMean, WeightSet
 
 PIXELS = 400
 
@@ -54,3 +54,13 @@ def test_one_hot_masks_gain_from_being_open_in_turn():
 def test_nothing_makes_nothing_and_next_to_nothing_next_to_nothing(field_rms, peak):
     assert 0 <= TopMean(np.ones((4, 4))).worst_rms(field_rms, peak) <= field_rms
     assert TopMean(np.zeros((4, 4))).worst_rms(field_rms, peak) == 0
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64])
+def test_shares_of_weights_are_those_of_their_steps_counted_one_by_one(kind):
+    weights = (9 * np.random.default_rng(2).random((20, 30))).astype(kind)
+    top = TopMean(weights)
+    # The largest quarter of the pixels, each at the upper end of its step.
+    step = float(weights.max()) / STEPS
+    steps = np.sort(np.ceil(weights.ravel() / step - 1e-9))[::-1] * step
+    assert top.worst_rms(0.5, 1.0) == pytest.approx(0.5 * float(np.sqrt(np.square(steps[:150]).mean())), rel=1e-6)

@@ -49,3 +49,16 @@ def test_an_even_view_has_power_at_no_frequency_but_zero():
     np.testing.assert_allclose(spectrum.power.sum(), 0.49, rtol=1e-5)
     rms, _ = spectrum.missed(np.array([0.0, 0.01, 3.0]), np.array([[0.0], [1.0], [1.0]]).repeat(SECTORS, axis=1))
     assert rms < 1e-4
+
+
+def test_shares_of_many_images_at_once_count_as_each_by_itself_and_as_interpolated_between():
+    rng = np.random.default_rng(1)
+    spectrum = moving_spectrum(rng.random((1, SIDE_PX, SIDE_PX, 3), np.float32), 2, 2, 0.0)
+    frequency = np.array([0.0, 0.1, 0.4, 1.2])  # some of the spectrum lies beyond
+    shares = rng.random((5, len(frequency), SECTORS))
+    rms, largest = spectrum.missed(frequency, shares)
+    for number, one in enumerate(shares):
+        left = np.stack([np.interp(spectrum.frequency, frequency, sector) for sector in one.T], axis=1)
+        assert rms[number] == spectrum.missed(frequency, one)[0]
+        np.testing.assert_allclose(rms[number], np.sqrt((spectrum.power * left**2).sum()), rtol=1e-13)
+        np.testing.assert_allclose(largest[number], left.max(), rtol=1e-13)

@@ -8,9 +8,9 @@ effects (`light_path`), which of them a measurement needs (`planner`), the types
 
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,3 +295,21 @@ class ViewEffect(Effect, Protocol):
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the border of an image of this size the effect needs."""
+
+
+_Kind = TypeVar("_Kind")
+_answers: dict[tuple[type, Any], bool] = {}
+
+
+def having(effects: Sequence[Effect], kind: Callable[..., _Kind]) -> list[_Kind]:
+    """Return those effects that are of one of the kinds above.
+
+    The answer is kept per type: `isinstance` takes 20 us for a protocol, and a plan asks two hundred times. For mypy a
+    protocol is no type but something that would return one.
+    """
+    protocol: Any = kind
+    for effect in effects:
+        if (type(effect), kind) not in _answers:
+            _answers[type(effect), kind] = isinstance(effect, protocol)
+    wanted: list[Any] = [effect for effect in effects if _answers[type(effect), kind]]
+    return wanted

@@ -1,6 +1,7 @@
 """Lens distortion: straight lines are bent towards the border."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Final
 
 import numpy as np
@@ -17,6 +18,8 @@ from gs2ci_sims.signals import View
 
 # Newton steps that invert the polynomial: more than enough with quadratic convergence.
 INVERSION_STEPS: Final = 20
+# Cameras, with and without a margin, of which the places are kept that light comes from: 16 bytes per pixel each.
+PLACES_KEPT: Final = 4
 
 
 @dataclass(frozen=True)
@@ -60,14 +63,7 @@ class LensDistortion(BoundedRecord):
 
     def sources_px(self, size: tuple[int, int], intrinsics: F64) -> F64:
         """Return where each pixel's light would fall without distortion: rows and columns, [2, H, W], centres +0.5."""
-        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-        x = (columns - intrinsics[0, 2]) / intrinsics[0, 0]
-        y = (rows - intrinsics[1, 2]) / intrinsics[1, 1]
-        radius = np.hypot(x, y)
-        scale = np.where(radius > 0, self.undistorted_radius(radius) / np.maximum(radius, 1e-12), 1.0)
-        return np.stack(
-            [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
-        )
+        return _sources_px(self, (int(size[0]), int(size[1])), np.asarray(intrinsics, dtype=np.float64).tobytes())
 
     def sampling(self, size: tuple[int, int], intrinsics: F64) -> CanvasSampling:
         """Return the viewing directions of an image's pixels, for a renderer that accepts them."""
@@ -121,3 +117,19 @@ class LensDistortion(BoundedRecord):
         places = self.sources_px((picture.shape[0], picture.shape[1]), intrinsics) - 0.5
         channels = [map_coordinates(picture[..., c], places, order=3, mode="nearest") for c in range(picture.shape[2])]
         return np.maximum(np.stack(channels, axis=-1), 0)
+
+
+@lru_cache(maxsize=PLACES_KEPT)
+def _sources_px(lens: LensDistortion, size: tuple[int, int], camera: bytes) -> F64:
+    """Solve for `LensDistortion.sources_px`; kept, because it is the same for every view. `camera`: float64, [3, 3]."""
+    intrinsics = np.frombuffer(camera).reshape(3, 3)
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    x = (columns - intrinsics[0, 2]) / intrinsics[0, 0]
+    y = (rows - intrinsics[1, 2]) / intrinsics[1, 1]
+    radius = np.hypot(x, y)
+    scale = np.where(radius > 0, lens.undistorted_radius(radius) / np.maximum(radius, 1e-12), 1.0)
+    places = np.stack(
+        [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
+    )
+    places.setflags(write=False)
+    return places

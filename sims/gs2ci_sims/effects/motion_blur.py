@@ -70,6 +70,5 @@ def sampling_bound(scene: Previewed, waves: CollectedWaves, moments: Moments) ->
     It is, behind each mask, the image's spectrum times the error of each cosine by the sampled views.
     """
     missed = waves.missed(moments, scene.rig.timing.interval_s)
-    found = [scene.spectrum.missed(FREQUENCIES, shares) for shares in missed]
-    peak = scene.scene.brightest * min(1.0, max(share for _, share in found))
-    return scene.of_views(np.array([rms for rms, _ in found]), peak)
+    rms, shares = scene.spectrum.missed(FREQUENCIES, missed)
+    return scene.of_views(rms, scene.scene.brightest * min(1.0, float(shares.max())))

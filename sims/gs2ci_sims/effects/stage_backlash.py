@@ -59,10 +59,10 @@ class LaggingPath:
             direction, wanted = -direction, -wanted
         lag = np.zeros(STEPS)
         reached = float(wanted[0])
-        for step in range(STEPS):
+        for step, place in enumerate(wanted.tolist()):
             # Driven forwards the camera is where the drive is; driven back it waits until the play is used up.
-            reached = min(max(reached, float(wanted[step])), float(wanted[step]) + self.play)
-            lag[step] = reached - wanted[step]
+            reached = min(max(reached, place), place + self.play)
+            lag[step] = reached - place
         return times, lag, direction
 
     def lag(self, time_s: F64) -> F64:

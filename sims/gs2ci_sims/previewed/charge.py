@@ -10,7 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Charging
+from gs2ci_sims.effects.base import Charging, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
@@ -59,7 +59,7 @@ class PreviewedCharge(PreviewedMotion):
     @cached_property
     def added_e(self) -> tuple[float, float]:
         """Get the charge that comes in the dark, its mean over the pixels and its largest."""
-        added = [effect.added_e(self.rig, self.scene.size) for effect in self.effects if isinstance(effect, Charging)]
+        added = [effect.added_e(self.rig, self.scene.size) for effect in having(self.effects, Charging)]
         return sum(mean for mean, _ in added), sum(most for _, most in added)
 
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:

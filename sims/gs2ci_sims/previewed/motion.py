@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Moving, Stage, ViewChange
+from gs2ci_sims.effects.base import Moving, Stage, ViewChange, having
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.previewed.views import PreviewedViews
@@ -33,7 +33,7 @@ class PreviewedMotion(PreviewedViews):
     @cached_property
     def object_px_per_s(self) -> float:
         """Get how fast objects move across the image by themselves, at most."""
-        return float(sum(effect.image_px_per_s(self) for effect in self.effects if isinstance(effect, Moving)))
+        return float(sum(effect.image_px_per_s(self) for effect in having(self.effects, Moving)))
 
     @cached_property
     def motion_px(self) -> F64:
@@ -64,12 +64,22 @@ class PreviewedMotion(PreviewedViews):
         return np.asarray(np.argmin(away, axis=1))
 
     def _departures(self, intervals_s: F64) -> F64:
-        """Bound the rms of D_n at any time within intervals [N, 2], [N] radiance."""
+        """Bound the rms of D_n at any time within intervals [N, 2], [N] radiance; kept: most ask for the same."""
+        key = intervals_s.tobytes()
+        if key not in self._departed:
+            self._departed[key] = self._departures_within(intervals_s)
+        return self._departed[key]
+
+    @cached_property
+    def _departed(self) -> dict[bytes, F64]:
+        return {}
+
+    def _departures_within(self, intervals_s: F64) -> F64:
         seen_s = self.times_s[self._nearest]
         away_px = np.max(
             [
                 displacement_px(self.scene, path, self.path, seen_s, intervals_s)
-                for path in (self.path, self.moved_path)
+                for path in ([self.path] if self.moved_path is self.path else [self.path, self.moved_path])
             ],
             axis=0,
         )
@@ -82,8 +92,7 @@ class PreviewedMotion(PreviewedViews):
     @cached_property
     def _optics_rms(self) -> float:
         """Get by how much the effects between scene and modulator change a view, rms."""
-        changing = [effect for effect in self.effects if isinstance(effect, ViewChange)]
-        return sum(effect.view_change(self)[0] for effect in changing)
+        return sum(effect.view_change(self)[0] for effect in having(self.effects, ViewChange))
 
     @cached_property
     def _excess_change(self) -> float:

@@ -17,7 +17,7 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step
+from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step, having
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import binned
@@ -98,15 +98,27 @@ class PreviewedViews:
     @cached_property
     def gain(self) -> float:
         """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
-        factors = [effect.brightest(self) for effect in self.effects if isinstance(effect, Brightening)]
+        factors = [effect.brightest(self) for effect in having(self.effects, Brightening)]
         return float(np.prod([max(factor, 1.0) for factor in factors]))
 
-    def masks_before(self, effect: Effect) -> NDArray[Any]:
-        """Return the masks as those effects leave them that act before this one, [N, H, W]."""
-        names = [other.name for other in self._chain.at(Stage.MASKS)]
+    def masks_around(self, effect: Effect) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the masks as the effects before this one leave them, and as this one does then, [N, H, W] each."""
+        acting = self._chain.at(Stage.MASKS)
+        names = [other.name for other in acting]
         earlier = names.index(effect.name) if effect.name in names else 0
-        chain = EffectChain(self._chain.at(Stage.MASKS)[:earlier], self.seed, self.rig)
-        return np.asarray(chain.through(Stage.MASKS, self.masks))
+        number, before = self._latest_masks.get("after", (0, self.masks))
+        if number != earlier:
+            before = EffectChain(acting[:earlier], self.seed, self.rig).through(Stage.MASKS, self.masks)
+        after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
+        self._latest_masks.clear()
+        # The next effect is asked about next; after the last one they are `shown`.
+        if effect in acting[:-1]:
+            self._latest_masks["after"] = earlier + 1, after
+        return before, after
+
+    @cached_property
+    def _latest_masks(self) -> dict[str, tuple[int, NDArray[Any]]]:
+        return {}
 
     @cached_property
     def shown(self) -> NDArray[Any]:
@@ -133,7 +145,7 @@ class PreviewedViews:
     @cached_property
     def _modulations(self) -> dict[str, float]:
         """By which share of a mask's light each effect may change it; kept, as every bound asks for all of them."""
-        return {effect.name: effect.modulation(self) for effect in self.effects if isinstance(effect, Modulating)}
+        return {effect.name: effect.modulation(self) for effect in having(self.effects, Modulating)}
 
     @cached_property
     def _spectrum(self) -> tuple[F64, F64]:

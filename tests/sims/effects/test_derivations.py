@@ -4,6 +4,17 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from gs2ci_sims.effects.base import (
+    Brightening,
+    Charging,
+    KernelEffect,
+    Modulating,
+    Moving,
+    Stage,
+    ViewChange,
+    ViewEffect,
+    having,
+)
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -41,7 +52,7 @@ from gs2ci_sims.effects.stage_ripple import StageRipple
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.effects.vignetting import Vignetting
-from gs2ci_sims.light_path import LIGHT_PATH, generator
+from gs2ci_sims.light_path import LIGHT_PATH, EffectChain, generator
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import ReversingMove, StageMove
 from gs2ci_sims.preview import preview
@@ -129,3 +140,30 @@ def test_a_derivation_holds_every_figure_of_its_effect(looks, effect):
     figures = {name: value for name, value in vars(effect).items() if isinstance(value, float) and name not in unused}
     earlier = {"earlier_e"} if isinstance(effect, Persistence) else set()
     assert all(value in values for name, value in figures.items() if name not in earlier and name != "radius")
+
+
+def test_masks_reach_each_effect_as_those_before_it_leave_them_in_whatever_order_they_are_asked_about(looks):
+    look = looks[0]
+    acting = EffectChain(EFFECTS, look.seed, RIG).at(Stage.MASKS)
+    left = [EffectChain(acting[:count], look.seed, RIG).through(Stage.MASKS, look.masks) for count in range(9)]
+    for effect in (*acting, *acting[::-1], acting[0]):
+        before, after = look.masks_around(effect)
+        place = acting.index(effect)
+        np.testing.assert_array_equal(before, left[place])
+        np.testing.assert_array_equal(after, left[place + 1])
+
+
+def test_departures_of_other_times_are_others(looks):
+    look = looks[0]
+    wider_s = look.intervals_s + np.array([0.0, 0.01])
+    own, wider = look._departures(look.intervals_s), look._departures(wider_s)
+    assert (wider >= own).all()
+    assert (wider > own).any()
+    np.testing.assert_array_equal(look._departures(look.intervals_s), own)
+
+
+@pytest.mark.parametrize("kind", [Brightening, Charging, KernelEffect, Modulating, Moving, ViewChange, ViewEffect])
+def test_effects_of_a_kind_are_those_that_have_its_parts(kind):
+    found = having(EFFECTS, kind)
+    assert 0 < len(found) < len(EFFECTS)
+    assert found == having(EFFECTS, kind) == [effect for effect in EFFECTS if isinstance(effect, kind)]

@@ -255,3 +255,14 @@ def test_turn_and_blur_of_a_ghost_make_no_images_rms_larger(blur_px):
     image = rng(2).standard_normal((*SIZE, 1))
     ghost = GhostReflection(0.5, blur_px).apply(image, RIG, rng()) - image
     assert np.sqrt(np.square(ghost).mean()) <= 0.5 * np.sqrt(np.square(image).mean()) * (1 + 1e-12)
+
+
+def test_places_of_one_lens_are_kept_apart_from_those_of_another_camera_size_or_lens():
+    other = CAMERA * np.array([[1.1], [1.0], [1.0]])
+    asked = [(LensDistortion(0.1), SIZE, CAMERA), (LensDistortion(0.2), SIZE, CAMERA)]
+    asked += [(LensDistortion(0.1), SIZE, other), (LensDistortion(0.1), (SIZE[0] + 2, SIZE[1]), CAMERA)]
+    found = [lens.sources_px(size, camera) for lens, size, camera in asked]
+    assert len({places.tobytes() for places in found}) == len(asked)
+    assert LensDistortion(0.1).sources_px(SIZE, CAMERA) is found[0]
+    with pytest.raises(ValueError, match="read-only"):
+        found[0][:] = 0
