@@ -89,7 +89,8 @@ def plan(
     left_out -= cheap
     reached = _limits_within_reach(chain, look, bounds, left_out | set(choice.off))
     left_out -= reached
-    systematic, noise = total([bounds[name] for name in left_out])
+    # In an order, since a set of names has another one in each process, and sums differ in their last bits.
+    systematic, noise = total([bounds[name] for name in sorted(left_out)])
     budget = math.sqrt(tolerance_dn**2 - noise**2) - systematic
     kept = [effect for effect in chain.effects if effect.name not in left_out and effect.name not in choice.off]
     kernels = {effect.name: effect for effect in having(kept, KernelEffect)}
@@ -127,11 +128,11 @@ def _left_out(bounds: dict[str, Bound], costs: dict[str, float], limit_dn: float
     free = [name for name, bound in bounds.items() if name not in fixed and bound.rms_dn <= limit_dn]
     # An effect that changes nothing is worth leaving out however cheap it is.
     free.sort(key=lambda name: bounds[name].rms_dn / (costs[name] + 1e-9))
-    chosen: set[str] = set()
+    chosen: list[str] = []
     for name in free:
         if math.hypot(*total([bounds[other] for other in (*chosen, name)])) <= limit_dn:
-            chosen.add(name)
-    return chosen
+            chosen.append(name)
+    return set(chosen)
 
 
 def _nearly_free(
