@@ -32,7 +32,7 @@ NOT_RUN = {
         "docs/python.md",
         "import gs2ci\n\nshot = gs2ci.load(",
     ): "tests/api/test_python_use.py makes these calls on a small shot",
-    ("docs/python.md", "shot = gs2ci.Shot("): "the same, with arrays",
+    ("docs/python.md", "# shapes [H, W, C]"): "the same, with arrays",
     ("docs/python.md", "with gs2ci.open_rig("): "the same, on a simulated bench",
     ("docs/bluesky.md", "from bluesky import"): "tests/api/test_ophyd.py makes these calls on a simulated bench",
     ("docs/many.md", "from dask_jobqueue"): "needs Slurm; its syntax is checked",

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from gs2ci.api.options import check_choice
+from gs2ci.api.options import check_choice, check_whole
 from gs2ci.core.arrays import F32
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
@@ -31,6 +31,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import ablation
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.harmonics import DEGREE_MAX
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +98,8 @@ class Overrides:
         if self.iterations is not None:
             fit = replace(fit, iterations=self.iterations)
         if self.sh_degree is not None:
-            fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree).check())
+            check_whole("--sh-degree", self.sh_degree, 0, DEGREE_MAX)
+            fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree))
         return replace(settings, fit=fit)
 
 

@@ -83,7 +83,7 @@ def test_arguments_are_not_changed(shot, truth):
 
 @pytest.mark.parametrize("settings", [{"iterations": 0}, {"weight": 0.0}, {"inner": 0}])
 def test_settings_that_make_no_sense_are_refused(shot, truth, settings):
-    with pytest.raises(InputError, match="GAP-TV"):
+    with pytest.raises(InputError, match="in GapTvSettings"):
         with_residual(shot, truth, ResidualSettings(**settings))
 
 

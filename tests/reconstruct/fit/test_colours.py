@@ -57,7 +57,7 @@ def test_settings_out_of_range_are_refused(wrong):
 def test_a_user_chooses_the_degree_and_the_preset_the_rest():
     assert settings_of("paper", Overrides(sh_degree=0)).fit.colours == replace(paper_settings().fit.colours, degree=0)
     assert settings_of("standard", Overrides(sh_degree=2)).fit.colours.degree == 2
-    with pytest.raises(InputError, match="spherical harmonics of degree 5"):
+    with pytest.raises(InputError, match="--sh-degree 5"):
         settings_of("draft", Overrides(sh_degree=5))
 
 

@@ -108,5 +108,5 @@ def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_lef
 
 
 def test_settings_that_make_no_sense_are_refused(truth):
-    with pytest.raises(InputError, match="GAP-TV"):
+    with pytest.raises(InputError, match="in GapTvSettings"):
         Refinement(jury_of(truth), ResidualSettings(iterations=0))
