@@ -207,7 +207,7 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
             # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
             if found.dtype.kind not in "biuf":
                 raise TypeError(f"it holds {found.dtype}")
-            taken = found.astype(kind)
+            taken = found.astype(kind, copy=False)
         except (TypeError, ValueError) as error:
             raise InputError(
                 f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",

@@ -168,3 +168,10 @@ def test_usable_are_the_lit_pixels_that_are_not_saturated(shot):
     saturated[0, 0] = True
     np.testing.assert_array_equal(replace(shot, saturated=saturated).usable, shot.lit & ~saturated)
     np.testing.assert_array_equal(replace(shot, saturated=None).usable, shot.lit)
+
+
+def test_a_tensor_of_the_right_type_is_not_copied():
+    torch = pytest.importorskip("torch")
+    masks = torch.ones(2, 4, 5)
+    shot = Shot(np.ones((4, 5, 1), np.float32), masks)
+    assert np.shares_memory(shot.masks, masks.numpy())
