@@ -26,7 +26,7 @@ from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate, relit
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.settings import Settings
 
@@ -39,7 +39,7 @@ class FirstLook:
     """The estimates.
 
     Args:
-        jury: The measurement with corrected weights, and its held-out pixels.
+        holdout: The measurement with corrected weights, and its held-out pixels.
         decoded: Its views, [N, H, W, C].
         geometry: Its camera path and depth; with a lens, on the canvas of straightened views.
         brightness: The estimated brightness of the views and the corrections that follow.
@@ -48,7 +48,7 @@ class FirstLook:
         sigma: The noise level at which a decode by patches ended, full scale 1; None for another decoder.
     """
 
-    jury: Jury
+    holdout: Holdout
     decoded: F32
     geometry: Geometry
     brightness: Brightness
@@ -69,7 +69,7 @@ class FirstLook:
             hurried: Whether it ends as soon as steps gain little.
         """
         rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
-        settled = decode_until_settled(self.jury, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
+        settled = decode_until_settled(self.holdout, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
         return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma)
 
     def with_decode_of(self, other: "FirstLook") -> "FirstLook":
@@ -80,7 +80,7 @@ class FirstLook:
     def weights_given(self) -> F64:
         """Get the weights of the masks, [N], before the views' brightness corrected them."""
         factors = self.brightness.factors
-        weights = self.jury.shot.weights.astype(np.float64)
+        weights = self.holdout.shot.weights.astype(np.float64)
         return weights if factors is None else weights / factors
 
     @property
@@ -94,7 +94,7 @@ class FirstLook:
 
 
 def look(
-    jury: Jury,
+    holdout: Holdout,
     lens: Lens | None,
     prior: GeometryPrior,
     settings: Settings,
@@ -105,42 +105,42 @@ def look(
     """Decode a measurement and estimate its geometry; correct its weights as long as that explains more of it.
 
     Args:
-        jury: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels.
         lens: Through which it was taken, unless it is a pinhole.
         prior: Where the geometry comes from.
         settings: Of all stages.
         progress: Receives every stage and step.
         lap: Called with a stage's name when it ends.
-        masks_of: The measurement with its calibrated masks, before pixels were closed; None: the shot of `jury`.
+        masks_of: The measurement with its calibrated masks, before pixels were closed; None: the shot of `holdout`.
 
     Raises:
         Gs2ciError: A stage fails.
     """
-    weights, first = jury.shot.weights, None
+    weights, first = holdout.shot.weights, None
     for rounds_left in range(settings.brightness.rounds, -1, -1):
-        decoded = decode_by_name(jury.seen, settings.first_look, settings.decode, progress)
+        decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         lap("decode")
-        views, proxy_notes = geometry_views(jury.seen, decoded, settings.proxy, masks_of or jury.shot)
-        geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
-        told = estimate(jury, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
+        views, proxy_notes = geometry_views(holdout.seen, decoded, settings.proxy, masks_of or holdout.shot)
+        geometry = find_geometry(prior, Request.of(holdout.seen, views, settings.geometry, lens), progress)
+        told = estimate(holdout, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
         lap("geometry")
-        known_wrong = jury.shot.weights is not weights
+        known_wrong = holdout.shot.weights is not weights
         first = first or told
         if told is None or not (told.gain > 0 if known_wrong else told.is_sure(settings.brightness)):
             break
-        jury = relit(jury, told)
-    factors = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
+        holdout = relit(holdout, told)
+    factors = None if holdout.shot.weights is weights else _ratio(holdout.shot.weights, weights)
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
     patches = patch_settings(settings.first_look, settings.decode)
     sigma = None if patches is None else patches.last_sigma
-    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
+    found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
     for note in found.notes:
         progress.say(note.sentence)
     return found
 
 
 def look_closer(
-    jury: Jury,
+    holdout: Holdout,
     lens: Lens | None,
     prior: GeometryPrior,
     settings: Settings,
@@ -152,11 +152,11 @@ def look_closer(
 
     Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first.
     """
-    first = look(jury, lens, prior, settings, progress, lap, masks_of)
+    first = look(holdout, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
     progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
-    closer = look(jury, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
+    closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
     return closer if closer.geometry.verdict == "full" else first
 
 

@@ -31,7 +31,7 @@ from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms,
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
 
@@ -71,12 +71,12 @@ def hand_over(
             things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
             at the held-out pixels.
     """
-    jury, own = first.jury, ensemble.best.views
-    if settings.residual is None or not jury.heldout.any():
-        judged = _judged(jury, {"refined": own, "scene": own, "decode": first.decoded})
-        return Recovered(own, "scene", judged, _doubts(jury, own))
+    holdout, own = first.holdout, ensemble.best.views
+    if settings.residual is None or not holdout.pixels.any():
+        judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
+        return Recovered(own, "scene", judged, _doubts(holdout, own))
     in_full, by_share = refine.in_full_and_by_share(ensemble.views)
-    refined_views, notes = _polished_densely(jury, by_share, polishing)
+    refined_views, notes = _polished_densely(holdout, by_share, polishing)
     polished_so_far = by_share if refined_views is None else refined_views.blind
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(ensemble.views, 1.0))
@@ -87,18 +87,18 @@ def hand_over(
         "mean": Candidate(ensemble.views, ensemble.views, cancels=bool(notes)),
         "scene": Candidate(own, own, cancels=bool(notes)),
     }
-    noise = noise_power(jury, ensemble.views)
-    near = (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0)
+    noise = noise_power(holdout, ensemble.views)
+    near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(ensemble.views) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode.
-    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, jury, noise):
-        candidates["polished"] = _polished(jury, polished_so_far, settings.polish)
-    if near and (first.sigma is None or shares(jury, {**candidates, **decode}, noise)["decode"] > 0):
+    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, noise):
+        candidates["polished"] = _polished(holdout, polished_so_far, settings.polish)
+    if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings))
-    wanted = shares(jury, candidates, noise)
+    wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
-    judged = _judged(jury, {"refined": blind, "scene": own, "decode": first.decoded})
+    judged = _judged(holdout, {"refined": blind, "scene": own, "decode": first.decoded})
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
@@ -116,55 +116,55 @@ def hand_over(
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
     return Recovered(
-        given.full, verdict, judged, (*_doubts(jury, blind), *_expected_to_err(jury, given, noise), *notes)
+        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, noise), *notes)
     )
 
 
-def _expected_to_err(jury: Jury, given: Candidate, noise: float) -> tuple[Finding, ...]:
+def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
     """Report the expected error of views if it is large enough to be visible."""
-    rms = expected_rms(jury, given, noise)
+    rms = expected_rms(holdout, given, noise)
     if rms is None or rms < _ERRS:
         return ()
     return (finding(Code.VIEWS_ERR, share=rms, psnr_db=-20 * math.log10(rms)),)
 
 
-def _judged(jury: Jury, views: dict[Verdict, F32]) -> dict[Verdict, float | None]:
-    return {name: jury.residual_rms(one) for name, one in views.items()}
+def _judged(holdout: Holdout, views: dict[Verdict, F32]) -> dict[Verdict, float | None]:
+    return {name: holdout.residual_rms(one) for name, one in views.items()}
 
 
-def _doubts(jury: Jury, views: F32) -> tuple[Finding, ...]:
-    return doubts_about_result(jury, views) if jury.heldout.any() else (finding(Code.UNJUDGED),)
+def _doubts(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
+    return doubts_about_result(holdout, views) if holdout.pixels.any() else (finding(Code.UNJUDGED),)
 
 
 def _polished_densely(
-    jury: Jury, refined: F32, polishing: tuple[PatchSettings, ...]
+    holdout: Holdout, refined: F32, polishing: tuple[PatchSettings, ...]
 ) -> tuple[Candidate | None, tuple[Finding, ...]]:
     """Polish refined views, [N, H, W, C], by the schedules in turn; None if none of them lowers the held-out residual.
 
     A few last steps then use all pixels, those held out included.
     """
     polished = refined
-    after = before = jury.residual_rms(refined) or 0.0
+    after = before = holdout.residual_rms(refined) or 0.0
     for steps in polishing:
-        further = patch_decode_from(jury.seen, polished, steps)
-        left = jury.residual_rms(further) or 0.0
+        further = patch_decode_from(holdout.seen, polished, steps)
+        left = holdout.residual_rms(further) or 0.0
         if left < after:
             polished, after = further, left
     if after >= before:
         return None, ()
-    full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
+    full = patch_decode_from(holdout.shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
 
 
-def _stands_alone(name: Part, candidates: dict[Part, Candidate], jury: Jury, noise: float) -> bool:
+def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdout, noise: float) -> bool:
     """Tell whether one candidate would get nearly all the weight."""
-    return name in candidates and shares(jury, candidates, noise)[name] >= _ALL_BUT
+    return name in candidates and shares(holdout, candidates, noise)[name] >= _ALL_BUT
 
 
-def _polished(jury: Jury, refined: F32, how: PatchSettings) -> Candidate:
+def _polished(holdout: Holdout, refined: F32, how: PatchSettings) -> Candidate:
     """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
-    blind = patch_decode_from(jury.seen, refined, how)
-    return Candidate(blind, patch_decode_from(jury.shot, blind, how.last_steps))
+    blind = patch_decode_from(holdout.seen, refined, how)
+    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps))
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
@@ -173,18 +173,18 @@ def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
     A brief decode by patches is first continued on the long schedule of the settings. The caller skips all this if a
     decode by patches gets no weight as it is.
     """
-    jury, uncoupled = first.jury, settings.decode
+    holdout, uncoupled = first.holdout, settings.decode
     if first.decoder == "patches-quick" and settings.long_decode is not None:
         longer = first.decoded_longer(settings.long_decode, hurried=True)
-        if (jury.residual_rms(longer.decoded) or 0.0) < (jury.residual_rms(first.decoded) or 0.0):
+        if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return {"decode": Candidate(first.decoded, seen_to_the_end(jury, first.decoded, first.sigma))}
-    found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(jury.shot, uncoupled))}
+        return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
+    found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(holdout.shot, uncoupled))}
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    blind = [gap_tv(jury.seen, one) for one in others]
-    left = [jury.residual_rms(views) or 0.0 for views in blind]
+    blind = [gap_tv(holdout.seen, one) for one in others]
+    left = [holdout.residual_rms(views) or 0.0 for views in blind]
     best = int(np.argmin(left))
-    if left[best] < (jury.residual_rms(first.decoded) or 0.0):
-        found["coupled decode"] = Candidate(blind[best], gap_tv(jury.shot, others[best]))
+    if left[best] < (holdout.residual_rms(first.decoded) or 0.0):
+        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best]))
     return found

@@ -32,7 +32,7 @@ from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
 
@@ -205,9 +205,9 @@ def released(fit: CoarseSettings) -> CoarseSettings:
     )
 
 
-def ask(jury: Jury, views: F32) -> LeftByMotion:
+def ask(holdout: Holdout, views: F32) -> LeftByMotion:
     """Test whether motion explains the residual that still views, [N, H, W, C], leave of the measurement."""
-    return left_by_motion(jury, views, mask_times(len(views)).double().numpy())
+    return left_by_motion(holdout, views, mask_times(len(views)).double().numpy())
 
 
 def speaks_for_motion(left: LeftByMotion) -> bool:

@@ -34,9 +34,9 @@ from gs2ci.reconstruct.handing_over import hand_over
 from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.moving import speeds
 from gs2ci.reconstruct.presets.budget import Budget
@@ -93,18 +93,18 @@ def reconstruct(
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
-    jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
+    holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed)
 
     first = (look_closer if budget is None and settings.may_look_again else look)(
-        jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
+        holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
-    jury = first.jury
+    holdout = first.holdout
     fits = Fits(
-        jury=jury,
-        fitted=Jury(fill_holes(jury.shot, first.decoded), jury.heldout),
+        holdout=holdout,
+        fitted=Holdout(fill_holes(holdout.shot, first.decoded), holdout.pixels),
         lens=lens,
         settings=settings,
-        refine=Refinement(jury, settings.residual),
+        refine=Refinement(holdout, settings.residual),
         progress=progress,
         clock=clock,
         score=_as_shown(score, first.brightness),

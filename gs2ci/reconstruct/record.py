@@ -23,7 +23,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.moving import MotionReport, Speeds
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
@@ -98,7 +98,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     views, of_weights = light.shown(recovered.views), light.of_weights
     exposed = views if recovered.exposed is None else light.shown(recovered.exposed)
     scene_views = fit.views if recovered.scene_views is None else recovered.scene_views
-    lit = shot if of_weights is None else replace(shot, weights=left.look.jury.shot.weights)
+    lit = shot if of_weights is None else replace(shot, weights=left.look.holdout.shot.weights)
     return RunResult(
         views=views,
         scene_views=light.shown(scene_views),
@@ -149,7 +149,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *_fine_left_out(ensemble, settings),
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
-        *_depth_in_noise(geometry, left.look.jury, left.recovered),
+        *_depth_in_noise(geometry, left.look.holdout, left.recovered),
         *_smeared(left),
         *_about_centre(geometry, ensemble.best.world_to_camera, left.light),
     )
@@ -164,11 +164,11 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
     return doubts_about_centre(world_to_camera, geometry.intrinsics, inverse, geometry.reference)
 
 
-def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tuple[Finding, ...]:
+def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) -> tuple[Finding, ...]:
     """Report that a depth without given poses is unreliable if the views hardly explain the measurement."""
     if geometry.verdict != "full" or geometry.source in TOLD or geometry.order_told:
         return ()
-    rms, grey = recovered.heldout_rms[recovered.verdict], jury.grey_rms()
+    rms, grey = recovered.heldout_rms[recovered.verdict], holdout.grey_rms()
     if rms is None or not grey or rms <= _NOISY * grey:
         return ()
     return (finding(Code.DEPTH_IN_NOISE, share=rms / grey),)

@@ -33,7 +33,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.beside import scores_beside
@@ -121,10 +121,10 @@ def field_case(case: dict[str, Any], iterations: int, seed: int) -> Row:
     made, settings = Case.of(case), Settings(seed=seed)
     shot = made.shot(seed)
     began_s = time.monotonic()
-    jury = Jury.of(shot, 0.0, seed)  # no pixels are held out, as in the literature
+    holdout = Holdout.of(shot, 0.0, seed)  # no pixels are held out, as in the literature
     prior = load_geometry_prior(settings.poses)
-    first = look(jury, Lens.of(shot), prior, settings, Silent(), lambda _: None)
-    fitted = fit_field(first.jury.shot, first.geometry, FieldSettings(iterations=iterations), seed)
+    first = look(holdout, Lens.of(shot), prior, settings, Silent(), lambda _: None)
+    fitted = fit_field(first.holdout.shot, first.geometry, FieldSettings(iterations=iterations), seed)
     views, depth = fitted.seen(fitted.world_to_camera)
     seconds = time.monotonic() - began_s
     truth, path = shot.truth, fitted.world_to_camera

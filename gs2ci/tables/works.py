@@ -23,7 +23,7 @@ from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
@@ -142,9 +142,9 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
     prior, lens = load_geometry_prior(settings.poses), Lens.of(shot)
     began_s = time.monotonic()
-    jury = Jury.of(shot, settings.fit.hold_out.share, settings.seed)
+    holdout = Holdout.of(shot, settings.fit.hold_out.share, settings.seed)
     once = replace(settings, brightness=BrightnessSettings(rounds=0))
-    first = look(jury, lens, prior, once, Silent(), lambda _: None)
+    first = look(holdout, lens, prior, once, Silent(), lambda _: None)
     seconds = time.monotonic() - began_s
     geometry = first.geometry
     truth = shot.truth.world_to_camera
@@ -157,7 +157,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "depth_rank": rank,
         "failure": inside_out(None if errors is None else errors.rotation_deg, rank),
         "rpe_r_deg": errors and errors.rpe_r_deg,
-        "unexplained": unexplained(jury.seen, straightened(first.decoded, lens), geometry, lens),
+        "unexplained": unexplained(holdout.seen, straightened(first.decoded, lens), geometry, lens),
         "tracks": geometry.tracks,
         "path_error_expected": geometry.path_error_expected,
         "full": float(geometry.verdict == "full"),

@@ -28,7 +28,7 @@ from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.measurement.brightness import BrightnessEstimate, estimate
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.case_sets import TEXTURELESS, file_cases, simulated_cases
 from gs2ci.tables.cases import Case
@@ -51,10 +51,10 @@ def drifting(shot: Shot, light: np.ndarray) -> Shot:
 def estimated(shot: Shot, seed: int) -> BrightnessEstimate | None:
     """Return what the first look at a shot says of its views' brightness."""
     settings = Settings()
-    jury = Jury.of(shot, settings.fit.hold_out.share, seed)
-    decoded = gap_tv(jury.seen, settings.decode, Silent())
-    geometry = from_tracks(Request.of(jury.seen, decoded, settings.geometry, None), Silent())
-    return estimate(jury, carried_views(decoded, geometry))
+    holdout = Holdout.of(shot, settings.fit.hold_out.share, seed)
+    decoded = gap_tv(holdout.seen, settings.decode, Silent())
+    geometry = from_tracks(Request.of(holdout.seen, decoded, settings.geometry, None), Silent())
+    return estimate(holdout, carried_views(decoded, geometry))
 
 
 def _shots(shared: str | None) -> Iterator[tuple[str, int, Callable[[], Shot]]]:

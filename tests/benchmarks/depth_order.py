@@ -28,8 +28,8 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
-from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
@@ -111,12 +111,12 @@ def judge(number: int) -> tuple[str, str]:
 def _settled(trial: Trial) -> Geometry:
     """Return the geometry with which the fits would begin, its order settled."""
     settings, silent = Settings(), Silent()
-    jury = Jury.of(trial.shot.check(), settings.fit.hold_out.share, settings.seed)
+    holdout = Holdout.of(trial.shot.check(), settings.fit.hold_out.share, settings.seed)
     prior = load_geometry_prior(settings.poses)
-    first = look_closer(jury, None, prior, settings, silent, lambda _: None, trial.shot)
-    fitted = Jury(fill_holes(first.jury.shot, first.decoded), first.jury.heldout)
-    refine = Refinement(first.jury, settings.residual)
-    fits = Fits(first.jury, fitted, None, settings, refine, silent, Stopwatch())
+    first = look_closer(holdout, None, prior, settings, silent, lambda _: None, trial.shot)
+    fitted = Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels)
+    refine = Refinement(first.holdout, settings.residual)
+    fits = Fits(first.holdout, fitted, None, settings, refine, silent, Stopwatch())
     return fits.settle_order(first, hurried=False).geometry
 
 
@@ -130,7 +130,7 @@ def _outcome(rank: float | None, *, said_open: bool) -> str:
 def _first(trial: Trial) -> float | None:
     """Return the rank correlation of the depth that tracks alone find; None where they find none."""
     settings = Settings()
-    seen = Jury.of(trial.shot, settings.fit.hold_out.share, settings.seed).seen
+    seen = Holdout.of(trial.shot, settings.fit.hold_out.share, settings.seed).seen
     request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
     found = from_tracks(request, Silent())
     return None if found.verdict != "full" else depth_rank(1 / found.inverse_depth, trial.scene.depth)

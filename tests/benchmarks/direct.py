@@ -18,7 +18,7 @@ from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources import uniform_motion
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, ahead, still, turning
 
@@ -43,7 +43,7 @@ def run() -> None:
 
 def _found(shot: Shot) -> str:
     settings = Settings()
-    seen = Jury.of(shot, settings.fit.hold_out.share, SEED).seen
+    seen = Holdout.of(shot, settings.fit.hold_out.share, SEED).seen
     request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
     tracks = from_tracks(request, Silent())
     uniform = uniform_motion(request, tracks)

@@ -15,7 +15,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, still, turning
 
@@ -32,8 +32,8 @@ def run() -> None:
     moved = replace(settings.geometry, criteria=Criteria(parallax_px=0.0, unexplained=0.0))
     for scene, size, (path, camera), views, photons in product(SCENES, SIZES, PATHS.items(), VIEWS, PHOTONS):
         shot = Bench(scene=scene, path=camera, views=views, photons=photons).expose(size)
-        jury = Jury.of(shot, settings.fit.hold_out.share, SEED)
-        request = Request.of(jury.seen, gap_tv(jury.seen, settings.decode, Silent()), settings.geometry, None)
+        holdout = Holdout.of(shot, settings.fit.hold_out.share, SEED)
+        request = Request.of(holdout.seen, gap_tv(holdout.seen, settings.decode, Silent()), settings.geometry, None)
         verdict = from_tracks(request, Silent()).verdict
         error = from_tracks(replace(request, settings=moved), Silent()).path_error_expected
         light = "" if photons is None else ", dim"

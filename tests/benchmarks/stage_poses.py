@@ -23,7 +23,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.case_sets import SIMULATED, TEXTURELESS
 from gs2ci.tables.cases import Case, staged
@@ -92,14 +92,14 @@ def run() -> None:
     print(f"{'':44} {'left':>7} {'taken':>8} {'nATE':>8} {'turn, °':>7}")
     for name in (*SIMULATED, TEXTURELESS):
         shot = Case(name, scene=name).shot(SEED)
-        jury = Jury.of(shot, settings.fit.hold_out.share, SEED)
-        views = gap_tv(jury.seen, settings.decode, Silent())
-        plain = Request.of(jury.seen, views, settings.geometry, None)
+        holdout = Holdout.of(shot, settings.fit.hold_out.share, SEED)
+        views = gap_tv(holdout.seen, settings.decode, Silent())
+        plain = Request.of(holdout.seen, views, settings.geometry, None)
         tracks = _ask("tracks", plain)
         left = unexplained(plain.shot, views, tracks)
         print(f"{name + ', tracks alone':44} {1:7.3f} {'':8} {_errors(tracks, shot)}")
         for report, told in REPORTS.items():
-            request = replace(plain, shot=told(jury.seen))
+            request = replace(plain, shot=told(holdout.seen))
             try:
                 share = f"{unexplained(plain.shot, views, _ask('stage', request)) / left:.3f}"
             except GeometryError:

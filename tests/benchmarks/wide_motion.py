@@ -29,7 +29,7 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
@@ -71,7 +71,7 @@ def run() -> None:
 def judge(number: int) -> str:
     """Find the path of one set, and unless told otherwise reconstruct it; return its line of the table."""
     drawn, settings = draw(number), Settings(fits=1, motion="off")
-    seen = Jury.of(drawn.shot, settings.fit.hold_out.share, settings.seed).seen
+    seen = Holdout.of(drawn.shot, settings.fit.hold_out.share, settings.seed).seen
     request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
     found = [_said(load_geometry_prior(name)(request, Silent()), drawn.shot) for name in ("tracks", "auto")]
     line = f"{drawn.shot.name:18} {drawn.apart_deg:5.1f}°   {found[0]:28} {found[1]:28}"

@@ -15,7 +15,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.handing_over import hand_over
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 
 SIZE, VIEWS = (48, 64), 5
@@ -38,14 +38,14 @@ def look_at(truth, noise=0.0, share=0.05):
     rng = np.random.default_rng(1)
     masks = (rng.random((VIEWS, *SIZE)) < 0.4).astype(np.float32)
     light = np.einsum("nhw,nhwc->hwc", masks, truth) + rng.normal(0, noise, (*SIZE, 1))
-    jury = Jury.of(Shot(light.astype(np.float32), masks, truth=Truth(truth)).check(), share, 0)
-    return FirstLook(jury, gap_tv(jury.seen), geometry=None, brightness=None)
+    holdout = Holdout.of(Shot(light.astype(np.float32), masks, truth=Truth(truth)).check(), share, 0)
+    return FirstLook(holdout, gap_tv(holdout.seen), geometry=None, brightness=None)
 
 
 def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
     ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
     polishing = (PatchSettings.from_scene(),) if polish else ()
-    return hand_over(first, ensemble, Refinement(first.jury, settings.residual), settings, polishing)
+    return hand_over(first, ensemble, Refinement(first.holdout, settings.residual), settings, polishing)
 
 
 def psnr(views, truth):
@@ -66,7 +66,7 @@ def test_it_is_never_clearly_under_the_better_of_decode_and_scene(noise, sigma_p
     first = look_at(truth, noise)
     mean, best = astray(truth, by), astray(truth, 1.2 * by, seed=4)
     given = handed(first, mean, best)
-    assert psnr(given.views, truth) > max(psnr(best, truth), psnr(gap_tv(first.jury.shot), truth)) - 0.1
+    assert psnr(given.views, truth) > max(psnr(best, truth), psnr(gap_tv(first.holdout.shot), truth)) - 0.1
 
 
 def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
@@ -80,7 +80,7 @@ def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
 
 def by_patches(first):
     brief = PatchSettings(iterations=4, first_sigma=40 / 255, last_sigma=25 / 255)
-    views = patch_decode(first.jury.seen, brief)
+    views = patch_decode(first.holdout.seen, brief)
     return replace(first, decoded=views, decoder="patches-quick", sigma=brief.last_sigma)
 
 
@@ -122,7 +122,7 @@ def test_noise_is_not_put_back():
     truth = moving(sigma_px=3.0)
     mean = astray(truth, 0.02)
     first = look_at(truth, noise=0.3)
-    refined = Refinement(first.jury, SETTINGS.residual).by_all_pixels(mean, 1.0)
+    refined = Refinement(first.holdout, SETTINGS.residual).by_all_pixels(mean, 1.0)
     assert psnr(refined, truth) < psnr(mean, truth) - 3
     assert psnr(handed(first, mean).views, truth) > psnr(mean, truth) - 0.1
 
@@ -140,7 +140,7 @@ def test_the_sparse_polish_goes_on_from_what_the_dense_one_came_to(monkeypatch):
     truth = moving(sigma_px=1.0)
     first, mean, begun = look_at(truth, share=0.1), astray(truth, 0.12), []
 
-    def polished(jury, views, how):
+    def polished(holdout, views, how):
         begun.append(views)
         return Candidate(views, views)
 
@@ -182,7 +182,7 @@ def test_views_that_err_so_that_it_is_seen_come_with_a_doubt_that_says_by_how_mu
     """Fits follow what they see: their views, in which a residual of 0.02 or of 0.15 of full scale was put back."""
     truth = moving(sigma_px=0.7)
     first = look_at(truth, share=0.2)
-    refine = Refinement(first.jury, SETTINGS.residual).in_full
+    refine = Refinement(first.holdout, SETTINGS.residual).in_full
     assert Code.VIEWS_ERR not in [note.code for note in handed(first, refine(astray(truth, 0.02))).notes]
     given = handed(first, refine(astray(truth, 0.15, sigma_px=1.0)))
     (note,) = [note for note in given.notes if note.code is Code.VIEWS_ERR]

@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_mov
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -166,9 +166,9 @@ def test_unknown_motion_is_refused():
 def test_residual_that_follows_the_times_speaks_for_motion_and_noise_does_not():
     views = thing_before_a_wall(STEP_PX)
     shot = exposed(views)
-    jury = Jury.of(shot, 0.02, 0)
+    holdout = Holdout.of(shot, 0.02, 0)
     still = np.repeat(views.mean(axis=0, keepdims=True), VIEWS, axis=0)
-    found = left_by_motion(jury, still, times())
+    found = left_by_motion(holdout, still, times())
     assert found.explained > 0.05
     assert found.velocity_px[1, 1, 0] > 0
     noisy = replace(
@@ -176,21 +176,21 @@ def test_residual_that_follows_the_times_speaks_for_motion_and_noise_does_not():
         measurement=shot.measurement
         + np.random.default_rng(0).normal(0, 0.1, shot.measurement.shape).astype(np.float32),
     )
-    chance = left_by_motion(Jury.of(noisy, 0.02, 0), views, times())
+    chance = left_by_motion(Holdout.of(noisy, 0.02, 0), views, times())
     assert chance.explained < 0.02
     assert chance.surely < 0.1
 
 
 def test_views_that_explain_everything_leave_nothing():
     views = thing_before_a_wall(STEP_PX)
-    found = left_by_motion(Jury.of(exposed(views), 0.02, 0), views, times())
+    found = left_by_motion(Holdout.of(exposed(views), 0.02, 0), views, times())
     assert (found.explained, found.surely) == (0, 0) or found.explained < 0.02
 
 
 def test_nothing_lit_says_nothing():
     shot = exposed(thing_before_a_wall(STEP_PX))
     dark = replace(shot, saturated=np.ones(shot.size, bool))
-    found = left_by_motion(Jury(dark, np.zeros(shot.size, bool)), shot.truth.views, times())
+    found = left_by_motion(Holdout(dark, np.zeros(shot.size, bool)), shot.truth.views, times())
     assert (found.explained, found.surely) == (0, 0)
     assert not found.velocity_px.any()
 
@@ -304,12 +304,12 @@ def test_views_are_polished_densely_where_moving_fits_were_made(gain, tried, sch
 
 def test_last_steps_over_all_pixels_keep_what_was_decoded_without_some():
     shot = exposed(thing_before_a_wall(STEP_PX))
-    jury = Jury.of(shot, 0.1, 0)
-    without = patch_decode(jury.seen, PatchSettings.quick())
+    holdout = Holdout.of(shot, 0.1, 0)
+    without = patch_decode(holdout.seen, PatchSettings.quick())
     after = patch_decode_from(shot, without, PatchSettings.to_the_end())
     before_db, after_db = (np.mean(psnr_per_view(views, shot.truth.views)) for views in (without, after))
     assert after_db > before_db
-    assert jury.residual_rms(after) < 0.5 * jury.residual_rms(without)
+    assert holdout.residual_rms(after) < 0.5 * holdout.residual_rms(without)
 
 
 def test_whole_schedule_leaves_a_still_scene_still():
@@ -327,7 +327,7 @@ def test_fits_that_were_cut_short_are_not_asked_for_motion():
 @pytest.mark.parametrize("size", [(1, 64), (64, 1)])
 def test_picture_of_one_row_or_column_shows_no_motion(size):
     views = np.full((VIEWS, *size, 1), 0.5, np.float32)
-    found = left_by_motion(Jury.of(exposed(views), 0.02, 0), views, times())
+    found = left_by_motion(Holdout.of(exposed(views), 0.02, 0), views, times())
     assert (found.explained, found.surely) == (0, 0)
 
 

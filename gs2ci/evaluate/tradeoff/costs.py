@@ -44,7 +44,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
-from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE, Jury
+from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.interface import Backend
@@ -234,7 +234,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     start = first_gaussians(seed_points(geometry, views, stride))
     watch = Timed(_ITERATIONS)
     fit_coarse(
-        jury=Jury.of(shot, HELDOUT_SHARE, 0),
+        holdout=Holdout.of(shot, HELDOUT_SHARE, 0),
         renderer=ShotRenderer(shot, geometry.intrinsics, backend),
         start=start,
         geometry=geometry,

@@ -27,7 +27,7 @@ from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -175,11 +175,11 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
     predicted measurement on pixels that the trial did not see, in full scales of one view: the measurement's own noise
     limits it.
     """
-    jury = Jury.of(shot, JUDGED_SHARE, seed ^ _JUDGES)
+    holdout = Holdout.of(shot, JUDGED_SHARE, seed ^ _JUDGES)
     began_s = clock()
-    views, details = _treated(jury.seen, trial, seed)
+    views, details = _treated(holdout.seen, trial, seed)
     seconds = clock() - began_s
-    rms, truth = jury.residual_rms(views), shot.truth.views
+    rms, truth = holdout.residual_rms(views), shot.truth.views
     return {
         "trial": trial.name,
         "knob": trial.knob,

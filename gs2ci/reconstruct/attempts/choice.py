@@ -83,7 +83,7 @@ class Attempts:
         self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         still = self.fits.completed(still)
         first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
-        views = min((refined, first.decoded), key=lambda shown: self.fits.jury.residual_rms(shown) or 0.0)
+        views = min((refined, first.decoded), key=lambda shown: self.fits.holdout.residual_rms(shown) or 0.0)
         attempts = {STILL: still, RELEASED: self.fits.release(still)}
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
@@ -132,13 +132,13 @@ class Attempts:
             return first
         longer = first.decoded_longer(schedule.sparse if sparsely else schedule, self.fits.progress)
         self.fits.clock.lap("decode")
-        before, after = self.fits.jury.residual_rms(first.decoded), self.fits.jury.residual_rms(longer.decoded)
+        before, after = self.fits.holdout.residual_rms(first.decoded), self.fits.holdout.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before
         return longer if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
         """Test a still scene's residual for motion, and if the test is positive, how much patches reduce it."""
-        left = ask(self.fits.jury, still.ensemble.views)
+        left = ask(self.fits.holdout, still.ensemble.views)
         if not speaks_for_motion(left):
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
@@ -152,13 +152,15 @@ class Attempts:
         """
         if still.look.decoder == "patches":
             return False
-        fitted, decoded = (self.fits.jury.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded))
+        fitted, decoded = (
+            self.fits.holdout.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded)
+        )
         return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
         """Return the share by which a patch decode that starts from these views reduces their held-out residual."""
-        before = self.fits.jury.residual_rms(refined)
-        after = self.fits.jury.residual_rms(patch_decode_from(self.fits.jury.seen, refined, steps))
+        before = self.fits.holdout.residual_rms(refined)
+        after = self.fits.holdout.residual_rms(patch_decode_from(self.fits.holdout.seen, refined, steps))
         return 0.0 if not before or after is None else 1 - after / before
 
     def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
@@ -181,7 +183,7 @@ class Attempts:
 
     def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
         """Return the held-out residual of each attempt's views, [N, H, W, C], once they are refined."""
-        return {name: self.fits.jury.residual_rms(self.fits.refine(one)) for name, one in views.items()}
+        return {name: self.fits.holdout.residual_rms(self.fits.refine(one)) for name, one in views.items()}
 
     def _report(
         self,

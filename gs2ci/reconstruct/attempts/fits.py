@@ -34,7 +34,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released
 from gs2ci.reconstruct.presets.budget import Budget
@@ -52,7 +52,7 @@ class Fits:
     """What all fits of one reconstruction share.
 
     Args:
-        jury: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels.
         fitted: The same with its holes filled, to which scenes are fitted.
         lens: Through which it was taken, unless it is a pinhole.
         settings: Of every stage.
@@ -65,8 +65,8 @@ class Fits:
         pace: Ends the fits within a budget; None: they run for their settings' number of iterations.
     """
 
-    jury: Jury
-    fitted: Jury
+    holdout: Holdout
+    fitted: Holdout
     lens: Lens | None
     settings: Settings
     refine: Refinement
@@ -161,7 +161,7 @@ class Fits:
         for fit in fits[1:]:
             together += fit.views
         together /= np.float32(len(fits))
-        return self.jury.residual_rms(self.refine(together)) or 0.0
+        return self.holdout.residual_rms(self.refine(together)) or 0.0
 
     def _companions(self, geometry: Geometry, team: tuple[Member, ...]) -> tuple[CoarseFit, ...]:
         """Fit members whose leader has ended; none if they diverge."""
@@ -191,7 +191,7 @@ class Fits:
     def fine(self, tried: Attempt, renderer: ShotRenderer, fine: Fine) -> Ensemble:
         """Take the best of an attempt's fits through the fine stage."""
         best = tried.ensemble.best
-        detailed = Refinement(self.jury, self.settings.residual or ResidualSettings()).in_full
+        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).in_full
         fined = fit_fine(
             self.fitted,
             best,
@@ -227,7 +227,7 @@ class Fits:
             backend = load_backend(self.settings.backend, self.settings.raster)
             renderer = ShotRenderer(self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments)
             return fit_coarse(
-                jury=self.fitted,
+                holdout=self.fitted,
                 renderer=renderer,
                 start=member.start,
                 geometry=geometry,
@@ -249,6 +249,6 @@ class Fits:
 
     def _mean(self, fits: tuple[CoarseFit, ...], stage: str) -> Ensemble:
         """Return the mean of fits, which ends a stage."""
-        ensemble = combined(fits, self.jury, self.refine)
+        ensemble = combined(fits, self.holdout, self.refine)
         self.clock.lap(stage)
         return ensemble

@@ -16,7 +16,7 @@ from gs2ci.reconstruct.attempts.order import shortened
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import FitOne, members
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.gaussians import Gaussians
 
@@ -26,13 +26,13 @@ class OrderFits:
     """Fits to one measurement that tell orders of depth apart.
 
     Args:
-        jury: The measurement, and the pixels that fits do not see.
+        holdout: The measurement, and the pixels that fits do not see.
         settings: Of the reconstruction.
         begin: Returns the geometry at the start of a fit, and its first Gaussians.
         fit_one: Returns the function that makes one fit of a geometry by given settings.
     """
 
-    jury: Jury
+    holdout: Holdout
     settings: Settings
     begin: Callable[[Geometry], tuple[Geometry, Gaussians]]
     fit_one: Callable[[Geometry, CoarseSettings], FitOne]
@@ -48,7 +48,7 @@ class OrderFits:
         at, start = self._beginning(geometry)
         member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
         try:
-            return mean_square(self.jury, self.fit_one(at, settings)(member, Silent(), None).views)
+            return mean_square(self.holdout, self.fit_one(at, settings)(member, Silent(), None).views)
         except NumericsError:
             return math.inf
 
@@ -59,7 +59,7 @@ class OrderFits:
         return self._begun[id(geometry)][1]
 
 
-def mean_square(jury: Jury, views: F32) -> float:
+def mean_square(holdout: Holdout, views: F32) -> float:
     """Return the mean square of the residual that views, [N, H, W, C], leave at lit pixels that are not saturated."""
-    residual = (jury.coded(views) - jury.shot.measurement)[jury.shot.usable].astype(np.float64)
+    residual = (holdout.coded(views) - holdout.shot.measurement)[holdout.shot.usable].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0

@@ -46,7 +46,7 @@ def second_look(
     """
     before = first.geometry
     progress.say("The camera path is doubtful: it is estimated again from the views of the fit.")
-    found = from_tracks(Request.of(first.jury.seen, views, settings.geometry, lens), progress)
+    found = from_tracks(Request.of(first.holdout.seen, views, settings.geometry, lens), progress)
     if found.verdict != "full":
         return None
     if _covariance(found.inverse_depth, before.inverse_depth) < 0:

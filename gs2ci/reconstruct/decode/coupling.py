@@ -10,7 +10,7 @@ from typing import Final
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
-from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE, Jury
+from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 
 COUPLINGS: Final = (0.0, 0.3, 0.6)
 
@@ -29,10 +29,10 @@ def choose_coupling(
     Raises:
         InputError: The settings make no sense.
     """
-    jury = Jury.of(shot, HELDOUT_SHARE, seed)
+    holdout = Holdout.of(shot, HELDOUT_SHARE, seed)
     choices = [replace(settings, coupling=coupling).check() for coupling in candidates]
 
     def unexplained(choice: GapTvSettings) -> float:
-        return jury.residual_rms(decode_signed(jury.seen, choice)) or 0.0
+        return holdout.residual_rms(decode_signed(holdout.seen, choice)) or 0.0
 
-    return min(choices, key=unexplained) if jury.heldout.any() else choices[0]
+    return min(choices, key=unexplained) if holdout.pixels.any() else choices[0]

@@ -18,7 +18,7 @@ from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import Rival, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -56,7 +56,7 @@ EXPLODED_SHARE_OF_FIRST = 0.3
 
 
 def fit_coarse(
-    jury: Jury,
+    holdout: Holdout,
     renderer: ShotRenderer,
     start: Gaussians,
     geometry: Geometry,
@@ -69,7 +69,7 @@ def fit_coarse(
     """Fit Gaussians and poses to the measurement.
 
     Args:
-        jury: The measurement (its truth is not read), and its pixels that the loss may not see.
+        holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
         renderer: Renders for this shot, with the geometry's camera matrix.
         start: Initial Gaussians.
         geometry: Initial poses.
@@ -88,10 +88,10 @@ def fit_coarse(
         ResourceError: The population exceeds the memory guard.
     """
     settings.check()
-    fit = FitState(jury, renderer, start, geometry, settings, seed)
-    looks = Looks(jury, monitoring)
+    fit = FitState(holdout, renderer, start, geometry, settings, seed)
+    looks = Looks(holdout, monitoring)
     pace = pace or Fixed(settings.iterations)
-    loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(jury.heldout.any()))
+    loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(holdout.pixels.any()))
     stopped = loop.run()
     fit.restore(loop.best)
     return CoarseFit(

@@ -29,7 +29,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -47,7 +47,7 @@ class FitState:
     """The state of one fit between iterations.
 
     Args:
-        jury: The measurement, and its pixels that the loss may not see.
+        holdout: The measurement, and its pixels that the loss may not see.
         renderer: Renders for this shot.
         start: Initial Gaussians.
         geometry: Initial poses.
@@ -57,16 +57,16 @@ class FitState:
 
     def __init__(
         self,
-        jury: Jury,
+        holdout: Holdout,
         renderer: ShotRenderer,
         start: Gaussians,
         geometry: Geometry,
         settings: CoarseSettings,
         seed: int,
     ) -> None:
-        shot = jury.shot
+        shot = holdout.shot
         self._seed = seed
-        self._jury = jury
+        self._holdout = holdout
         # Without parallax, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
@@ -91,7 +91,7 @@ class FitState:
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
-        self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
+        self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
     def views(self) -> F32:
@@ -154,10 +154,10 @@ class FitState:
 
     def _readings(self) -> Readings | None:
         """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
-        shot, renderer = self._jury.shot, self._renderer
+        shot, renderer = self._holdout.shot, self._renderer
         if renderer.lens is not None or renderer.moments_per_mask > 1 or self.optimiser.scene.motion is not None:
             return None
-        usable = shot.usable & ~self._jury.heldout
+        usable = shot.usable & ~self._holdout.pixels
         channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
         return Readings(
             shot.measurement.mean(axis=2), renderer.transmissions.numpy(), usable, pixel_rays(renderer), channels

@@ -44,7 +44,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 Name = TypeVar("Name", bound=str)
 
@@ -80,40 +80,40 @@ class Candidate:
     cancels: bool = False
 
 
-def noise_power(jury: Jury, views: F32) -> float:
+def noise_power(holdout: Holdout, views: F32) -> float:
     """Return an upper bound on the power of the measurement's noise, from a scene's residual at pixels that it saw.
 
     Args:
-        jury: The measurement.
+        holdout: The measurement.
         views: Of a scene, which cannot follow the noise of single pixels, [N, H, W, C].
 
     Returns:
         In squared units of the measurement; 0 if there is no usable pixel.
     """
-    asked = jury.shot.usable & ~jury.heldout
+    asked = holdout.shot.usable & ~holdout.pixels
     if not asked.any():
         return 0.0
-    left = (jury.shot.measurement - jury.coded(views))[asked].astype(np.float64)
+    left = (holdout.shot.measurement - holdout.coded(views))[asked].astype(np.float64)
     return _FOLLOWED * float(np.median(np.abs(left)) / _MEDIAN_DEVIATE) ** 2
 
 
-def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float) -> F64:
+def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: float) -> F64:
     """Return the expected products of the candidates' errors, [J, J], up to one number that is the same for all.
 
     Args:
-        jury: The measurement, and its held-out pixels, of which there is at least one.
+        holdout: The measurement, and its held-out pixels, of which there is at least one.
         candidates: J of them.
         noise: Power of the measurement's noise; it is bounded here by the candidates' residuals at held-out pixels.
 
     Returns:
         Summed over the views, per pixel and channel.
     """
-    weighted = _weighted(jury)
+    weighted = _weighted(holdout)
     light = (weighted**2).sum(axis=0)  # |M|², [K]
     pixel_weights = _pixel_weights(weighted)
-    measured = jury.shot.weights >= _LEAST_WEIGHT * jury.shot.weights.max()  # [N]
-    noise = min(noise, *(_power(_residual(jury, one)) for one in candidates))
-    seen = [_Seen.of(jury, one, noise) for one in candidates]
+    measured = holdout.shot.weights >= _LEAST_WEIGHT * holdout.shot.weights.max()  # [N]
+    noise = min(noise, *(_power(_residual(holdout, one)) for one in candidates))
+    seen = [_Seen.of(holdout, one, noise) for one in candidates]
     hidden = _hidden(weighted)  # [K]
     worth = [hidden if one.cancels else np.ones_like(hidden) for one in candidates]
     # With a colour filter array each pixel reads one of three channels, and only that one changes by its own reading.
@@ -153,16 +153,16 @@ class _Seen:
     learned: float
 
     @classmethod
-    def of(cls, jury: Jury, candidate: Candidate, noise: float) -> "_Seen":
-        residual, step = _residual(jury, candidate), candidate.full - candidate.blind
-        coded, power = _at(jury, jury.coded(step)), _power(residual)
+    def of(cls, holdout: Holdout, candidate: Candidate, noise: float) -> "_Seen":
+        residual, step = _residual(holdout, candidate), candidate.full - candidate.blind
+        coded, power = _at(holdout, holdout.coded(step)), _power(residual)
         taken = float(np.clip(np.mean(coded * residual) / power, 0, 1)) if power > 0 else 0.0
         signal = 1 - noise / power if power > 0 else 1.0
         learned = signal / max(taken, signal, _LEAST_LEARNED)
-        return cls(residual, step[:, jury.heldout].astype(np.float64), coded, taken, learned)
+        return cls(residual, step[:, holdout.pixels].astype(np.float64), coded, taken, learned)
 
 
-def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
+def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | None:
     """Return the expected error of views, root mean square over all pixels, views and channels.
 
     It is the expected product above plus the term N σ²/|M|² left out there. A pixel that no mask opens has no reading,
@@ -170,20 +170,20 @@ def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
     result is about right if there is little noise, and too large if there is more.
 
     Args:
-        jury: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels.
         views: The delivered views.
         noise: Power of the measurement's noise, as by `noise_power`.
 
     Returns:
         In full scales of one view; None if no pixel was held out, or the views are not finite.
     """
-    if not jury.heldout.any() or not _is_finite(views):
+    if not holdout.pixels.any() or not _is_finite(views):
         return None
-    weighted, blind = _weighted(jury), Candidate(views.blind, views.blind)
+    weighted, blind = _weighted(holdout), Candidate(views.blind, views.blind)
     spread = np.average(1 / (weighted**2).sum(axis=0), weights=_pixel_weights(weighted))
-    least = min(noise, _power(_residual(jury, views))) * len(weighted) * float(spread)
-    seen, unseen = (max(0.0, float(expected_products(jury, [one], noise)[0, 0]) - least) for one in (views, blind))
-    lit = float(jury.shot.lit.mean())
+    least = min(noise, _power(_residual(holdout, views))) * len(weighted) * float(spread)
+    seen, unseen = (max(0.0, float(expected_products(holdout, [one], noise)[0, 0]) - least) for one in (views, blind))
+    lit = float(holdout.shot.lit.mean())
     return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
 
 
@@ -195,9 +195,9 @@ def _hidden(weighted: F64) -> F64:
     return hidden
 
 
-def _weighted(jury: Jury) -> F64:
+def _weighted(holdout: Holdout) -> F64:
     """Return the masks times their weights at the held-out pixels, M, [N, K]."""
-    found: F64 = (jury.shot.weights[:, None, None] * jury.shot.masks)[:, jury.heldout].astype(np.float64)
+    found: F64 = (holdout.shot.weights[:, None, None] * holdout.shot.masks)[:, holdout.pixels].astype(np.float64)
     return found
 
 
@@ -207,13 +207,13 @@ def _pixel_weights(weighted: F64) -> F64:
     return found
 
 
-def _at(jury: Jury, image: F32) -> F64:
-    found: F64 = image[jury.heldout].astype(np.float64)
+def _at(holdout: Holdout, image: F32) -> F64:
+    found: F64 = image[holdout.pixels].astype(np.float64)
     return found
 
 
-def _residual(jury: Jury, candidate: Candidate) -> F64:
-    return _at(jury, jury.shot.measurement - jury.coded(candidate.blind))
+def _residual(holdout: Holdout, candidate: Candidate) -> F64:
+    return _at(holdout, holdout.shot.measurement - holdout.coded(candidate.blind))
 
 
 def _power(values: F64) -> float:
@@ -247,11 +247,11 @@ def least_on_simplex(products: F64) -> F64:
     return best
 
 
-def shares(jury: Jury, candidates: Mapping[Name, Candidate], noise: float) -> dict[Name, float]:
+def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float) -> dict[Name, float]:
     """Return the share of each candidate in the combination with the smallest expected error.
 
     Args:
-        jury: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels.
         candidates: By name; those that are not finite get share 0. If no pixel was held out, the first gets share 1.
         noise: Power of the measurement's noise, as by `noise_power`.
 
@@ -261,9 +261,9 @@ def shares(jury: Jury, candidates: Mapping[Name, Candidate], noise: float) -> di
     names = list(candidates)
     usable = [name for name in names if _is_finite(candidates[name])]
     found = dict.fromkeys(names, 0.0)
-    if not jury.heldout.any() or not usable:
+    if not holdout.pixels.any() or not usable:
         return {**found, names[0]: 1.0}
-    least = least_on_simplex(expected_products(jury, [candidates[name] for name in usable], noise))
+    least = least_on_simplex(expected_products(holdout, [candidates[name] for name in usable], noise))
     least[least < _LEAST_SHARE] = 0.0
     return {**found, **dict(zip(usable, (least / least.sum()).tolist(), strict=True))}
 

@@ -30,7 +30,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.pace import Pace
-from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
 _STREAM: Final = 0x3A7E  # makes these random draws independent of all others of the same seed
@@ -231,23 +231,23 @@ class Ensemble:
         return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": spread}
 
 
-def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensemble:
+def combined(fits: tuple[CoarseFit, ...], holdout: Holdout, refine: Refine) -> Ensemble:
     """Take the mean of the fits' views, unless the best of them alone is surely better.
 
     Args:
         fits: At least one.
-        jury: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
+        holdout: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
         refine: Adds the decoded residual to views, as before delivery.
     """
     if len(fits) == 1:
         return Ensemble(fits[0], fits[0].views)
     together, disagreement = _mean(fits)
-    if not jury.heldout.any():
+    if not holdout.pixels.any():
         return Ensemble(fits[0], together, len(fits), disagreement, fits[1:])
-    alone = [jury.squared_residuals(refine(fit.views)) for fit in fits]
+    alone = [holdout.squared_residuals(refine(fit.views)) for fit in fits]
     first = int(np.argmin([squared.mean() for squared in alone]))
     best, others = fits[first], (*fits[:first], *fits[first + 1 :])
-    if surely_larger(jury.squared_residuals(refine(together)), alone[first]):
+    if surely_larger(holdout.squared_residuals(refine(together)), alone[first]):
         return Ensemble(best, best.views, 1, disagreement, others)
     return Ensemble(best, together, len(fits), disagreement, others)
 

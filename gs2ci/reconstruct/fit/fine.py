@@ -33,7 +33,7 @@ from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights,
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.learned.onnx_models import known_model
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, SeenViews
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
@@ -183,7 +183,7 @@ class PseudoLoss:
 
 
 def fit_fine(
-    jury: Jury,
+    holdout: Holdout,
     coarse: CoarseFit,
     renderer: ShotRenderer,
     fine: Fine,
@@ -194,7 +194,7 @@ def fit_fine(
     """Refine the Gaussians of a coarse fit with fixed cameras.
 
     Args:
-        jury: The measurement (its truth is not read), and its pixels that the loss may not see.
+        holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
         coarse: The fit to continue.
         renderer: Renders for this shot.
         fine: Settings and models.
@@ -209,15 +209,15 @@ def fit_fine(
     """
     settings = fine.settings.check()
     refine, progress = monitoring.refine, monitoring.progress
-    before = jury.residual_rms(refine(coarse.views))
+    before = holdout.residual_rms(refine(coarse.views))
     if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
         pseudo_loss = _pseudo_loss(coarse, renderer, fine, detailed or refine)
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
-    fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
-    looks = Looks(jury, monitoring)
+    fit = _Fit(holdout, coarse, renderer, pseudo_loss, fine, seed)
+    looks = Looks(holdout, monitoring)
     loop = _Loop(fit, looks, monitoring, first=coarse.curve[-1].iteration if coarse.curve else 0)
     after = loop.run(before)
     curve = (*coarse.curve, *looks.curve)
@@ -296,14 +296,14 @@ class _Fit:
 
     def __init__(
         self,
-        jury: Jury,
+        holdout: Holdout,
         coarse: CoarseFit,
         renderer: ShotRenderer,
         pseudo_loss: PseudoLoss | None,
         fine: Fine,
         seed: int,
     ) -> None:
-        shot = jury.shot
+        shot = holdout.shot
         self.settings = settings = fine.settings
         self._loss = fine.loss
         self.poses = torch.from_numpy(coarse.world_to_camera).float()
@@ -313,7 +313,7 @@ class _Fit:
         self._renderer = renderer
         self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
-        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss)
+        self._data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, fine.loss)
         views = 0 if pseudo_loss is None else len(pseudo_loss)
         self._order = _rounds(views, torch.Generator().manual_seed(seed))
 

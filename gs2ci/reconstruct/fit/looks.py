@@ -12,7 +12,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.run_records import CurvePoint
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 Score = Callable[[F32], float]
 Refine = Callable[[F32], F32]
@@ -41,14 +41,14 @@ class Looks:
     """Judges a fit's views, and keeps the curve of the results.
 
     Args:
-        jury: The measurement and its held-out pixels.
+        holdout: The measurement and its held-out pixels.
         monitoring: How views are refined and scored, and when the curve's seconds begin.
     """
 
-    def __init__(self, jury: Jury, monitoring: Monitoring) -> None:
+    def __init__(self, holdout: Holdout, monitoring: Monitoring) -> None:
         self.curve: list[CurvePoint] = []
         self.refine = monitoring.refine
-        self._jury = jury
+        self._holdout = holdout
         self._score = monitoring.score
         self._since_s = time.monotonic() if monitoring.since_s is None else monitoring.since_s
 
@@ -62,7 +62,7 @@ class Looks:
             gaussians: Size of the population.
         """
         refined = self.refine(views)
-        heldout = self._jury.residual_rms(refined)
+        heldout = self._holdout.residual_rms(refined)
         seconds = time.monotonic() - self._since_s
         psnr_db = None if self._score is None else self._score(refined)
         self.curve.append(CurvePoint(seconds, iteration, loss, heldout, psnr_db, gaussians))

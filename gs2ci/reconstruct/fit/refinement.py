@@ -14,25 +14,25 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.measurement.jury import SURE, Jury
+from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 
 class Refinement:
     """Adds the decoded residual of views to them.
 
     Args:
-        jury: The measurement, and its pixels that no decode may see.
+        holdout: The measurement, and its pixels that no decode may see.
         settings: How the residual is decoded; None: nothing is added.
 
     Raises:
         InputError: The settings make no sense.
     """
 
-    def __init__(self, jury: Jury, settings: ResidualSettings | None) -> None:
+    def __init__(self, holdout: Holdout, settings: ResidualSettings | None) -> None:
         if settings is not None:
             settings.steps()
-        self._jury = jury
-        self._seen = jury.seen
+        self._holdout = holdout
+        self._seen = holdout.seen
         self._settings = settings
 
     def __call__(self, views: F32) -> F32:
@@ -73,15 +73,15 @@ class Refinement:
         """
         if self._settings is None:
             return views
-        return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
+        return _plus(views, share, decode_residual(self._holdout.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""
-        heldout = self._jury.heldout
+        heldout = self._holdout.pixels
         if not heldout.any():
             return 1.0
-        left = (self._jury.shot.measurement - self._jury.coded(views))[heldout].astype(np.float64)
-        gained = self._jury.coded(added)[heldout].astype(np.float64)
+        left = (self._holdout.shot.measurement - self._holdout.coded(views))[heldout].astype(np.float64)
+        gained = self._holdout.coded(added)[heldout].astype(np.float64)
         if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
             return 1.0
         power = float((gained**2).sum())

@@ -1,7 +1,7 @@
 """When a fit ends: how long it waits for the held-out residual to improve.
 
 Here: the settings, the watch that follows the residual, and the rival with which a fit is compared. Not here: the
-held-out pixels and their residual (`gs2ci.reconstruct.measurement.jury`), the loop (`coarse.py`).
+held-out pixels and their residual (`gs2ci.reconstruct.measurement.holdout`), the loop (`coarse.py`).
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from typing import Annotated, Final
 from pydantic import Field, PositiveInt
 
 from gs2ci.core.bounds import Bounded
-from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE
+from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LightMode
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 
 # If the condition number of the normal equations is larger, the masks do not distinguish their views' brightness.
 TOO_ALIKE: Final = 1e8
@@ -136,17 +136,17 @@ class Brightness:
         }
 
 
-def estimate(jury: Jury, carried: F32) -> BrightnessEstimate | None:
+def estimate(holdout: Holdout, carried: F32) -> BrightnessEstimate | None:
     """Estimate the views' brightness; each half of the measurement judges the estimate of the other.
 
     Args:
-        jury: The measurement, and its held-out pixels, which are not used.
+        holdout: The measurement, and its held-out pixels, which are not used.
         carried: Prediction of every view, [N, H, W, C], all with the same brightness.
 
     Returns:
         The estimate; None if it is not possible.
     """
-    system = LinearSystem.of(jury.seen, carried)
+    system = LinearSystem.of(holdout.seen, carried)
     found = None if system is None else system.solve()
     if system is None or found is None:
         return None
@@ -155,10 +155,10 @@ def estimate(jury: Jury, carried: F32) -> BrightnessEstimate | None:
     return BrightnessEstimate(system.of_all_views(found), errors, system.gain())
 
 
-def relit(jury: Jury, found: BrightnessEstimate) -> Jury:
+def relit(holdout: Holdout, found: BrightnessEstimate) -> Holdout:
     """Return the measurement with corrected weights, whose mean over its masks' light is unchanged."""
-    weights = (jury.shot.weights * found.found).astype(np.float32)
-    return Jury(replace(jury.shot, weights=weights), jury.heldout)
+    weights = (holdout.shot.weights * found.found).astype(np.float32)
+    return Holdout(replace(holdout.shot, weights=weights), holdout.pixels)
 
 
 @dataclass(frozen=True)

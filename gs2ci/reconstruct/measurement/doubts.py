@@ -13,7 +13,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
 from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A few clipped highlights are normal, and harmless if their neighbours are not clipped.
 SATURATION_WORTH_SAYING: Final = 0.01
@@ -105,9 +105,9 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
     return doubts
 
 
-def doubts_about_result(jury: Jury, views: F32) -> tuple[Finding, ...]:
+def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
     """Report if recovered views, [N, H, W, C], explain the held-out pixels hardly better than even grey views."""
-    left, grey = jury.residual_rms(views), jury.grey_rms()
+    left, grey = holdout.residual_rms(views), holdout.grey_rms()
     if left is None or grey is None or left <= _UNEXPLAINED_WORTH_SAYING * grey:
         return ()
     share = f"{left / grey:.0%}" if grey > 0 else "more"

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 _BLOCK_PX: Final = 16
 # A picture of one row or column has no gradient across it.
@@ -44,22 +44,22 @@ class LeftByMotion:
     velocity_px: F64
 
 
-def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
+def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     """Regress the residual of still views on motion.
 
     Args:
-        jury: The measurement.
+        holdout: The measurement.
         views: Of a still scene, not refined by its residual, [N, H, W, C].
         times: When each view was taken, [N], centred on 0.
     """
-    shot = jury.shot
+    shot = holdout.shot
     if min(shot.size) < _LEAST_SIDE_PX:
         return LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2)))
     asked = shot.usable
-    residual = _blocks((shot.measurement - jury.coded(views)) * asked[..., None])
+    residual = _blocks((shot.measurement - holdout.coded(views)) * asked[..., None])
     weighted = views * times.astype(np.float32)[:, None, None, None]
     # Central differences suffice, since the fit's detail is not finer than a pixel.
-    along = [-jury.coded(np.gradient(weighted, axis=axis).astype(np.float32)) for axis in (2, 1)]
+    along = [-holdout.coded(np.gradient(weighted, axis=axis).astype(np.float32)) for axis in (2, 1)]
     design = np.stack([_blocks(part * asked[..., None]) for part in along], axis=-1)
     pixels = _blocks(np.broadcast_to(asked[..., None], shot.measurement.shape).astype(np.float32)).sum(axis=2)
     gram = np.einsum("abpi,abpj->abij", design, design)

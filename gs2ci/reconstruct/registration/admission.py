@@ -13,7 +13,7 @@ from gs2ci.core.crop import corner, middle, size_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.measurement.coding import white_reading
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.registration.coarse import element_px
 from gs2ci.reconstruct.registration.local_scene import Seen
 
@@ -41,7 +41,7 @@ class Trial:
         self._scale = scale
         self._at = at
         part = _crop(shot, at)
-        self._heldout = Jury.of(part, _HELDOUT, seed).heldout
+        self._heldout = Holdout.of(part, _HELDOUT, seed).pixels
 
     @property
     def can_tell(self) -> bool:
@@ -50,8 +50,8 @@ class Trial:
 
     def squares(self, shot: Shot) -> np.ndarray:
         """Return squared residuals, [K], of a measurement's decode at pixels that it did not see."""
-        jury = Jury(_scaled_crop(shot, self._scale, self._at), self._heldout)
-        return jury.squared_residuals(_decoded(jury.seen))
+        holdout = Holdout(_scaled_crop(shot, self._scale, self._at), self._heldout)
+        return holdout.squared_residuals(_decoded(holdout.seen))
 
 
 def brief_views(shot: Shot, scale: float) -> F32:

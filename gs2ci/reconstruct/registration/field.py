@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile
 from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_weights
 from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, HIGHER, LOW, NAMES, Misfit

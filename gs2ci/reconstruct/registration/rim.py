@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import element_px
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit

@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.admission import Corner, Trial, level_of
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate

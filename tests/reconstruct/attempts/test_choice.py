@@ -55,7 +55,7 @@ class Tries:
 
     def __init__(self, leaves):
         self.leaves, self.made, self.completions, self.beside = leaves, [], 0, ()
-        self.jury, self.lens, self.settings = SimpleNamespace(residual_rms=lambda views: views), None, Settings()
+        self.holdout, self.lens, self.settings = SimpleNamespace(residual_rms=lambda views: views), None, Settings()
         self.refine, self.progress, self.halt = (lambda views: views), Silent(), Halt()
 
     def attempt(self, look, views, how):

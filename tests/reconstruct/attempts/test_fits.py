@@ -17,7 +17,7 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 
@@ -37,12 +37,12 @@ def first():
     poses[:, 0, 3] = (-0.02, -0.01, 0, 0.01)
     depth = np.tile(np.linspace(1.3, 0.7, SIZE[1], dtype=np.float32), (SIZE[0], 1))
     geometry = Geometry(poses, intrinsics, "file", depth, 2, 100, 0.3, 2.0, "full", ())
-    return FirstLook(Jury.of(shot, 0.05, 0), views, geometry, None)
+    return FirstLook(Holdout.of(shot, 0.05, 0), views, geometry, None)
 
 
 def settled(first, settings, *, hurried=False):
-    refine = Refinement(first.jury, settings.residual)
-    asked = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    refine = Refinement(first.holdout, settings.residual)
+    asked = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
     return asked.settle_order(first, hurried=hurried)
 
 
@@ -109,8 +109,8 @@ def test_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, mo
 
 def test_an_attempt_of_one_fit_is_completed_to_what_all_fits_at_once_would_have_been(first):
     settings = Settings(fit=CoarseSettings(iterations=6, surfaces=None, relief=None, hold_out=HoldOut(look_every=3)))
-    refine = Refinement(first.jury, settings.residual)
-    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
     alone = made.attempt(first, first.decoded, How(alone=True))
     assert (len(alone.fits), len(alone.later)) == (1, 1)
     completed, whole = made.completed(alone), made.attempt(first, first.decoded, How())
@@ -122,8 +122,8 @@ def test_an_attempt_of_one_fit_is_completed_to_what_all_fits_at_once_would_have_
 @pytest.mark.parametrize(("off", "fitted"), [(0.0, 0), (2.0, 1)])
 def test_a_fit_along_another_path_takes_a_companions_place_unless_their_mean_is_worse(first, monkeypatch, off, fitted):
     settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None))
-    refine = Refinement(first.jury, settings.residual)
-    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
     alone = made.attempt(first, first.decoded, How(alone=True))
     companions = []
 
@@ -147,8 +147,8 @@ def test_a_fit_along_another_path_takes_a_companions_place_unless_their_mean_is_
 
 def test_fits_behind_another_camera_matrix_are_averaged_but_not_let_move(first, monkeypatch):
     settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
-    refine = Refinement(first.jury, settings.residual)
-    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
     alone = made.attempt(first, first.decoded, How(alone=True))
     other = replace(alone.fits[0], intrinsics=2 * alone.fits[0].intrinsics)
     both = made.completed(alone, (other,))
@@ -165,7 +165,13 @@ def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(fir
 
     settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None))
     made = fits.Fits(
-        first.jury, first.jury, None, settings, Refinement(first.jury, settings.residual), Silent(), Stopwatch()
+        first.holdout,
+        first.holdout,
+        None,
+        settings,
+        Refinement(first.holdout, settings.residual),
+        Silent(),
+        Stopwatch(),
     )
     alone = made.attempt(first, first.decoded, How(alone=True))
     monkeypatch.setattr(fits, "fit_together", run_away)

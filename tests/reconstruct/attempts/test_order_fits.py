@@ -12,7 +12,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.attempts.order_fits import OrderFits, mean_square
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.gaussians import Gaussians
 
@@ -21,7 +21,7 @@ SETTINGS = Settings(fit=CoarseSettings(iterations=400))
 
 
 @pytest.fixture
-def jury():
+def holdout():
     shot = Shot(
         measurement=np.zeros((*SIZE, 1), np.float32),
         masks=np.ones((VIEWS, *SIZE), np.float32),
@@ -30,7 +30,7 @@ def jury():
     ).check()
     heldout = np.zeros(SIZE, bool)
     heldout[0] = True
-    return Jury(shot, heldout)
+    return Holdout(shot, heldout)
 
 
 @pytest.fixture
@@ -67,13 +67,13 @@ class Fits:
         return fit
 
 
-def order_fits(jury, start, fits):
-    return OrderFits(jury, SETTINGS, lambda geometry: (geometry, start), fits)
+def order_fits(holdout, start, fits):
+    return OrderFits(holdout, SETTINGS, lambda geometry: (geometry, start), fits)
 
 
-def test_a_brief_fit_says_what_it_leaves_and_begins_elsewhere_with_another_number(jury, geometry, start):
+def test_a_brief_fit_says_what_it_leaves_and_begins_elsewhere_with_another_number(holdout, geometry, start):
     fits = Fits((0.5, 0.5), (0.5, 0.5))
-    both = order_fits(jury, start, fits)
+    both = order_fits(holdout, start, fits)
     assert both.brief(geometry, 0) == pytest.approx(0.25)
     both.brief(geometry, 1)
     (_, settings, first), (_, _, second) = fits.made
@@ -82,23 +82,23 @@ def test_a_brief_fit_says_what_it_leaves_and_begins_elsewhere_with_another_numbe
     assert not first.start.means.equal(second.start.means)
 
 
-def test_a_geometry_begins_once_however_often_it_is_fitted(jury, geometry, start):
+def test_a_geometry_begins_once_however_often_it_is_fitted(holdout, geometry, start):
     begun = []
-    fits = OrderFits(jury, SETTINGS, lambda one: begun.append(one) or (one, start), Fits(*[(1, 1)] * 2))
+    fits = OrderFits(holdout, SETTINGS, lambda one: begun.append(one) or (one, start), Fits(*[(1, 1)] * 2))
     fits.brief(geometry, 0)
     fits.brief(geometry, 0)
     assert len(begun) == 1
 
 
-def test_a_brief_fit_that_runs_away_leaves_everything(jury, geometry, start):
-    assert order_fits(jury, start, Fits(fails_at=0)).brief(geometry, 0) == math.inf
+def test_a_brief_fit_that_runs_away_leaves_everything(holdout, geometry, start):
+    assert order_fits(holdout, start, Fits(fails_at=0)).brief(geometry, 0) == math.inf
 
 
-def test_a_reading_that_cannot_be_trusted_is_not_asked(jury):
+def test_a_reading_that_cannot_be_trusted_is_not_asked(holdout):
     saturated = np.zeros(SIZE, bool)
     saturated[:, 4:] = True
-    shot = jury.shot
+    shot = holdout.shot
     shot = Shot(shot.measurement, shot.masks, shot.weights, saturated=saturated, intrinsics=shot.intrinsics).check()
     views = np.full((VIEWS, *SIZE, 1), 0.5, np.float32)
     views[:, :, 4:] = 9.0
-    assert mean_square(Jury(shot, jury.heldout), views) == pytest.approx(1.0)
+    assert mean_square(Holdout(shot, holdout.pixels), views) == pytest.approx(1.0)

@@ -12,7 +12,7 @@ from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 
 UNCERTAIN = finding(Code.PATH_UNCERTAIN, share=0.1)
@@ -78,13 +78,13 @@ def first(panned):
     masks = (np.random.default_rng(1).random(panned.shape[:3]) < 0.5).astype(np.float32)
     measurement = np.einsum("nhw,nhwc->hwc", masks, panned)
     shot = Shot(measurement, masks, np.ones(5, np.float32), intrinsics=geometry().intrinsics).check()
-    return FirstLook(Jury.of(shot, 0.02, 0), panned, geometry(source="uniform", path_error_expected=None), None)
+    return FirstLook(Holdout.of(shot, 0.02, 0), panned, geometry(source="uniform", path_error_expected=None), None)
 
 
 def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
     again = second_look(first, panned, None, Settings(), Silent())
     assert again is not None
-    assert again.jury is first.jury
+    assert again.holdout is first.holdout
     assert again.geometry.verdict == "full"
     assert np.linalg.norm(again.geometry.world_to_camera[-1, :3, 3]) > 0
     # Fitted views are those of one rigid scene: that their tracks agree proves nothing.

@@ -26,7 +26,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut, Rival
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
+from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
@@ -52,10 +52,10 @@ def run(
 ):
     given, geometry = moving_plane
     shot = shot or given
-    jury = Jury.of(shot, settings.hold_out.share, seed)
+    holdout = Holdout.of(shot, settings.hold_out.share, seed)
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
     fit = fit_coarse(
-        jury=jury,
+        holdout=holdout,
         renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
         start=first_gaussians(seed_points(geometry, grey, 2)),
         geometry=geometry,
@@ -65,7 +65,7 @@ def run(
         pace=pace,
         rival=rival,
     )
-    return fit, jury
+    return fit, holdout
 
 
 class FaultyBackend(CpuBackend):
@@ -122,9 +122,9 @@ def test_the_loss_and_the_held_out_residual_fall(moving_plane):
 
 
 def test_the_views_returned_are_those_of_the_best_look(moving_plane):
-    fit, jury = run(moving_plane, replace(QUICK, iterations=200, hold_out=replace(QUICK.hold_out, patience=20)))
+    fit, holdout = run(moving_plane, replace(QUICK, iterations=200, hold_out=replace(QUICK.hold_out, patience=20)))
     best = min(point.heldout for point in fit.curve)
-    assert jury.residual_rms(fit.views) == pytest.approx(best, rel=1e-6)
+    assert holdout.residual_rms(fit.views) == pytest.approx(best, rel=1e-6)
     at = next(point.iteration for point in fit.curve if point.heldout == best)
     if fit.stopped.code is Code.FIT_STALLED:
         assert fit.curve[-1].iteration < 200
@@ -331,11 +331,11 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
 
     monkeypatch.setattr(coarse_state, "find_surfaces", wrong)
     settings = SurfaceSettings((Search(0.5, 3.0, 3.0),), every=1)
-    fit, jury = run(moving_plane, replace(QUICK, surfaces=settings))
+    fit, holdout = run(moving_plane, replace(QUICK, surfaces=settings))
     before = [point.heldout for point in fit.curve if point.iteration <= 30]
     after = {point.iteration: point.heldout for point in fit.curve if point.iteration > 30}
     assert min(before) < min(after.values())
-    assert jury.residual_rms(fit.views) == pytest.approx(min(after.values()), rel=1e-6)
+    assert holdout.residual_rms(fit.views) == pytest.approx(min(after.values()), rel=1e-6)
     assert fit.stopped.figures["best"] in after
 
 
@@ -399,9 +399,9 @@ def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_hel
 
     monkeypatch.setattr(coarse_state, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3, asks_measurement=True))
-    _, jury = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
+    _, holdout = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
     assert given[0] is None
-    assert not (given[1].usable & jury.heldout).any()
+    assert not (given[1].usable & holdout.pixels).any()
     assert given[1].usable.sum() > 0.9 * shot.lit.sum()
     assert np.array_equal(given[1].open_share, shot.masks * shot.weights[:, None, None])
 
@@ -498,10 +498,10 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):
-    fit, jury = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
+    fit, holdout = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
     assert fit.stopped == finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=20)
     assert len(fit.notes) == MAX_ROLLBACKS
-    assert jury.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
+    assert holdout.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
     fit.scene.check()
 
 
@@ -520,7 +520,7 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
     shot, geometry = moving_plane
     with pytest.raises(InputError):
         fit_coarse(
-            jury=Jury(shot, np.zeros(shot.size, bool)),
+            holdout=Holdout(shot, np.zeros(shot.size, bool)),
             renderer=ShotRenderer(shot, geometry.intrinsics, CpuBackend()),
             start=first_gaussians(seed_points(geometry, np.zeros((4, 32, 40, 3), np.float32), 2)),
             geometry=geometry,

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.harmonics import degree_of
@@ -119,10 +119,10 @@ def fitted(scene, shot, geometry, degree):
         hold_out=HoldOut(share=0.05, look_every=10),
     )
     settings = replace(settings, poses=replace(settings.poses, refine=False))
-    jury = Jury.of(shot, settings.hold_out.share, 0)
+    holdout = Holdout.of(shot, settings.hold_out.share, 0)
     renderer = ShotRenderer(shot, geometry.intrinsics, load_backend())
-    fit = fit_coarse(jury, renderer, scene, geometry, settings, 0, Monitoring(lambda seen: seen))
-    return fit, jury.residual_rms(fit.views)
+    fit = fit_coarse(holdout, renderer, scene, geometry, settings, 0, Monitoring(lambda seen: seen))
+    return fit, holdout.residual_rms(fit.views)
 
 
 def test_a_fit_shows_colours_that_change_with_the_place_of_the_camera_and_finds_how(moving_plane, scattered):

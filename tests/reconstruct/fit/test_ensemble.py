@@ -16,7 +16,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members
 from gs2ci.reconstruct.fit.pace import Fixed
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from tests.patience import HANG_S
 
 RULES = (Osgr.sparing(), Osgr.generous())
@@ -198,12 +198,12 @@ def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, 
 
 @pytest.fixture
 def judged(moving_plane):
-    """A measurement whose true views are known, and its jury."""
+    """A measurement whose true views are known, and its holdout."""
     shot, _ = moving_plane
     rng = np.random.default_rng(0)
     truth = rng.random((*shot.masks.shape, 3)).astype(np.float32)
     shot = replace(shot, measurement=np.einsum("nhw,nhwc->hwc", shot.masks, truth))
-    return truth, Jury.of(shot, 0.2, 0), rng
+    return truth, Holdout.of(shot, 0.2, 0), rng
 
 
 def alike(views):
@@ -211,9 +211,9 @@ def alike(views):
 
 
 def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
-    truth, jury, rng = judged
+    truth, holdout, rng = judged
     fits = tuple(fit_of(truth + 0.1 * rng.standard_normal(truth.shape)) for _ in range(4))
-    together = combined(fits, jury, alike)
+    together = combined(fits, holdout, alike)
     assert together.averaged == 4
     assert np.abs(together.views - truth).std() < 0.06
     summary = together.summary()
@@ -223,9 +223,9 @@ def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
 
 
 def test_a_fit_that_is_surely_better_than_the_mean_stands_alone(judged):
-    truth, jury, _ = judged
+    truth, holdout, _ = judged
     good, bad = fit_of(truth, notes=(GOOD,)), fit_of(truth + 0.5, notes=(BAD,))
-    together = combined((bad, good), jury, alike)
+    together = combined((bad, good), holdout, alike)
     assert together.best is good
     assert together.averaged == 1
     np.testing.assert_array_equal(together.views, good.views)
@@ -234,10 +234,10 @@ def test_a_fit_that_is_surely_better_than_the_mean_stands_alone(judged):
 
 
 def test_the_best_lends_its_scene_while_the_views_are_the_mean(judged):
-    truth, jury, rng = judged
+    truth, holdout, rng = judged
     better = fit_of(truth + 0.10 * rng.standard_normal(truth.shape))
     worse = fit_of(truth + 0.11 * rng.standard_normal(truth.shape))
-    together = combined((worse, better), jury, alike)
+    together = combined((worse, better), holdout, alike)
     assert together.best is better
     assert together.others == (worse,)
     assert together.averaged == 2
@@ -245,15 +245,15 @@ def test_the_best_lends_its_scene_while_the_views_are_the_mean(judged):
 
 
 def test_a_single_fit_is_its_own_mean(judged):
-    truth, jury, _ = judged
+    truth, holdout, _ = judged
     only = fit_of(truth)
-    together = combined((only,), jury, alike)
+    together = combined((only,), holdout, alike)
     assert (together.best, together.averaged, together.disagreement) == (only, 1, None)
 
 
 def test_without_held_out_pixels_the_first_leads_and_the_mean_is_taken(judged):
-    truth, jury, _ = judged
-    unjudged = Jury(jury.shot, np.zeros(jury.shot.size, bool))
+    truth, holdout, _ = judged
+    unjudged = Holdout(holdout.shot, np.zeros(holdout.shot.size, bool))
     first, second = fit_of(truth + 0.2), fit_of(truth)
     together = combined((first, second), unjudged, alike)
     assert together.best is first
@@ -261,18 +261,18 @@ def test_without_held_out_pixels_the_first_leads_and_the_mean_is_taken(judged):
 
 
 def test_fits_that_agree_to_the_last_bit_have_no_spread(judged):
-    truth, jury, _ = judged
-    together = combined((fit_of(truth), fit_of(truth)), jury, alike)
+    truth, holdout, _ = judged
+    together = combined((fit_of(truth), fit_of(truth)), holdout, alike)
     assert not together.disagreement.any()
     assert together.averaged == 2
     np.testing.assert_array_equal(together.views, truth)
 
 
 def test_disagreement_shows_where_fits_differ(judged):
-    truth, jury, _ = judged
+    truth, holdout, _ = judged
     other = truth.copy()
     other[:, 10:20, 10:20] += 0.2
-    found = combined((fit_of(truth), fit_of(other)), jury, alike).disagreement
+    found = combined((fit_of(truth), fit_of(other)), holdout, alike).disagreement
     assert found.shape == truth.shape[:3]
     assert found[:, 14:16, 14:16] == pytest.approx(0.1, rel=1e-2)
     assert not found[:, 25:].any()
@@ -284,7 +284,7 @@ def test_the_mean_and_its_spread_take_little_more_memory_than_they_are():
     fits = tuple(fit_of(views) for views in drawn)
     tracemalloc.start()
     try:
-        found = combined(fits, Jury(shot, np.zeros((48, 64), bool)), lambda views: views)
+        found = combined(fits, Holdout(shot, np.zeros((48, 64), bool)), lambda views: views)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

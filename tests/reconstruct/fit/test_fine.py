@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
@@ -43,10 +43,10 @@ class Prior:
 def coarse(moving_plane):
     """A fit that has been stopped early, so that there is something left to refine."""
     shot, geometry = moving_plane
-    jury = Jury.of(shot, 0.05, 0)
+    holdout = Holdout.of(shot, 0.05, 0)
     renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend())
     fit = fit_coarse(
-        jury=jury,
+        holdout=holdout,
         renderer=renderer,
         start=first_gaussians(seed_points(geometry, np.full((4, 32, 40, 3), 0.5, np.float32), 2)),
         geometry=geometry,
@@ -54,7 +54,7 @@ def coarse(moving_plane):
         seed=0,
         monitoring=Monitoring(lambda views: views),
     )
-    return jury, fit, renderer
+    return holdout, fit, renderer
 
 
 def run(
@@ -63,7 +63,7 @@ def run(
     settings=QUICK,
     *,
     distance=None,
-    jury=None,
+    holdout=None,
     fit=None,
     renderer=None,
     score=None,
@@ -71,9 +71,9 @@ def run(
     progress=None,
     halt=None,
 ):
-    given_jury, given_fit, given_renderer = coarse
+    given_holdout, given_fit, given_renderer = coarse
     return fit_fine(
-        jury or given_jury,
+        holdout or given_holdout,
         fit or given_fit,
         renderer or given_renderer,
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
@@ -106,9 +106,9 @@ def test_it_ends_where_it_is_asked_to_halt_and_keeps_what_it_has(coarse):
 
 
 def test_the_held_out_residual_falls_and_cameras_stay(coarse):
-    jury, before, _ = coarse
+    holdout, before, _ = coarse
     after = run(coarse, Prior())
-    assert jury.residual_rms(after.views) < jury.residual_rms(before.views)
+    assert holdout.residual_rms(after.views) < holdout.residual_rms(before.views)
     np.testing.assert_array_equal(after.world_to_camera, before.world_to_camera)
     assert after.notes[-1].code is Code.FINE_HELPED
     assert after.curve[: len(before.curve)] == before.curve
@@ -126,14 +126,14 @@ def test_a_prior_draws_pseudo_views_towards_its_targets(coarse):
     _, fit, renderer = coarse
     heavy = replace(QUICK, pseudo_weight=5.0, hold_out=replace(QUICK.hold_out, patience=1000))
     pseudo = make_pseudo(fit, renderer, Prior(), lambda views: views, 1)
-    lenient = Lenient(coarse[0].shot, coarse[0].heldout)
-    after = run(coarse, Prior(lambda images: 0.5 * images), heavy, jury=lenient)
+    lenient = Lenient(coarse[0].shot, coarse[0].pixels)
+    after = run(coarse, Prior(lambda images: 0.5 * images), heavy, holdout=lenient)
     with torch.no_grad():
         images, _ = renderer.images(after.scene, pseudo.poses)
     assert images.mean() < 0.8 * pseudo.targets.mean()
 
 
-class Lenient(Jury):
+class Lenient(Holdout):
     """Finds every look better than the one before."""
 
     def residual_rms(self, views):
@@ -141,7 +141,7 @@ class Lenient(Jury):
         return 1 / self.looks
 
 
-class Severe(Jury):
+class Severe(Holdout):
     """Finds every look worse than the one before."""
 
     def residual_rms(self, views):
@@ -150,8 +150,8 @@ class Severe(Jury):
 
 
 def test_what_held_out_pixels_do_not_like_is_dropped(coarse):
-    jury, before, _ = coarse
-    after = run(coarse, Prior(), jury=Severe(jury.shot, jury.heldout))
+    holdout, before, _ = coarse
+    after = run(coarse, Prior(), holdout=Severe(holdout.shot, holdout.pixels))
     assert after.scene is before.scene
     np.testing.assert_array_equal(after.views, before.views)
     assert "did not agree better" in after.notes[-1].sentence
@@ -159,11 +159,11 @@ def test_what_held_out_pixels_do_not_like_is_dropped(coarse):
 
 
 def test_a_prior_that_lies_cannot_make_the_held_out_residual_worse(coarse):
-    jury, before, _ = coarse
+    holdout, before, _ = coarse
     noise = np.random.default_rng(0)
     liar = Prior(lambda images: noise.random(images.shape).astype(np.float32))
     after = run(coarse, liar, replace(QUICK, pseudo_weight=100.0))
-    assert jury.residual_rms(after.views) <= jury.residual_rms(before.views)
+    assert holdout.residual_rms(after.views) <= holdout.residual_rms(before.views)
 
 
 @pytest.mark.parametrize("error", [NumericsError("its answer is NaN"), InputError("its size is another")])
@@ -190,20 +190,20 @@ def test_a_distance_that_fails_changes_nothing(coarse):
 
 
 def test_without_held_out_pixels_nothing_is_changed(coarse):
-    jury, before, _ = coarse
-    after = run(coarse, Prior(), jury=Jury(jury.shot, np.zeros_like(jury.heldout)))
+    holdout, before, _ = coarse
+    after = run(coarse, Prior(), holdout=Holdout(holdout.shot, np.zeros_like(holdout.pixels)))
     assert after.scene is before.scene
     assert "no pixel is held out" in after.notes[-1].sentence
 
 
 def test_without_a_gate_the_last_state_is_taken_as_in_the_paper(coarse):
-    jury, before, _ = coarse
-    blind = Jury(jury.shot, np.zeros_like(jury.heldout))
-    after = run(coarse, Prior(), replace(QUICK, gated=False), jury=blind)
+    holdout, before, _ = coarse
+    blind = Holdout(holdout.shot, np.zeros_like(holdout.pixels))
+    after = run(coarse, Prior(), replace(QUICK, gated=False), holdout=blind)
     assert after.curve[-1].iteration - before.curve[-1].iteration == 40
     assert not torch.equal(after.scene.means, before.scene.means)
     assert after.notes[-1] == finding(Code.FINE_UNJUDGED, with_prior="prior: test")
-    severe = run(coarse, Prior(), replace(QUICK, gated=False), jury=Severe(jury.shot, jury.heldout))
+    severe = run(coarse, Prior(), replace(QUICK, gated=False), holdout=Severe(holdout.shot, holdout.pixels))
     assert not torch.equal(severe.scene.means, before.scene.means)
 
 
@@ -237,18 +237,18 @@ def test_numbers_that_run_away_end_the_stage_with_the_last_good_state(coarse):
                 image.register_hook(lambda gradient: gradient * float("nan"))
             return image
 
-    jury, before, renderer = coarse
-    faulty = Faulty(jury.shot, renderer.intrinsics.double().numpy(), CpuBackend())
+    holdout, before, renderer = coarse
+    faulty = Faulty(holdout.shot, renderer.intrinsics.double().numpy(), CpuBackend())
     after = run(coarse, Prior(), renderer=faulty)
     assert np.isfinite(after.views).all()
     assert after.curve[-1].iteration - before.curve[-1].iteration == 20
-    assert jury.residual_rms(after.views) < jury.residual_rms(before.views)
+    assert holdout.residual_rms(after.views) < holdout.residual_rms(before.views)
 
 
 def test_lists_kept_through_the_whole_stage_give_nearly_the_same_views(coarse, moving_plane):
-    jury, before, _ = coarse
+    holdout, before, _ = coarse
     backend = CpuBackend(RasterSettings(relist_every=8))
-    kept = run(coarse, None, renderer=ShotRenderer(jury.shot, moving_plane[1].intrinsics, backend))
+    kept = run(coarse, None, renderer=ShotRenderer(holdout.shot, moving_plane[1].intrinsics, backend))
     fresh = run(coarse, None)
     assert not np.array_equal(kept.views, fresh.views)
     difference_rms = np.sqrt(np.mean((kept.views - fresh.views) ** 2))

@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.looks import Looks, Monitoring
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def known():
 def test_refined_views_are_judged_and_scored(known):
     views, shot = known
     monitoring = Monitoring(lambda given: given + np.float32(0.1), score=lambda given: float(given.mean()))
-    looks = Looks(Jury.of(shot, 0.2, 0), monitoring)
+    looks = Looks(Holdout.of(shot, 0.2, 0), monitoring)
     heldout = looks.take(views - np.float32(0.1), 50, 0.25, 7)
     assert heldout == pytest.approx(0, abs=1e-6)
     (point,) = looks.curve
@@ -31,15 +31,15 @@ def test_refined_views_are_judged_and_scored(known):
 
 def test_without_held_out_pixels_and_a_truth_a_look_has_no_figures(known):
     views, shot = known
-    looks = Looks(Jury.of(shot, 0.0, 0), Monitoring(lambda given: given))
+    looks = Looks(Holdout.of(shot, 0.0, 0), Monitoring(lambda given: given))
     assert looks.take(views, 10, 0.5, 3) is None
     assert (looks.curve[0].heldout, looks.curve[0].psnr_db) == (None, None)
 
 
 def test_seconds_count_from_where_they_are_told_to(known):
     views, shot = known
-    jury, began_s = Jury.of(shot, 0.0, 0), time.monotonic() - 1000
-    since, now = (Looks(jury, Monitoring(lambda given: given, since_s=at)) for at in (began_s, None))
+    holdout, began_s = Holdout.of(shot, 0.0, 0), time.monotonic() - 1000
+    since, now = (Looks(holdout, Monitoring(lambda given: given, since_s=at)) for at in (began_s, None))
     for looks in (since, now):
         looks.take(views, 1, 0.0, 1)
         looks.take(views, 2, 0.0, 1)

@@ -15,7 +15,7 @@ from gs2ci.reconstruct.measurement.brightness import (
     estimate,
     relit,
 )
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 SIZE = (40, 48)
 LIGHT = np.array([0.7, 1.0, 1.3, 1.1, 0.9])
@@ -35,8 +35,8 @@ def shot_of(views, light=LIGHT, *, grey=False, noise=0.0, **parts):
     return replace(Shot(measurement.astype(np.float32), masks, np.ones(len(views), np.float32)), **parts).check()
 
 
-def jury_of(shot, share=0.05):
-    return Jury.of(shot, share, 0)
+def holdout_of(shot, share=0.05):
+    return Holdout.of(shot, share, 0)
 
 
 def view_brightness(shot, views):
@@ -45,10 +45,10 @@ def view_brightness(shot, views):
     return None if found is None else system.of_all_views(found)
 
 
-def corrected_of(jury, views):
+def corrected_of(holdout, views):
     """The measurement with corrected weights, where they are surely wrong; else None."""
-    found = estimate(jury, views)
-    return relit(jury, found) if found is not None and found.is_sure(SETTINGS) else None
+    found = estimate(holdout, views)
+    return relit(holdout, found) if found is not None and found.is_sure(SETTINGS) else None
 
 
 def gain_of(shot, views):
@@ -134,29 +134,29 @@ def test_brightness_beyond_any_lamp_is_not_believed():
 
 def test_wrong_weights_are_corrected_and_pixels_that_were_not_asked_agree():
     views = views_of()
-    jury = jury_of(shot_of(views))
-    corrected = corrected_of(jury, views)
+    holdout = holdout_of(shot_of(views))
+    corrected = corrected_of(holdout, views)
     np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), LIGHT / LIGHT.mean(), rtol=1e-3)
     assert corrected.shot.weights.dtype == np.float32
-    np.testing.assert_array_equal(corrected.heldout, jury.heldout)
-    assert corrected.residual_rms(views * 1) < 0.3 * jury.residual_rms(views)
-    assert gain_of(jury.seen, views) > 0.5
+    np.testing.assert_array_equal(corrected.pixels, holdout.pixels)
+    assert corrected.residual_rms(views * 1) < 0.3 * holdout.residual_rms(views)
+    assert gain_of(holdout.seen, views) > 0.5
 
 
 def test_wrong_weights_are_corrected_though_the_views_explain_little_besides():
     """What the carried views leave otherwise is ten times what the lamp changes, as with a path that is not known."""
     views = views_of()
     light = 1 + 0.3 * (LIGHT - LIGHT.mean())
-    corrected = corrected_of(jury_of(shot_of(views, light, noise=0.4)), views)
+    corrected = corrected_of(holdout_of(shot_of(views, light, noise=0.4)), views)
     np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), light / light.mean(), atol=0.05)
 
 
 def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
     views = views_of()
-    jury = jury_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
-    assert not np.array_equal(view_brightness(jury.seen, views), np.ones(len(LIGHT)))
-    assert corrected_of(jury, views) is None
-    assert gain_of(jury.seen, views) < GAIN
+    holdout = holdout_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
+    assert not np.array_equal(view_brightness(holdout.seen, views), np.ones(len(LIGHT)))
+    assert corrected_of(holdout, views) is None
+    assert gain_of(holdout.seen, views) < GAIN
 
 
 def test_halves_that_disagree_keep_the_weights():
@@ -166,7 +166,7 @@ def test_halves_that_disagree_keep_the_weights():
     one, other = (shot_of(views, light).measurement for light in (LIGHT, 2 - LIGHT))
     torn = replace(shot_of(views), measurement=np.where(first[..., None], one, other))
     assert gain_of(torn, views) == 0
-    assert corrected_of(jury_of(torn), views) is None
+    assert corrected_of(holdout_of(torn), views) is None
 
 
 def test_one_half_that_tells_nothing_keeps_the_weights():
@@ -196,12 +196,12 @@ def test_what_brightens_one_part_of_the_picture_alone_is_no_lamp():
     views = views_of()
     changed = views.copy()
     changed[:, 10:24, 12:30] *= (1 + 2 * (LIGHT - 1))[:, None, None, None].astype(np.float32)
-    jury = jury_of(shot_of(changed, np.ones(len(LIGHT))))
-    found = estimate(jury, views)
+    holdout = holdout_of(shot_of(changed, np.ones(len(LIGHT))))
+    found = estimate(holdout, views)
     assert found.gain > GAIN
     assert found.errors_away < SETTINGS.least_errors
-    assert corrected_of(jury, views) is None
-    lit = estimate(jury_of(shot_of(views)), views)
+    assert corrected_of(holdout, views) is None
+    lit = estimate(holdout_of(shot_of(views)), views)
     assert lit.errors_away > 10 * SETTINGS.least_errors
 
 
@@ -226,11 +226,11 @@ def test_views_are_even_where_weights_were_told_or_where_that_is_wanted(weights,
 
 def test_views_are_shown_as_bright_as_they_were_seen_and_code_to_the_same_measurement():
     views = views_of()
-    jury = jury_of(shot_of(views))
-    found = estimate(jury, views)
-    believed = relit(jury, found)
+    holdout = holdout_of(shot_of(views))
+    found = estimate(holdout, views)
+    believed = relit(holdout, found)
     seen, even = (Brightness(found, found.found, as_seen) for as_seen in (True, False))
-    np.testing.assert_allclose(jury.coded(seen.shown(views)), believed.coded(even.shown(views)), rtol=1e-5)
+    np.testing.assert_allclose(holdout.coded(seen.shown(views)), believed.coded(even.shown(views)), rtol=1e-5)
     assert (seen.summary()["views"], even.summary()["views"]) == ("as-seen", "even")
     assert seen.summary()["used"] == found.found.tolist()
 

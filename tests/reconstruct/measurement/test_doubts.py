@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 
 def found_in(shot):
@@ -13,8 +13,8 @@ def found_in(shot):
 
 
 @pytest.fixture
-def jury(smooth_shot):
-    return Jury.of(smooth_shot, 0.1, seed=0)
+def holdout(smooth_shot):
+    return Holdout.of(smooth_shot, 0.1, seed=0)
 
 
 def test_an_ordinary_shot_raises_no_doubt_but_that_some_pixels_stay_dark(smooth_shot):
@@ -68,18 +68,18 @@ def test_a_picture_that_is_mostly_dark_is_told(smooth_shot):
     assert Code.MOSTLY_UNOPENED in found_in(replace(smooth_shot, masks=masks))
 
 
-def test_views_that_explain_the_measurement_raise_no_doubt(jury, smooth_shot):
-    assert doubts_about_result(jury, smooth_shot.truth.views) == ()
+def test_views_that_explain_the_measurement_raise_no_doubt(holdout, smooth_shot):
+    assert doubts_about_result(holdout, smooth_shot.truth.views) == ()
 
 
-def test_views_that_explain_no_more_than_grey_are_told(jury, smooth_shot):
+def test_views_that_explain_no_more_than_grey_are_told(holdout, smooth_shot):
     grey = np.broadcast_to(smooth_shot.truth.views.mean(axis=(0, 1, 2)), smooth_shot.truth.views.shape)
-    (doubt,) = doubts_about_result(jury, np.ascontiguousarray(grey))
+    (doubt,) = doubts_about_result(holdout, np.ascontiguousarray(grey))
     assert doubt.code is Code.LITTLE_EXPLAINED
 
 
 def test_without_held_out_pixels_nothing_is_said_of_the_result(smooth_shot):
-    nobody = Jury(smooth_shot, np.zeros(smooth_shot.size, bool))
+    nobody = Holdout(smooth_shot, np.zeros(smooth_shot.size, bool))
     assert nobody.grey_rms() is None
     assert doubts_about_result(nobody, smooth_shot.truth.views) == ()
 
@@ -87,4 +87,4 @@ def test_without_held_out_pixels_nothing_is_said_of_the_result(smooth_shot):
 def test_the_best_grey_leaves_nothing_of_a_grey_scene(smooth_shot):
     measurement = 0.3 * smooth_shot.masks.sum(axis=0)[..., None].repeat(3, axis=2).astype(np.float32)
     shot = replace(smooth_shot, measurement=measurement)
-    assert Jury.of(shot, 0.1, seed=0).grey_rms() == pytest.approx(0, abs=1e-6)
+    assert Holdout.of(shot, 0.1, seed=0).grey_rms() == pytest.approx(0, abs=1e-6)

@@ -14,7 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A lattice has at most four phases: after so many steps every position has been the reference of a group.
 _LOOK_EVERY: Final = 4
@@ -47,12 +47,12 @@ class _Watch:
     """Keeps the latest views that are about the best, and decides when to stop.
 
     Args:
-        jury: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels.
         least_gain: The share by which a round has to reduce the residual; None: it only must not be worse throughout.
     """
 
-    def __init__(self, jury: Jury, least_gain: float | None) -> None:
-        self._jury, self._least_gain = jury, least_gain
+    def __init__(self, holdout: Holdout, least_gain: float | None) -> None:
+        self._holdout, self._least_gain = holdout, least_gain
         self._left: list[float] = []
         self.steps = 0
         self.best: tuple[int, F32] | None = None
@@ -63,7 +63,7 @@ class _Watch:
         if self.steps % _LOOK_EVERY:
             return False
         views = np.clip(np.ascontiguousarray(planar.transpose(0, 2, 3, 1)), 0, 1)
-        left = self._jury.residual_rms(views)
+        left = self._holdout.residual_rms(views)
         if left is None:
             return False
         self._left.append(left)
@@ -79,7 +79,7 @@ class _Watch:
 
 
 def decode_until_settled(
-    jury: Jury,
+    holdout: Holdout,
     start: F32,
     settings: PatchSettings,
     progress: Progress | None = None,
@@ -88,7 +88,7 @@ def decode_until_settled(
     """Decode a measurement without its held-out pixels, as long as the residual at these decreases.
 
     Args:
-        jury: The measurement, and its held-out pixels. Without any, the whole schedule is run.
+        holdout: The measurement, and its held-out pixels. Without any, the whole schedule is run.
         start: The first views, [N, H, W, C] float32.
         settings: The whole schedule.
         progress: Receives each iteration and its relative residual.
@@ -98,22 +98,24 @@ def decode_until_settled(
     Raises:
         InputError: The settings make no sense.
     """
-    watch = _Watch(jury, least_gain)
-    last = patch_decode_from(jury.seen, start, settings, progress, watch)
+    watch = _Watch(holdout, least_gain)
+    last = patch_decode_from(holdout.seen, start, settings, progress, watch)
     if watch.best is None:
         return Settled(last, settings.last_sigma, watch.steps)
     step, views = watch.best
     return Settled(views, settings.sigmas[step - 1], watch.steps)
 
 
-def seen_to_the_end(jury: Jury, blind: F32, sigma: float) -> F32:
+def seen_to_the_end(holdout: Holdout, blind: F32, sigma: float) -> F32:
     """Continue a decode with all pixels, by a few last steps at the noise level at which it ended.
 
     On crops of two clips eight steps were within 0.03 dB of a decode of all pixels, at a twelfth of its cost.
 
     Args:
-        jury: The measurement.
+        holdout: The measurement.
         blind: Views decoded without the held-out pixels, [N, H, W, C].
         sigma: That level, full scale 1.
     """
-    return patch_decode_from(jury.shot, blind, replace(PatchSettings.to_the_end(), first_sigma=sigma, last_sigma=sigma))
+    return patch_decode_from(
+        holdout.shot, blind, replace(PatchSettings.to_the_end(), first_sigma=sigma, last_sigma=sigma)
+    )

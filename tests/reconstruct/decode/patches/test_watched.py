@@ -10,14 +10,14 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches import watched
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import decode_until_settled, seen_to_the_end
-from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 LONG = PatchSettings(iterations=40, first_sigma=0.1, last_sigma=0.02)
 PIXEL = np.ones((1, 1, 1, 1), np.float32)
 
 
 def told(left):
-    """A jury that finds these residuals, one at each look."""
+    """A holdout that finds these residuals, one at each look."""
     said = iter(left)
     return SimpleNamespace(residual_rms=lambda views: next(said))
 
@@ -48,12 +48,12 @@ def test_it_goes_on_as_long_as_a_round_gains(left, least_gain, steps, best):
 
 def test_a_watched_decode_of_noise_is_as_good_as_the_whole_schedule_and_ends_before_it(make_shot):
     shot = make_shot(slide=0.4, noise=0.1)
-    jury = Jury.of(shot, 0.1, 0)
-    start = gap_tv(jury.seen)
-    settled, whole = decode_until_settled(jury, start, LONG), patch_decode_from(jury.seen, start, LONG)
+    holdout = Holdout.of(shot, 0.1, 0)
+    start = gap_tv(holdout.seen)
+    settled, whole = decode_until_settled(holdout, start, LONG), patch_decode_from(holdout.seen, start, LONG)
     assert settled.steps < LONG.iterations
     assert settled.sigma in LONG.sigmas
-    assert jury.residual_rms(settled.views) <= 1.06 * jury.residual_rms(whole)
+    assert holdout.residual_rms(settled.views) <= 1.06 * holdout.residual_rms(whole)
     by_watch, by_schedule = (np.mean(psnr_per_view(views, shot.truth.views)) for views in (settled.views, whole))
     assert by_watch > by_schedule - 0.5
 
@@ -61,15 +61,15 @@ def test_a_watched_decode_of_noise_is_as_good_as_the_whole_schedule_and_ends_bef
 def test_without_held_out_pixels_the_schedule_is_gone_through(make_shot):
     shot = make_shot(slide=0.4)
     brief = PatchSettings(iterations=5, first_sigma=0.1, last_sigma=0.05)
-    settled = decode_until_settled(Jury.of(shot, 0.0, 0), gap_tv(shot), brief)
+    settled = decode_until_settled(Holdout.of(shot, 0.0, 0), gap_tv(shot), brief)
     np.testing.assert_array_equal(settled.views, patch_decode_from(shot, gap_tv(shot), brief))
     assert (settled.steps, settled.sigma) == (5, brief.last_sigma)
 
 
 def test_last_steps_take_in_the_pixels_that_were_held_out(make_shot):
-    jury = Jury.of(make_shot(slide=0.4), 0.1, 0)
-    blind = gap_tv(jury.seen)
-    assert jury.residual_rms(seen_to_the_end(jury, blind, 0.03)) < 0.7 * jury.residual_rms(blind)
+    holdout = Holdout.of(make_shot(slide=0.4), 0.1, 0)
+    blind = gap_tv(holdout.seen)
+    assert holdout.residual_rms(seen_to_the_end(holdout, blind, 0.03)) < 0.7 * holdout.residual_rms(blind)
 
 
 def test_a_schedule_is_entered_where_its_noise_has_fallen_so_far():

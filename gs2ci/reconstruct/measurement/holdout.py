@@ -43,17 +43,17 @@ def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
     return heldout
 
 
-class Jury:
-    """The held-out pixels, and how views are judged by them.
+class Holdout:
+    """A measurement, its held-out pixels, and how views are judged by these.
 
     Args:
         shot: The whole measurement.
-        heldout: Its held-out pixels, [H, W] bool.
+        pixels: Its held-out pixels, [H, W] bool.
     """
 
-    def __init__(self, shot: Shot, heldout: Bool) -> None:
+    def __init__(self, shot: Shot, pixels: Bool) -> None:
         self.shot = shot
-        self.heldout = heldout
+        self.pixels = pixels
         self._coding = Coding.of(shot)
 
     @classmethod
@@ -64,9 +64,9 @@ class Jury:
     @property
     def seen(self) -> Shot:
         """Get the shot with every mask closed over the held-out pixels, so that no stage can see them."""
-        if not self.heldout.any():
+        if not self.pixels.any():
             return self.shot
-        return without_pixels(self.shot, self.heldout)
+        return without_pixels(self.shot, self.pixels)
 
     def coded(self, views: F32) -> F32:
         """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""
@@ -78,14 +78,14 @@ class Jury:
 
         None if no pixel was held out; infinite if the views are not finite.
         """
-        if not self.heldout.any():
+        if not self.pixels.any():
             return None
         rms = float(np.sqrt(np.mean(self.squared_residuals(views))))
         return rms if np.isfinite(rms) else float("inf")
 
     def squared_residuals(self, views: F32) -> F64:
         """Return the mean squared residual of views [N, H, W, C] at each held-out pixel, [K] float64."""
-        residual = (self.coded(views) - self.shot.measurement)[self.heldout].astype(np.float64)
+        residual = (self.coded(views) - self.shot.measurement)[self.pixels].astype(np.float64)
         squared: F64 = np.mean(residual**2, axis=1)
         return squared
 
@@ -94,11 +94,11 @@ class Jury:
 
         A decoder that knows only how many masks are open at a pixel reaches the same.
         """
-        if not self.heldout.any():
+        if not self.pixels.any():
             return None
         white = np.ones((self.shot.views, *self.shot.size, self.shot.channels), np.float32)
-        light = self.coded(white)[self.heldout].astype(np.float64)
-        measured = self.shot.measurement[self.heldout].astype(np.float64)
+        light = self.coded(white)[self.pixels].astype(np.float64)
+        measured = self.shot.measurement[self.pixels].astype(np.float64)
         level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
         return float(np.sqrt(np.mean((measured - level * light) ** 2)))
 

@@ -10,7 +10,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout, surely_larger
+from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout, surely_larger
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_of_few_coded_pixels_one_judges_and_the_others_stay_visible(shot, coded,
 
 def test_what_is_seen_is_a_valid_shot_closed_over_the_held_out_pixels(shot):
     heldout = choose_heldout(shot, 0.1, seed=0)
-    seen = Jury(shot, heldout).seen.check()
+    seen = Holdout(shot, heldout).seen.check()
     assert (seen.masks[:, heldout] == 0).all()
     assert (seen.measurement[heldout] == 0).all()
     np.testing.assert_array_equal(seen.masks[:, ~heldout], shot.masks[:, ~heldout])
@@ -89,9 +89,9 @@ def test_what_is_seen_is_a_valid_shot_closed_over_the_held_out_pixels(shot):
 
 
 def test_without_held_out_pixels_everything_is_seen(shot):
-    jury = Jury(shot, np.zeros(shot.size, bool))
-    assert jury.seen is shot
-    assert jury.residual_rms(np.zeros((4, 30, 40, 3), np.float32)) is None
+    holdout = Holdout(shot, np.zeros(shot.size, bool))
+    assert holdout.seen is shot
+    assert holdout.residual_rms(np.zeros((4, 30, 40, 3), np.float32)) is None
 
 
 def test_what_was_measured_on_held_out_pixels_changes_no_bit_of_decode_and_residual(shot):
@@ -101,7 +101,7 @@ def test_what_was_measured_on_held_out_pixels_changes_no_bit_of_decode_and_resid
     scene_views = np.full((4, 30, 40, 3), 0.4, np.float32)
     results = []
     for measurement in (shot.measurement, other):
-        seen = Jury(replace(shot, measurement=measurement), heldout).seen
+        seen = Holdout(replace(shot, measurement=measurement), heldout).seen
         results.append(
             (gap_tv(seen, GapTvSettings(iterations=5)), decode_residual(seen, scene_views, ResidualSettings()))
         )
@@ -114,31 +114,31 @@ def test_views_are_judged_by_their_residual_on_the_held_out_pixels_alone(shot):
     views = np.random.default_rng(2).random((4, 30, 40, 3)).astype(np.float32)
     predicted = (shot.masks[..., None].astype(np.float64) * views).sum(axis=0)
     expected = np.sqrt(np.mean((predicted - shot.measurement)[heldout] ** 2))
-    jury = Jury(shot, heldout)
-    assert jury.residual_rms(views) == pytest.approx(expected, rel=1e-6)
+    holdout = Holdout(shot, heldout)
+    assert holdout.residual_rms(views) == pytest.approx(expected, rel=1e-6)
     views[:, ~heldout] = 1e6
-    assert jury.residual_rms(views) == pytest.approx(expected, rel=1e-6)
+    assert holdout.residual_rms(views) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_true_views_have_no_residual(shot):
     rng = np.random.default_rng(0)
     rng.random((4, 30, 40))
     truth = rng.random((4, 30, 40, 3)).astype(np.float32)
-    assert Jury.of(shot, 0.1, 0).residual_rms(truth) == pytest.approx(0, abs=1e-6)
+    assert Holdout.of(shot, 0.1, 0).residual_rms(truth) == pytest.approx(0, abs=1e-6)
 
 
 def test_views_behind_a_colour_filter_array_are_judged_on_the_mosaic(shot):
     mosaic = replace(shot, measurement=shot.measurement[..., :1], cfa="RGGB")
     views = np.random.default_rng(2).random((4, 30, 40, 3)).astype(np.float32)
-    jury = Jury.of(mosaic, 0.1, 0)
+    holdout = Holdout.of(mosaic, 0.1, 0)
     predicted = Coding.of(mosaic).forward(torch.from_numpy(views)).numpy()
-    expected = np.sqrt(np.mean((predicted - mosaic.measurement)[jury.heldout].astype(np.float64) ** 2))
-    assert jury.residual_rms(views) == pytest.approx(expected, rel=1e-6)
+    expected = np.sqrt(np.mean((predicted - mosaic.measurement)[holdout.pixels].astype(np.float64) ** 2))
+    assert holdout.residual_rms(views) == pytest.approx(expected, rel=1e-6)
 
 
 def test_views_that_are_not_finite_have_an_infinite_residual(shot):
     views = np.full((4, 30, 40, 3), np.nan, np.float32)
-    assert Jury.of(shot, 0.1, 0).residual_rms(views) == float("inf")
+    assert Holdout.of(shot, 0.1, 0).residual_rms(views) == float("inf")
 
 
 def test_luck_on_few_pixels_is_not_taken_for_being_better():
