@@ -25,6 +25,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# So does OpenBLAS, NumPy's and SciPy's. Its threads gain nothing on the small matrices here, and can make a
+# triangulation two thousand times slower beside another process (docs/decisions/0107-openblas-has-one-thread.md).
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command

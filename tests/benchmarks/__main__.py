@@ -26,6 +26,7 @@ BENCHMARKS = {
     "continuous": "tests.benchmarks.continuous",
     "video_out": "tests.benchmarks.video_out",
     "proxies": "tests.benchmarks.proxies",
+    "small_matrices": "tests.benchmarks.small_matrices",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
     "video": "tests.benchmarks.video",
