@@ -229,7 +229,7 @@ def make_table(
     entries = chosen.entries(options)
     check_place(output / "cells")
     with shown(progress) as display:
-        display.stage(f"bench {table}", len(entries))
+        display.stage(f"table {table}", len(entries))
         rows = complete(
             [entry.cell for entry in entries],
             Store(output / "cells", fresh=fresh),
