@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
+# torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs), and so do
+# OpenBLAS's threads over matrices too small to share (docs/decisions/0107-openblas-has-one-thread.md).
 export OMP_WAIT_POLICY := PASSIVE
-# and so do OpenBLAS's, over matrices too small to share (docs/decisions/0107-openblas-has-one-thread.md).
 export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: help install demo test test-as stability kernel check wheel docs benchmarks clean

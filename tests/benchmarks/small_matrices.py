@@ -2,31 +2,30 @@
 
     python -m tests.benchmarks small_matrices
 
-Each operation is timed in processes of their own, with one thread of OpenBLAS and with its default of one per core;
-first on an idle machine, then while one other process for each core counts. Times are the median of
-repetitions, in milliseconds; an operation is not repeated further once it has taken `_SECONDS`.
+Each row is timed in a process of its own, with one thread of OpenBLAS or with its default of one for each core, on idle
+cores or while another process keeps each of them busy. Times are means, in milliseconds, of as many repetitions as take
+a fifth of a second.
 """
 
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from timeit import Timer
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial import Delaunay
 
-_REPETITIONS = 20
-_SECONDS = 10.0
 _BUSY = "while True: sum(range(100000))"
 _VARIABLE = "OPENBLAS_NUM_THREADS"
 
 
 def run() -> None:
-    print("| cores | threads | " + " | ".join(operations()) + " |")
-    print("|---|---|" + "---|" * len(operations()))
+    names = operations().keys()
+    print("| cores | threads | " + " | ".join(names) + " |")
+    print("|---|---|" + "---|" * len(names))
     for cores, others in (("idle", 0), ("busy", len(os.sched_getaffinity(0)))):
         for threads in ("1", None):
             with _kept_busy(others):
@@ -61,17 +60,13 @@ def _timed_with(threads: str | None) -> str:
 
 
 def time_all() -> None:
-    """Print the median milliseconds of each operation, with this process's threads."""
-    print(" | ".join(f"{1e3 * _median_s(work):.3g}" for work in operations().values()))
+    """Print the mean milliseconds of each operation, with this process's threads."""
+    print(" | ".join(f"{1e3 * _mean_s(work):.2g}" for work in operations().values()))
 
 
-def _median_s(work: Callable[[], object]) -> float:
-    taken: list[float] = []
-    while len(taken) < _REPETITIONS and sum(taken) < _SECONDS:
-        begun = time.perf_counter()
-        work()
-        taken.append(time.perf_counter() - begun)
-    return float(np.median(taken))
+def _mean_s(work: Callable[[], object]) -> float:
+    repetitions, seconds = Timer(work).autorange()
+    return seconds / repetitions
 
 
 @contextmanager

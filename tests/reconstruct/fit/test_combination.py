@@ -194,13 +194,13 @@ def test_behind_a_colour_filter_array_only_the_channel_that_is_read_is_known(tru
     mosaic = replace(
         holdout.shot, measurement=np.take_along_axis(holdout.shot.measurement, channel, 2), cfa="RGGB"
     ).check()
-    judge = Holdout(mosaic, holdout.pixels)
+    of_mosaic = Holdout(mosaic, holdout.pixels)
     blind = noisy(truth, 8, 0.08)
-    left = mosaic.measurement - judge.coded(blind)
+    left = mosaic.measurement - of_mosaic.coded(blind)
     masks = mosaic.masks[..., None]
     step = masks * (left / np.maximum((masks**2).sum(axis=0), 1e-9))[None]
     full = (blind + np.where(np.arange(3) == channel, step, 0)).astype(np.float32)
-    found = expected_products(judge, [same(blind), Candidate(blind, full)], 0.0)
+    found = expected_products(of_mosaic, [same(blind), Candidate(blind, full)], 0.0)
     gained = [np.mean((truth - views)[:, holdout.pixels] ** 2, axis=2).sum(axis=0).mean() for views in (blind, full)]
     assert found[0, 0] - found[1, 1] == pytest.approx(gained[0] - gained[1], rel=0.2)
 
