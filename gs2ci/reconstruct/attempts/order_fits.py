@@ -43,8 +43,10 @@ class OrderFits:
 
         Infinite if the fit diverges. The same object must be given each time for the same geometry.
         """
-        # The measurement alone judges: surfaces estimated from the views of either order would confirm that order.
-        settings = replace(shortened(self.settings.fit), surfaces=None, relief=None)
+        # The measurement alone judges: surfaces estimated from the views of either order would confirm that order. And
+        # it judges the depths as they are: with steps that move them fast, a wrong order soon leaves hardly more.
+        short = shortened(self.settings.fit)
+        settings = replace(short, surfaces=None, relief=None, steps=replace(short.steps, in_view=None))
         at, start = self._beginning(geometry)
         member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
         try:

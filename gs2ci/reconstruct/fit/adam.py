@@ -5,10 +5,11 @@ torch's compiler, which takes three seconds of a run that may have eight. Not he
 are (`optimiser.py`, `poses.py`).
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.reconstruct.fit.gaussian_kernels import adam_step
@@ -34,20 +35,27 @@ class Adam:
             parameter: Any shape, in one piece of memory; of the same one each time, except for `follow`.
             rate: The step size.
         """
-        if parameter.grad is None:
-            return
-        values = parameter.detach()
+        if parameter.grad is not None:
+            self.move(parameter.detach().numpy(), parameter.grad.contiguous().numpy(), rate)
+
+    def move(self, values: NDArray[Any], gradient: NDArray[Any], rate: float) -> None:
+        """Move numbers against their gradient, in place.
+
+        Args:
+            values: Any shape, in one piece of memory; of the same one each time, except for `follow`.
+            gradient: By them.
+            rate: The step size.
+        """
         if self._mean is None or self._square is None:
-            self._mean, self._square = torch.zeros_like(values), torch.zeros_like(values)
+            zeros = torch.zeros_like(torch.from_numpy(values))
+            self._mean, self._square = zeros, zeros.clone()
         self._steps += 1
         constants = (
             *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
             *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
         )
-        flat = values.view(-1).numpy()
         moments = (self._mean.view(-1).numpy(), self._square.view(-1).numpy())
-        gradient = parameter.grad.contiguous().view(-1).numpy()
-        adam_step(flat, gradient, *moments, np.array(constants, flat.dtype))
+        adam_step(values.reshape(-1), gradient.reshape(-1), *moments, np.array(constants, values.dtype))
 
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""

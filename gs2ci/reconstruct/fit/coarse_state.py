@@ -20,11 +20,12 @@ from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
-from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of
+from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
+from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
 from gs2ci.reconstruct.geometry.sources import TOLD
@@ -89,7 +90,7 @@ class FitState:
         if settings.gaussians_per_pixel is not None:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
-        self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
+        self.optimiser = GaussianOptimiser(start, settings.steps, self.extent, _reference_view(geometry))
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
@@ -251,6 +252,14 @@ def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRen
         return None
     across, down = np.abs(pixel_rays(renderer)).max(axis=(0, 1)).tolist()
     return DepthField(settings.surfaces.depth_field, geometry.reference, (across, down))
+
+
+def _reference_view(geometry: Geometry) -> ReferenceView | None:
+    """Return the view in whose coordinates positions step; None without a path, when nothing tells depth."""
+    if geometry.verdict != "full":
+        return None
+    poses = geometry.world_to_camera
+    return ReferenceView(poses[geometry.reference], float(geometry.intrinsics[0, 0]), path_extent(poses))
 
 
 def _guard_memory(count: int, most: int | None, iteration: int) -> None:

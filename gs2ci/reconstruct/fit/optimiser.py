@@ -4,7 +4,7 @@ Here: step sizes and their schedule, and the bookkeeping that keeps Adam's momen
 added or removed. Not here: which are added or removed (`density/`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
+from gs2ci.reconstruct.fit.view_steps import ReferenceView, ViewAdam, ViewSteps
 from gs2ci.render.gaussians import Gaussians, all_finite
 from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
 
@@ -34,8 +35,11 @@ class StepSizes:
     opacities and colours (docs/decisions/0019-long-steps-for-short-schedules.md).
 
     Args:
-        means: In `unit`, at the start.
+        means: In `unit`, at the start. Not used where positions step in the coordinates of a view, but for the noise
+            that a density rule adds.
         means_final_share: The share of it left at the end; exponential in between.
+        in_view: Of positions in the coordinates of the reference view, if a camera path is known; None: they always
+            step in scene coordinates, by `means`.
         unit: Of lengths: of the means' step, and of the sizes that density rules judge.
         motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
             left at the end.
@@ -52,6 +56,7 @@ class StepSizes:
     unit: LengthUnit = "path diameter"
     motion: float = 3.84e-2
     harmonics: float = 6.6e-4
+    in_view: ViewSteps | None = field(default_factory=ViewSteps)
 
     @classmethod
     def of_schedule(cls, iterations: int) -> "StepSizes":
@@ -61,7 +66,8 @@ class StepSizes:
         """
         stride = min(LARGEST_STRIDE, max(1.0, (NATURAL_ITERATIONS / iterations) ** 0.5))
         natural = cls()
-        return replace(natural, **{name: getattr(natural, name) * stride for name in _STRETCHED})
+        in_view = None if natural.in_view is None else natural.in_view.times(stride)
+        return replace(natural, in_view=in_view, **{name: getattr(natural, name) * stride for name in _STRETCHED})
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
@@ -79,6 +85,7 @@ class StepSizes:
             means_final_share=0.01,
             motion=1.6e-4,
             harmonics=1.25e-4,
+            in_view=None,
         )
 
 
@@ -89,16 +96,23 @@ class GaussianOptimiser:
         scene: Where to start; copied.
         sizes: Step sizes.
         extent: Length that the means' step size is measured in, in scene units.
+        view: The view in whose coordinates positions step, if the step sizes have any for that; None: they step in
+            scene coordinates.
     """
 
-    def __init__(self, scene: Gaussians, sizes: StepSizes, extent: float) -> None:
+    def __init__(self, scene: Gaussians, sizes: StepSizes, extent: float, view: ReferenceView | None = None) -> None:
         self._sizes = sizes
         self._extent = extent
+        self._view = view
         self.scene = _leaves(scene)
-        self._adam = self._new_adam()
+        self._begin()
 
-    def _new_adam(self) -> dict[str, Adam]:
-        return {name: Adam() for name in self.scene.parameters()}
+    def _begin(self) -> None:
+        """Begin with moments of zero."""
+        self._adam = {name: Adam() for name in self.scene.parameters()}
+        self._in_view: ViewAdam | None = None
+        if self._view is not None and self._sizes.in_view is not None:
+            self._in_view = ViewAdam(self._view, self._sizes.in_view, self._adam["means"])
 
     def _initial_rate(self, name: str) -> float:
         rate = float(getattr(self._sizes, name))
@@ -119,8 +133,12 @@ class GaussianOptimiser:
             progress: Share of the schedule that is done, in [0, 1].
             damping: Further factor on every step size.
         """
-        for name, tensor in self.scene.parameters().items():
-            self._adam[name].step(tensor, self._rate(name, progress) * damping)
+        scene = self.scene
+        for name, tensor in scene.parameters().items():
+            if name == "means" and self._in_view is not None:
+                self._in_view.step(scene.means, scene.log_scales, progress, damping)
+            else:
+                self._adam[name].step(tensor, self._rate(name, progress) * damping)
         self.forget_gradient()
 
     def forget_gradient(self) -> None:
@@ -168,7 +186,7 @@ class GaussianOptimiser:
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
         self.scene = _leaves(scene)
-        self._adam = self._new_adam()
+        self._begin()
 
 
 def _leaves(scene: Gaussians) -> Gaussians:
