@@ -38,6 +38,15 @@ def shot(seed=0, **parts):
     return replace(given, **parts).check()
 
 
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """Leave the picture of each run empty: drawing takes half the time of a run as short as these.
+
+    It is drawn once, for `plain`; tests/evaluate/test_overview.py looks at it.
+    """
+    monkeypatch.setattr(run_folder, "write_overview", lambda path, *_: path.touch())
+
+
 @pytest.fixture
 def measured(tmp_path):
     return write_shots(tmp_path / "shot.h5", [shot(0), shot(1)])

@@ -208,7 +208,7 @@ HARD = {
     "no photons": {"photons": 0.0},
     "a billion photons": {"photons": 1e9, "masks": 2},
     "one mask": {"masks": 1},
-    "twelve masks": {"masks": 12},
+    "eight masks": {"masks": 8},
     "gaps as long as masks": {"dark_s": 0.02},
     "a microsecond": {"interval_s": 1e-6},
 }
