@@ -17,7 +17,7 @@ from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import backend
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
@@ -36,15 +36,6 @@ def shot(seed=0, **parts):
         name=f"noise {seed}",
     )
     return replace(given, **parts).check()
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """Leave the picture of each run empty: drawing takes half the time of a run as short as these.
-
-    It is drawn once, for `plain`; tests/evaluate/test_overview.py looks at it.
-    """
-    monkeypatch.setattr(run_folder, "write_overview", lambda path, *_: path.touch())
 
 
 @pytest.fixture
