@@ -255,6 +255,7 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
 def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
     shot, without = moved
     brief = replace(QUICK, fit=rescheduled(QUICK.fit, 10), fine=FineSettings(iterations=2), motion="on")
+    brief = replace(brief, long_decode=None, polish=None)
     assert Code.FINE_LEFT_OUT in [note.code for note in reconstruct(shot, brief).result.notes]
     assert Code.FINE_LEFT_OUT not in [note.code for note in without.result.notes]
 
