@@ -15,6 +15,8 @@ from gs2ci.reconstruct.geometry.initialise import initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.coding import cfa_channels, select
 
+pytestmark = pytest.mark.slow
+
 
 def load(folder, name):
     path = folder / f"{name}.npz"

@@ -32,6 +32,8 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
+pytestmark = pytest.mark.slow
+
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 STEP_PX = 1.5
 CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])

@@ -35,6 +35,8 @@ from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
+pytestmark = pytest.mark.slow
+
 SIZE = (24, 32)
 STILL = StageMove((0.0, 0.0, 0.0))
 

@@ -22,6 +22,8 @@ from gs2ci.rig.recording import prepare, record
 from gs2ci_drivers.failures import DriverError
 from gs2ci_sims import faults as fault_kinds
 
+pytestmark = pytest.mark.slow
+
 TABLE = Path(__file__).parents[2] / "docs" / "faults.md"
 TOLERATED = "tolerated"
 SHOTS = 2
