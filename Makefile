@@ -7,6 +7,8 @@ STAMP := $(VENV)/.installed
 # OpenBLAS's threads over matrices too small to share (docs/decisions/0107-openblas-has-one-thread.md).
 export OMP_WAIT_POLICY := PASSIVE
 export OPENBLAS_NUM_THREADS := 1
+# Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install demo test test-as stability kernel check wheel docs benchmarks clean
 

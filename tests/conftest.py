@@ -88,6 +88,15 @@ def gs2ci(monkeypatch):
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the pictures of runs empty: drawing takes longer than all else that becomes of a small one.
+
+    tests/evaluate/test_overview.py looks at them, and fixtures of whole files, which come before this, have theirs.
+    """
+    monkeypatch.setattr("gs2ci.evaluate.run_folder.write_overview", lambda path, *_: path.touch())
+
+
+@pytest.fixture
 def random_shot():
     """A shot of six random views, 16 x 20 px, whose views and path are known."""
     draws = np.random.default_rng(0)

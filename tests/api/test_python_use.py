@@ -18,6 +18,8 @@ from gs2ci.api import display
 from gs2ci.api.display import NotebookDisplay, QuietDisplay, interrupted_within, open_display
 from gs2ci.core.findings import Code
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def test_a_shot_is_made_of_arrays_of_any_kind():
     masks = np.arange(4 * 6 * 8).reshape(4, 6, 8) % 3 == 0

@@ -18,6 +18,8 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.presets.named import PRESETS
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = replace(PRESETS["draft"], fit=replace(PRESETS["draft"].fit, iterations=1))
 FILES = {"report.json", "report.html", "views.npy"}
 

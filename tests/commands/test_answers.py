@@ -16,6 +16,8 @@ from gs2ci_calibration.estimates import Estimate
 from tests.api.conftest import examples, filled
 from tests.evaluate.conftest import make_run, scene
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 __all__ = ["examples", "filled", "make_run", "scene"]
 
 

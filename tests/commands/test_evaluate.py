@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -18,9 +19,10 @@ from gs2ci.render.gaussians import Gaussians
 SIZE = (12, 16)
 
 
-@pytest.fixture
-def finished(tmp_path):
-    """A shot file and the run folder of a grey wall that was recovered nearly right."""
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder with a shot file and the run folder of a grey wall that was recovered nearly right."""
+    folder = tmp_path_factory.mktemp("written")
     grey = np.full((2, *SIZE, 3), 0.5, np.float32)
     masks = np.ones((2, *SIZE), np.float32)
     poses = np.tile(np.eye(4), (2, 1, 1))
@@ -35,7 +37,16 @@ def finished(tmp_path):
     )  # fmt: skip
     one = torch.zeros(1, 3)
     scene = Gaussians(one + torch.tensor([0, 0, 1.0]), one, torch.tensor([[1.0, 0, 0, 0]]), torch.zeros(1), one)
-    return write_shots(tmp_path / "shot.h5", [shot]), write_run(tmp_path / "run", shot, result, scene)
+    write_shots(folder / "shot.h5", [shot])
+    write_run(folder / "run", shot, result, scene)
+    return folder
+
+
+@pytest.fixture
+def finished(written, tmp_path):
+    """The two, copied: to draw a run anew takes forty times as long."""
+    shutil.copytree(written, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "shot.h5", tmp_path / "run"
 
 
 def test_all_figures_are_printed_and_written(finished, tmp_path, capsys):

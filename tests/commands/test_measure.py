@@ -14,6 +14,8 @@ from gs2ci.core.run_records import VERDICTS, RunResult
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.render.gaussians import Gaussians
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIZE = (12, 16)
 
 

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import backend
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])

@@ -10,6 +10,8 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import costs, trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
 
 

@@ -14,6 +14,8 @@ from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.gaussians import Gaussians
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def one_gaussian():
     one = torch.zeros(1, 3)

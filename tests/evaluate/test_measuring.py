@@ -10,6 +10,8 @@ from gs2ci.evaluate.evaluation import read_run
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.run_folder import write_run
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 # Of the light; depth errs by 0.6 of it.
 SPREAD = 0.01
 ERROR = 0.6 * SPREAD

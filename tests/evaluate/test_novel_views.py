@@ -15,6 +15,8 @@ from gs2ci.evaluate.trajectory import align
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 CAMERA = np.array([[60.0, 0, 24], [0, 60, 16], [0, 0, 1]])
 SIZE = (32, 48)
 

@@ -9,6 +9,8 @@ from gs2ci.core.records import Truth
 from gs2ci.evaluate.overview import DPI, draw_overview, write_overview
 from gs2ci.evaluate.run_report import build_report
 
+pytestmark = pytest.mark.slow
+
 
 def drawn(shot, result):
     """Draw a run; return the picture's ink, [H, W] in 0..1, the figure and its axes by title."""

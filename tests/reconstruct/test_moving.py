@@ -32,6 +32,8 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
+pytestmark = pytest.mark.slow
+
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 STEP_PX = 1.5
 CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
@@ -255,6 +257,7 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
 def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
     shot, without = moved
     brief = replace(QUICK, fit=rescheduled(QUICK.fit, 10), fine=FineSettings(iterations=2), motion="on")
+    brief = replace(brief, long_decode=None, polish=None)
     assert Code.FINE_LEFT_OUT in [note.code for note in reconstruct(shot, brief).result.notes]
     assert Code.FINE_LEFT_OUT not in [note.code for note in without.result.notes]
 

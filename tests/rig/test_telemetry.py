@@ -12,6 +12,8 @@ from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry import stage as steps
 from gs2ci_drivers.plan import Travel
 
+pytestmark = pytest.mark.slow
+
 # The rig file takes the x axis for square to the camera's; it truly runs 5 degrees off, 2 % too far and 0.5 % too fast.
 TRUE_X = (0.996195, 0.070000, 0.052000)
 RIG = f"""

@@ -35,6 +35,8 @@ from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
+pytestmark = pytest.mark.slow
+
 SIZE = (24, 32)
 STILL = StageMove((0.0, 0.0, 0.0))
 
@@ -208,7 +210,7 @@ HARD = {
     "no photons": {"photons": 0.0},
     "a billion photons": {"photons": 1e9, "masks": 2},
     "one mask": {"masks": 1},
-    "twelve masks": {"masks": 12},
+    "eight masks": {"masks": 8},
     "gaps as long as masks": {"dark_s": 0.02},
     "a microsecond": {"interval_s": 1e-6},
 }

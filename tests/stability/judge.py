@@ -143,7 +143,7 @@ def judge(case: Case, scale: Scale) -> Outcome:
     """Run a case and judge what comes of it; errors of gs2ci's own kind are outcomes, any other one is a problem."""
     scale = replace(scale, size=case.size or scale.size, iterations=case.iterations or scale.iterations)
     try:
-        shot, result = run(case, scale)
+        shot, result = easy_run(case.bench.scene, scale) if case is EASY else run(case, scale)
     except MemoryError as error:
         return Outcome("refused", problems=(str(error),))
     except Gs2ciError as error:
@@ -397,11 +397,17 @@ def beyond_easy(notes: tuple[Finding, ...], easy: Easy) -> tuple[Finding, ...]:
     return tuple(note for note in notes if note.code not in common)
 
 
+@lru_cache(maxsize=1)
+def easy_run(scene: str, scale: Scale) -> tuple[Shot, RunResult]:
+    """Run the easy case of a scene; the case that is easy itself is then graded against its own run."""
+    return run(replace(EASY, bench=replace(EASY.bench, scene=scene)), scale)
+
+
 @lru_cache(maxsize=32)
 def easy_at(scene: str, scale: Scale) -> Easy:
     """Return what the easy case of a scene reaches at this scale."""
     case = replace(EASY, bench=replace(EASY.bench, scene=scene))
-    shot, result = run(case, scale)
+    shot, result = easy_run(scene, scale)
     scores = _scores(case, shot, result)
     assert scores is not None
     depth = depth_score(case, shot, result)

@@ -18,6 +18,8 @@ from gs2ci.rig.simulated import build_bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 
+pytestmark = pytest.mark.slow
+
 FILES = sorted((Path(__file__).parents[2] / "docs" / "rigs").glob("*.toml"))
 # What stands on a real bench beside the devices: their true figures, and a scene.
 SURROUNDINGS = {

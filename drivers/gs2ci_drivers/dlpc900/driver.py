@@ -183,17 +183,18 @@ class Dlpc900(Modulator):
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
         settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
-        if digest_masks(sequence) == self._on_device:
+        digest = digest_masks(sequence)
+        if digest == self._on_device:
             return settings_s
-        return settings_s + self._encoded(sequence).upload_s
+        return settings_s + self._encoded(sequence, digest).upload_s
 
-    def _encoded(self, sequence: PatternSequence) -> ImageSet:
-        if self._images is None or self._images.digest != digest_masks(sequence):
-            self._images = encode_images(sequence, self.settings, dual=self._dual)
+    def _encoded(self, sequence: PatternSequence, digest: bytes) -> ImageSet:
+        if self._images is None or self._images.digest != digest:
+            self._images = encode_images(sequence, self.settings, dual=self._dual, digest=digest)
         return self._images
 
     def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
-        images = self._encoded(sequence)
+        images = self._encoded(sequence, digest_masks(sequence))
         keep = images.digest == self._on_device
         self._on_device = b""  # from here on the images count as lost until the upload is complete
         self._running = None

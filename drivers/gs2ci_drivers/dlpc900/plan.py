@@ -79,13 +79,16 @@ def digest_masks(sequence: PatternSequence) -> bytes:
     return hashlib.blake2b(np.ascontiguousarray(sequence.masks).data, digest_size=16, key=head[:64]).digest()
 
 
-def encode_images(sequence: PatternSequence, settings: Dlpc900Options, *, dual: bool) -> ImageSet:
+def encode_images(
+    sequence: PatternSequence, settings: Dlpc900Options, *, dual: bool, digest: bytes | None = None
+) -> ImageSet:
     """Pack and encode the masks of a sequence.
 
     Args:
         sequence: With [N, H, W] uint8 or uint16 levels of at most 8 bits.
         settings: Compression and firmware profile.
         dual: Whether two controllers drive half the columns each.
+        digest: What `digest_masks` says of the sequence, where it has been asked already: it takes as long as packing.
     """
     levels: U8 = sequence.masks.astype(np.uint8, copy=False)
     pixel_format = firmware.profile(settings.firmware).pixel_format
@@ -96,4 +99,4 @@ def encode_images(sequence: PatternSequence, settings: Dlpc900Options, *, dual: 
         primary.append(encode_block(left, compression, pixel_format))
         if right is not None:
             secondary.append(encode_block(right, compression, pixel_format))
-    return ImageSet(digest_masks(sequence), tuple(primary), tuple(secondary))
+    return ImageSet(digest or digest_masks(sequence), tuple(primary), tuple(secondary))

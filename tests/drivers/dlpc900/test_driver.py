@@ -210,7 +210,7 @@ def test_the_upload_takes_about_the_time_that_was_announced(bench: Bench) -> Non
     shares: list[float] = []
     report = bench.modulator.upload(SEQUENCE, shares.append)
     assert report.seconds == pytest.approx(eta_s, rel=0.1)
-    assert report.payload_bytes == sum(len(block) for block in bench.modulator._encoded(SEQUENCE).primary)
+    assert report.payload_bytes == bench.modulator._images.total_bytes
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

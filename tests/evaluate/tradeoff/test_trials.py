@@ -16,10 +16,11 @@ MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iterati
 
 
 def quick(name):
-    """The trial with a fit of three iterations."""
+    """The trial with one fit of three iterations, and without the stages that come when the fit is done."""
     trial = TRIALS[name]
     fit = replace(trial.settings.fit, iterations=3)
-    return replace(trial, settings=replace(trial.settings, fit=fit))
+    left_out = {"fits": 1, "long_decode": None, "polish": None, "look_again": False, "motion": "off"}
+    return replace(trial, settings=replace(trial.settings, fit=fit, **left_out))
 
 
 @pytest.fixture

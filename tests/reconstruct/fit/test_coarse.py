@@ -31,6 +31,8 @@ from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
+pytestmark = pytest.mark.slow
+
 # Surfaces have tests of their own: those of the loop count its renderings.
 FIELD = DepthFieldSettings()
 QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=HoldOut(share=0.05, look_every=10))

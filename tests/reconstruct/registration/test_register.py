@@ -12,6 +12,8 @@ from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 from tests.reconstruct.registration.warps import blurred, warped
 
+pytestmark = pytest.mark.slow
+
 
 def test_nothing_wrong_changes_nothing(bench):
     shot = bench.shoot()

@@ -20,6 +20,8 @@ from gs2ci_sims.exact import ExactRenderer
 from tests.sims.adversaries import FAMILIES
 from tests.sims.families import FAMILY, SAMPLED, Case, ratios, reversing
 
+pytestmark = pytest.mark.slow
+
 IDLE_BELOW = 0.1
 EXAMPLES = 12
 RASTERISED = 1.5

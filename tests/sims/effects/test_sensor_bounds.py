@@ -36,6 +36,8 @@ from tests.sims.sensor_family import (
     sensor_ratios,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def look():
