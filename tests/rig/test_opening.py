@@ -12,11 +12,11 @@ from gs2ci.rig.calibrating import operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci.tables.truth import truth_of
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Darkness, World
+from tests.bench_truth import truth_of
 
 
 def simulated(tmp_path, **tables):
