@@ -6,16 +6,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class IlluminationFlicker(BoundedRecord):
+class IlluminationFlicker(EffectRecord):
     """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is random: nothing is locked to the mains.
 
     `depth` is percent flicker / 100, (max - min) / (max + min) (IEEE 1789-2015, section 3).
@@ -25,10 +24,8 @@ class IlluminationFlicker(BoundedRecord):
         mains_hz: Frequency of the supply; light oscillates at twice that.
     """
 
-    name: ClassVar[str] = "illumination_flicker"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.2
-    fixed_pattern: ClassVar[bool] = False
 
     depth: Annotated[float, Field(ge=0, le=1)]
     mains_hz: Positive = 50.0

@@ -6,16 +6,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class LcosFlicker(BoundedRecord):
+class LcosFlicker(EffectRecord):
     """Multiply all transmissions by 1 + depth cos(2 pi drive t), synchronous with the masks: they share a clock.
 
     The molecules follow the pulses of a digital drive (Hermerschmidt et al., Proc. SPIE 7723 (2010), on phase
@@ -26,10 +25,8 @@ class LcosFlicker(BoundedRecord):
         drive_hz: Frequency of the pulse sequence.
     """
 
-    name: ClassVar[str] = "lcos_flicker"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.2
-    fixed_pattern: ClassVar[bool] = False
 
     depth: Annotated[float, Field(ge=0, le=1)]
     drive_hz: Positive = 300.0
