@@ -20,6 +20,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import Cameras
+from gs2ci.render.ply import named_columns, ply_bytes
 
 VOXELS: Final = 160
 VOXEL_RANGE: Final = (8, 512)
@@ -98,24 +99,9 @@ def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
     Raises:
         StorageError: The file cannot be written.
     """
-    vertex = np.dtype([(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")])
-    table = np.empty(len(mesh.vertices), vertex)
-    for k, name in enumerate("xyz"):
-        table[name] = mesh.vertices[:, k]
-    for k, name in enumerate(("red", "green", "blue")):
-        table[name] = np.rint(255 * mesh.colours[:, k])
-    corners = np.empty(len(mesh.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
-    corners["count"], corners["corners"] = 3, mesh.faces
-    header = "\n".join(
-        [
-            *("ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"),
-            *(f"property float {axis}" for axis in "xyz"),
-            *(f"property uchar {name}" for name in ("red", "green", "blue")),
-            f"element face {len(corners)}",
-            *("property list uchar int vertex_indices", "end_header\n"),
-        ]
-    )
-    return write_whole(path, header.encode("ascii") + table.tobytes() + corners.tobytes())
+    colours = np.rint(255 * mesh.colours).astype(np.uint8)
+    vertices = {**named_columns("xyz", mesh.vertices), **named_columns(("red", "green", "blue"), colours)}
+    return write_whole(path, ply_bytes(vertices, mesh.faces))
 
 
 def _box(depth: F32, believed: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
