@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci_drivers.ports import BytePort, HidPort, MappedMemory, SysPort
 
 T = TypeVar("T")
@@ -155,7 +155,7 @@ class Trace(CallLog):
     def _refused(self, error: OSError) -> StorageError:
         """Make an error that cannot be mistaken for one of the port."""
         return StorageError(
-            f"the wire trace {self._path} cannot be written ({error.strerror})",
+            f"the wire trace {self._path} cannot be written ({reason_of(error)})",
             remedy="check the folder and its free space, or set trace = false in the rig file",
         )
 

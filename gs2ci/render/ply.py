@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, reason_of
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, coefficients
@@ -94,7 +94,7 @@ def read_ply_scene(path: str | Path) -> PlyScene:
             header = _read_header(path, file)
             table = _read_text(path, file, header) if header.text else _read_binary(path, file, header)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}", remedy="check the path") from error
+        raise InputError(f"{path}: {reason_of(error)}", remedy="check the path") from error
     rest = _rest_names(path, header)
     known = {*_REQUIRED, *_NORMAL, *rest}
     gaussians = Gaussians(
