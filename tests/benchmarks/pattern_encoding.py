@@ -28,7 +28,7 @@ def _checker() -> U8:
     return np.stack([(x + y + k) % 2 for k in range(PLANES)]).astype(np.uint8)
 
 
-def main() -> None:
+def run() -> None:
     """Print one row per kind of masks and coding."""
     masks = {
         "random 1 × 1": _random(1),
@@ -57,7 +57,3 @@ def main() -> None:
                 f"{upload_s(len(block)):.1f}",
             )
     Console().print(table)
-
-
-if __name__ == "__main__":
-    main()
