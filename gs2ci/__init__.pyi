@@ -5,8 +5,6 @@ from gs2ci.api.decoding import decode as decode
 from gs2ci.api.demonstration import demo_rig as demo_rig
 from gs2ci.api.exports import export as export
 from gs2ci.api.exports import mesh as mesh
-from gs2ci.api.judging import evaluate as evaluate
-from gs2ci.api.judging import measure as measure
 from gs2ci.api.many import reconstruct_many as reconstruct_many
 from gs2ci.api.models import add_model as add_model
 from gs2ci.api.models import export_model as export_model
@@ -22,6 +20,8 @@ from gs2ci.api.rigs import find_devices as find_devices
 from gs2ci.api.rigs import open_rig as open_rig
 from gs2ci.api.runs import Run as Run
 from gs2ci.api.runs import open_run as open_run
+from gs2ci.api.scoring import evaluate as evaluate
+from gs2ci.api.scoring import measure as measure
 from gs2ci.api.shots import import_file as import_file
 from gs2ci.api.shots import load as load
 from gs2ci.api.shots import recover as recover

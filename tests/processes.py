@@ -7,10 +7,15 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import Final, TypeVar
 
 Task = TypeVar("Task")
 Row = TypeVar("Row")
+
+_THREADS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+ONE_THREAD: Final = {**dict.fromkeys(_THREADS, "1"), "OMP_WAIT_POLICY": "PASSIVE"}
+"""Environment of a process with one thread, read when it starts: libraries that count cores would otherwise take them
+all, in every process."""
 
 
 def side_by_side(work: Callable[[Task], Row], tasks: Iterable[Task], jobs: int | None = None) -> Iterator[Row]:
@@ -21,8 +26,6 @@ def side_by_side(work: Callable[[Task], Row], tasks: Iterable[Task], jobs: int |
         tasks: What is handed over must be picklable.
         jobs: Processes; by default one for each core that this process may use.
     """
-    # Read when a process starts: libraries that count cores would otherwise take them all, in every process.
-    threads = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-    os.environ.update(dict.fromkeys(threads, "1"))
+    os.environ.update(ONE_THREAD)
     with ProcessPoolExecutor(jobs or len(os.sched_getaffinity(0)), mp_context=get_context("spawn")) as pool:
         yield from pool.map(work, tasks)

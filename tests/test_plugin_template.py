@@ -181,7 +181,7 @@ def test_what_is_no_effect_is_refused(template, monkeypatch):
 
 def test_an_effect_cannot_take_the_name_of_ours(template, monkeypatch):
     class Twice(light_paths.ShotNoise):
-        pass
+        name = "shot_noise"
 
     light_paths._plugged.cache_clear()
     monkeypatch.setattr(light_paths, "names", lambda _: ["shot_noise"])

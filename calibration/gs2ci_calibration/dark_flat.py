@@ -19,8 +19,8 @@ from gs2ci_calibration.frames import (
     SIGNIFICANT,
     Dark,
     check_dead,
+    check_lamp,
     check_stack,
-    judge_lamp,
     mean_and_variance,
     mean_error,
     root,
@@ -184,7 +184,7 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
     """
     check_stack(STEP, flat)
     level_dark = found.dark.at(exposure_s)
-    lamp = judge_lamp(STEP, flat, level_dark)
+    lamp = check_lamp(STEP, flat, level_dark)
     signal = flat.astype(np.float64) - level_dark
     # Changes of the lamp are common to all pixels and do not count as their noise.
     levels = np.median(signal, axis=(1, 2))

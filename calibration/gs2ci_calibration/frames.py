@@ -164,7 +164,7 @@ class Lamp:
     drift: float
 
 
-def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
+def check_lamp(step: str, frames: F32, dark: F64) -> Lamp:
     """Return the unsteadiness of the light over frames [K, H, W], K of 3 or more, with the given dark level [H, W].
 
     Raises:

@@ -111,10 +111,10 @@ def probe_mask(bench: Bench, masks: Section) -> Probe:
     """
     stack = _take(bench, 0)
     valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
-    return judge(stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, 0)
+    return compare(stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, 0)
 
 
-def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:
+def compare(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:
     """Compare frames with a bundle's masks.
 
     Args:

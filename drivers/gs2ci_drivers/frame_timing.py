@@ -1,7 +1,7 @@
 """Comparing frames with the triggers that they answer, by their time stamps.
 
 Here: what is recorded while one start of the modulator is served (`Fire`), and the checks. Not here: the capture
-(`acquisition.py`), checks of a frame by itself (`v4l2/judge.py`, `genicam/judge.py`).
+(`acquisition.py`), checks of a frame by itself (`frame_checks.py`).
 """
 
 from dataclasses import dataclass, field

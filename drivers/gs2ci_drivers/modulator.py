@@ -210,7 +210,7 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._armed = False
         self._do_disarm()
 
-    def judge_pulses(self, counted: int) -> PulseVerdict:
+    def interpret_pulses(self, counted: int) -> PulseVerdict:
         """Say what a number of pulses of the trigger output during one whole run of the loaded sequence means.
 
         Raises:
@@ -218,9 +218,9 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         """
         if self._loaded is None:
             raise WrongStateError(
-                self.name, "no sequence is loaded", asked="judge pulses", remedy="call upload() first"
+                self.name, "no sequence is loaded", asked="interpret pulses", remedy="call upload() first"
             )
-        return self._do_judge_pulses(self._loaded, counted)
+        return self._do_interpret_pulses(self._loaded, counted)
 
     def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str, end_s: float) -> None:
         """Poll until a sequence no longer runs, or raise NoAnswerError: for devices that do not report the end.
@@ -257,7 +257,7 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         """Wait until a time; overridden by drivers whose masks the host steps."""
         self.clock.sleep_s(until_s - self.clock.now_s())
 
-    def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
+    def _do_interpret_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
         """Compare with what was requested; overridden if firmware revisions interpret a setting differently."""
         expected = sequence.pulses
         said = f"{counted} pulses were seen and {expected} expected"

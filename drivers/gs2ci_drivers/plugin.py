@@ -12,16 +12,16 @@ from gs2ci.core.clock import Clock
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.plugins import PluginError, load
 from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.ports import BytePort, HidPort, SysPort
+from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 
-Port = BytePort | HidPort | SysPort
-PortKind = Literal["bytes", "hid", "sys"]
+Port = BytePort | HidPort | SysPort | CameraPort | ScreenPort
+PortKind = Literal["bytes", "hid", "sys", "camera", "screen"]
 
 BUILT_IN: dict[str, tuple[str, ...]] = {
-    "gs2ci.modulators": ("dlpc900", "scpi", "santec"),
-    "gs2ci.sensors": ("v4l2",),
+    "gs2ci.modulators": ("dlpc900", "scpi", "santec", "video"),
+    "gs2ci.sensors": ("v4l2", "genicam"),
     "gs2ci.stages": ("zaber", "grbl"),
 }
 """Kinds that gs2ci opens itself."""
@@ -29,7 +29,7 @@ BUILT_IN: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class DriverPlugin:
-    """A driver from another package.
+    """A driver, built in (`gs2ci.rig.opening.DRIVERS`) or from another package.
 
     Args:
         settings: The device's table in a rig file: a `ConfigTable` with `kind: Literal["NAME"]`, NAME being the entry
@@ -37,7 +37,7 @@ class DriverPlugin:
             the fields that the rig reads of the built-in ones: inherit from `V4l2Options` or `ZaberOptions`.
         port: Opens the real port from the device's name and its settings.
         driver: Makes the device from its name, the open port, the clock and the settings. It closes the port.
-        port_kind: What kind of port it is, so that a trace can wrap it.
+        port_kind: What kind of port it is, so that a trace can wrap it; a screen's pictures are not traced.
         twin: Makes a simulated device from a `gs2ci_sims.world.World` and the settings: an object whose `open()`
             gives such a port, with `plug_in()` and `unplug()`. None: it cannot be simulated. A modulator's twin shows
             its masks by `World.show_mask` and pulses `modulator.out` on `World.bus`.

@@ -20,13 +20,15 @@ Here: the interfaces and the guard that translates a port's errors. Not here: re
 
 import errno
 import mmap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 from gs2ci.core.arrays import U8
-from gs2ci_drivers.failures import AccessError, DisconnectedError, NoAnswerError
+from gs2ci_drivers.failures import AccessError, BadReplyError, DisconnectedError, NoAnswerError
+
+T = TypeVar("T")
 
 MappedMemory = mmap.mmap
 """A kernel buffer mapped into this process; a twin returns anonymous memory of the same type."""
@@ -367,3 +369,22 @@ def port_errors(device: str, asked: str, *, timeout_s: float = 0.0) -> Iterator[
                 remedy="run `gs2ci doctor`: it prints the udev rules to install and who holds the port",
             ) from error
         raise DisconnectedError(device, asked, error) from error
+
+
+def with_one_retry(request: Callable[[], T], incidents: list[str]) -> T:
+    """Send a request; if its answer is lost or damaged, note that and send it once more.
+
+    Only for requests that change nothing, or that may be repeated: a motion is never sent twice.
+
+    Args:
+        request: Sends the request and returns its answer.
+        incidents: Receives the problem if there was one.
+
+    Raises:
+        NoAnswerError, BadReplyError: No usable answer, twice.
+    """
+    try:
+        return request()
+    except (NoAnswerError, BadReplyError) as error:
+        incidents.append(f"{error}; asked again")
+    return request()

@@ -14,13 +14,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TextIO, TypeVar
+from typing import Any, Generic, Protocol, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci_drivers.ports import BytePort, HidPort, MappedMemory, SysPort
 
 T = TypeVar("T")
+Port = TypeVar("Port")
 
 SCHEMA = "gs2ci.wire/1"
 _PACK_FROM_BYTES = 256
@@ -57,6 +58,13 @@ class Call:
     error: str = ""
     t_s: float = 0.0
 
+    def returned(self, result: object) -> None:
+        """Put in what was returned: bytes, a number or names; other objects are not noted."""
+        if isinstance(result, bytes):
+            self.got.append(result)
+        elif isinstance(result, int | list):
+            self.result = result
+
     def to_line(self) -> str:
         """Return the call as one line of JSON, leaving out what is empty."""
         row: dict[str, Any] = {"t": round(self.t_s, 9), "op": self.op}
@@ -86,11 +94,14 @@ class CallLog(Protocol):
         """Write no more; a second call does nothing."""
         ...
 
-    def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
-        """Run `action`, let `outcome` put its result into `call`, write the call down, pass on the result or error."""
+    def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None] | None = None) -> T:
+        """Run `action`, let `outcome` put its result into `call`, write the call down, pass on the result or error.
+
+        Without `outcome`, `Call.returned` does so.
+        """
         try:
             result = action()
-            outcome(result)
+            (outcome or call.returned)(result)
         except OSError as error:
             call.errno, call.error = (0 if isinstance(error, TimeoutError) else error.errno or -1), str(error)
             raise
@@ -144,26 +155,34 @@ class Trace(CallLog):
     def _refused(self, error: OSError) -> StorageError:
         """Make an error that cannot be mistaken for one of the port."""
         return StorageError(
-            f"the wire trace {self._path} cannot be written ({error.strerror})",
+            f"the wire trace {self._path} cannot be written ({reason_of(error)})",
             remedy="check the folder and its free space, or set trace = false in the rig file",
         )
 
 
-class TracedHid:
-    """A `HidPort` that writes down what passes."""
+class TracedPort(Generic[Port]):
+    """A port that writes down what passes.
 
-    def __init__(self, port: HidPort, trace: CallLog) -> None:
+    Args:
+        port: The port.
+        trace: Where it is written down.
+    """
+
+    def __init__(self, port: Port, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
+
+
+class TracedHid(TracedPort[HidPort]):
+    """A `HidPort` that writes down what passes."""
 
     def write(self, report: bytes, timeout_s: float) -> None:
         """Send one report and note it."""
-        self._trace.note(Call("write", sent=[report]), lambda: self._port.write(report, timeout_s), lambda none: None)
+        self._trace.note(Call("write", sent=[report]), lambda: self._port.write(report, timeout_s))
 
     def read(self, timeout_s: float) -> bytes:
         """Receive one report and note it."""
-        call = Call("read")
-        return self._trace.note(call, lambda: self._port.read(timeout_s), call.got.append)
+        return self._trace.note(Call("read"), lambda: self._port.read(timeout_s))
 
     def close(self) -> None:
         """Close port and trace."""
@@ -171,21 +190,16 @@ class TracedHid:
         self._trace.close()
 
 
-class TracedBytes:
+class TracedBytes(TracedPort[BytePort]):
     """A `BytePort` that writes down what passes."""
-
-    def __init__(self, port: BytePort, trace: CallLog) -> None:
-        self._port = port
-        self._trace = trace
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send and note."""
-        self._trace.note(Call("write", sent=[data]), lambda: self._port.write(data, timeout_s), lambda none: None)
+        self._trace.note(Call("write", sent=[data]), lambda: self._port.write(data, timeout_s))
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Receive and note."""
-        call = Call("read", args=[max_bytes])
-        return self._trace.note(call, lambda: self._port.read(max_bytes, timeout_s), call.got.append)
+        return self._trace.note(Call("read", args=[max_bytes]), lambda: self._port.read(max_bytes, timeout_s))
 
     def close(self) -> None:
         """Close port and trace."""
@@ -193,20 +207,16 @@ class TracedBytes:
         self._trace.close()
 
 
-class TracedSys:
+class TracedSys(TracedPort[SysPort]):
     """A `SysPort` that writes down what passes, pixels included."""
-
-    def __init__(self, port: SysPort, trace: CallLog) -> None:
-        self._port = port
-        self._trace = trace
 
     def open(self, path: str) -> int:
         """Open and note."""
-        return self._number(Call("open", args=[path]), lambda: self._port.open(path))
+        return self._trace.note(Call("open", args=[path]), lambda: self._port.open(path))
 
     def close(self, fd: int) -> None:
         """Close and note."""
-        self._trace.note(Call("close", args=[fd]), lambda: self._port.close(fd), lambda none: None)
+        self._trace.note(Call("close", args=[fd]), lambda: self._port.close(fd))
 
     def ioctl(self, fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
         """Call and note the memory before and after."""
@@ -226,38 +236,25 @@ class TracedSys:
 
     def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
         """Copy and note the bytes."""
-        call = Call("copy_out", args=[length])
-        return self._trace.note(call, lambda: self._port.copy_out(mapping, length), call.got.append)
+        return self._trace.note(Call("copy_out", args=[length]), lambda: self._port.copy_out(mapping, length))
 
     def poll(self, fd: int, events: int, timeout_s: float) -> int:
         """Wait and note what came."""
-        return self._number(Call("poll", args=[fd, events]), lambda: self._port.poll(fd, events, timeout_s))
+        return self._trace.note(Call("poll", args=[fd, events]), lambda: self._port.poll(fd, events, timeout_s))
 
     def clock_ns(self) -> int:
         """Get the kernel's time and note it: frames' times are compared with it."""
-        return self._number(Call("clock_ns"), self._port.clock_ns)
+        return self._trace.note(Call("clock_ns"), self._port.clock_ns)
 
     def list_nodes(self, pattern: str) -> list[str]:
         """List and note."""
-        call = Call("list_nodes", args=[pattern])
-
-        def outcome(result: list[str]) -> None:
-            call.result = result
-
-        return self._trace.note(call, lambda: self._port.list_nodes(pattern), outcome)
+        return self._trace.note(Call("list_nodes", args=[pattern]), lambda: self._port.list_nodes(pattern))
 
     def read_file(self, path: str) -> bytes:
         """Read and note."""
-        call = Call("read_file", args=[path])
-        return self._trace.note(call, lambda: self._port.read_file(path), call.got.append)
+        return self._trace.note(Call("read_file", args=[path]), lambda: self._port.read_file(path))
 
     def write_file(self, path: str, data: bytes) -> None:
         """Write and note."""
         call = Call("write_file", args=[path], sent=[data])
-        self._trace.note(call, lambda: self._port.write_file(path, data), lambda none: None)
-
-    def _number(self, call: Call, action: Callable[[], int]) -> int:
-        def outcome(result: int) -> None:
-            call.result = result
-
-        return self._trace.note(call, action, outcome)
+        self._trace.note(call, lambda: self._port.write_file(path, data))

@@ -9,72 +9,59 @@ from dataclasses import asdict
 from typing import TypeVar
 
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, CameraPort, Feature, FeatureRefusalError, FeatureValue
-from gs2ci_drivers.trace import Call, CallLog
+from gs2ci_drivers.trace import Call, TracedPort
 
 T = TypeVar("T")
 
 
-class TracedCamera:
-    """A `CameraPort` that writes down what passes, pixels included.
-
-    Args:
-        port: The port.
-        trace: Where it is written down.
-    """
-
-    def __init__(self, port: CameraPort, trace: CallLog) -> None:
-        self._port = port
-        self._trace = trace
+class TracedCamera(TracedPort[CameraPort]):
+    """A `CameraPort` that writes down what passes, pixels included."""
 
     def list_cameras(self, producer: str) -> list[CameraIdentity]:
         """List and note."""
         call = Call("list_cameras", args=[producer])
-
-        def outcome(result: list[CameraIdentity]) -> None:
-            call.result = [_text(asdict(one)) for one in result]
-
-        return self._trace.note(call, lambda: self._port.list_cameras(producer), outcome)
+        return self._trace.note(
+            call,
+            lambda: self._port.list_cameras(producer),
+            lambda found: call.returned([_text(asdict(one)) for one in found]),
+        )
 
     def open(self, producer: str, serial: str) -> CameraIdentity:
         """Open and note who answered."""
         call = Call("open", args=[producer, serial])
-
-        def outcome(result: CameraIdentity) -> None:
-            call.result = [_text(asdict(result))]
-
-        return self._trace.note(call, lambda: self._port.open(producer, serial), outcome)
+        return self._trace.note(
+            call, lambda: self._port.open(producer, serial), lambda found: call.returned([_text(asdict(found))])
+        )
 
     def describe(self, name: str) -> Feature | None:
-        """Ask and note."""
+        """Request a feature's state and note it."""
         call = Call("describe", args=[name])
-
-        def outcome(result: Feature | None) -> None:
-            call.result = [_text(None if result is None else asdict(result))]
-
-        return self._trace.note(call, lambda: self._port.describe(name), outcome)
+        return self._trace.note(
+            call,
+            lambda: self._port.describe(name),
+            lambda found: call.returned([_text(None if found is None else asdict(found))]),
+        )
 
     def read(self, name: str) -> FeatureValue:
         """Read and note."""
         call = Call("read", args=[name])
-
-        def outcome(result: FeatureValue) -> None:
-            call.result = [_text(result)]
-
-        return self._trace.note(call, lambda: _told(call, lambda: self._port.read(name)), outcome)
+        return self._trace.note(
+            call, lambda: _told(call, lambda: self._port.read(name)), lambda value: call.returned([_text(value)])
+        )
 
     def write(self, name: str, value: FeatureValue) -> None:
         """Write and note."""
         call = Call("write", args=[name, _text(value)])
-        self._trace.note(call, lambda: _told(call, lambda: self._port.write(name, value)), lambda none: None)
+        self._trace.note(call, lambda: _told(call, lambda: self._port.write(name, value)))
 
     def execute(self, name: str) -> None:
         """Run and note."""
         call = Call("execute", args=[name])
-        self._trace.note(call, lambda: _told(call, lambda: self._port.execute(name)), lambda none: None)
+        self._trace.note(call, lambda: _told(call, lambda: self._port.execute(name)))
 
     def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
         """Begin and note."""
-        return self._number(Call("start", args=[buffers, *chunks]), lambda: self._port.start(buffers, chunks))
+        return self._trace.note(Call("start", args=[buffers, *chunks]), lambda: self._port.start(buffers, chunks))
 
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
         """Wait and note what came."""
@@ -90,21 +77,15 @@ class TracedCamera:
 
     def stop(self) -> None:
         """End and note."""
-        self._trace.note(Call("stop"), self._port.stop, lambda none: None)
+        self._trace.note(Call("stop"), self._port.stop)
 
     def clock_ns(self) -> int:
         """Get the computer's time and note it: the camera's is compared with it."""
-        return self._number(Call("clock_ns"), self._port.clock_ns)
+        return self._trace.note(Call("clock_ns"), self._port.clock_ns)
 
     def close(self) -> None:
         """Close the port; the trace goes on, a camera that went away may be opened again."""
-        self._trace.note(Call("close"), self._port.close, lambda none: None)
-
-    def _number(self, call: Call, action: Callable[[], int]) -> int:
-        def outcome(result: int) -> None:
-            call.result = result
-
-        return self._trace.note(call, action, outcome)
+        self._trace.note(Call("close"), self._port.close)
 
 
 def _told(call: Call, action: Callable[[], T]) -> T:

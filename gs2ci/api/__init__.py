@@ -5,7 +5,7 @@
     reconstruction.py  reconstruct
     many.py            reconstruct_many
     decoding.py        decode; decoders.py: which words name which decoder
-    judging.py         evaluate, measure
+    scoring.py         evaluate, measure
     exports.py         export, mesh
     costs.py           tradeoff, make_table
     rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage

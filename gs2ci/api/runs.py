@@ -16,7 +16,7 @@ import numpy as np
 from gs2ci.api.display import in_notebook
 from gs2ci.api.options import check_whole
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError, StorageError, reason_of
+from gs2ci.core.errors import InputError, StorageError, reason_with_file
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
@@ -285,7 +285,7 @@ def open_run(folder: str | Path) -> Run:
         others = {name: np.load(folder / f"{name}.npy") for name in ("decode", "scene_views")}
     except (OSError, ValueError, EOFError) as error:
         raise StorageError(
-            f"{folder} is no whole run: {reason_of(error)}", remedy="reconstruct again with --overwrite"
+            f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
         ) from error
     # A mono run's files hold three equal channels.
     return Run(

@@ -1,6 +1,6 @@
-"""Dask: connecting to an existing cluster, or starting workers on this machine.
+"""Dask: connecting to an existing cluster or starting workers on this machine, and having items of work done by them.
 
-Here: `connected`, `local_workers`. Not here: what is sent to them (`crew`; `gs2ci.tables.workers`).
+Here: `workers`, `completed`. Not here: the work that is sent (`crew`; `gs2ci.tables.workers`).
 """
 
 import asyncio
@@ -9,11 +9,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from gs2ci.core.errors import DeviceError, InputError
 from gs2ci.evaluate.environment import machine
@@ -24,6 +25,74 @@ START_S: Final = 300.0
 _LOOK_S: Final = 1.0
 _HERE: Final = "127.0.0.1"  # whoever reaches a worker can run programs as its user
 _QUIET: Final = 50  # logging.CRITICAL: this module itself reports workers that die
+# Dask itself gives a task to another worker after a death, by default until it has cost four (its setting
+# `distributed.scheduler.allowed-failures`), and blames all tasks that the worker had. Further rounds serve items that
+# did not cause their workers' deaths: if half of the attempts fail, one item in 4096 is lost. An item whose twelve
+# workers all died is given up.
+ROUNDS: Final = 3
+# How often the scheduler hands an item out again after an error of the transport.
+RETRIES: Final = 2
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@contextmanager
+def workers(processes: int, scheduler: str) -> Iterator[Any]:
+    """Provide a client of an existing cluster, or of `processes` new workers on this machine if no scheduler is named.
+
+    Raises:
+        InputError, DeviceError: As `connected` and `local_workers`.
+    """
+    with connected(scheduler) if scheduler else local_workers(processes) as client:
+        yield client
+
+
+def completed(
+    client: Any, work: Callable[[Item], Result], items: Sequence[Item]
+) -> Iterator[tuple[int, Result | Exception]]:
+    """Have items of work done by a cluster's workers.
+
+    Args:
+        client: Of the cluster.
+        work: What is done with each; a function of a module, which workers find by its name.
+        items: The items; they are pickled.
+
+    Yields:
+        Place in `items` and result of each as soon as it has ended, in any order; Dask's KilledWorker as the result if
+        all workers that had it died.
+
+    Raises:
+        DeviceError: The scheduler went away.
+    """
+    from dask import distributed  # noqa: PLC0415
+
+    sent: dict[Any, tuple[int, int]] = {}
+    running = distributed.as_completed()
+
+    def send(place: int, round_: int) -> None:
+        # Not pure: otherwise Dask would take equal items of two commands for one, and share a stale result.
+        future = client.submit(work, items[place], pure=False, retries=RETRIES)
+        sent[future] = place, round_
+        running.add(future)
+
+    for place in range(len(items)):
+        send(place, 1)
+    for future in running:
+        place, round_ = sent.pop(future)
+        try:
+            result: Result | Exception = future.result()
+        except distributed.KilledWorker as death:
+            if round_ < ROUNDS:
+                send(place, round_ + 1)
+                continue
+            result = death
+        except CancelledError as error:
+            raise DeviceError(
+                "the Dask scheduler has gone away",
+                remedy="start it again; the same command then goes on with what is not done",
+            ) from error
+        yield place, result
 
 
 @contextmanager

@@ -1,24 +1,17 @@
-"""Distributing exposures to workers, and again if a worker died.
+"""Distributing exposures to workers.
 
-Here: `complete`, which yields rows as they come. Not here: the work itself (`work`), starting workers (`cluster`).
+Here: `complete`, which yields rows as they come. Not here: the work itself (`work`), the workers (`cluster`).
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
-from gs2ci.batch.cluster import connected, local_workers
+from gs2ci.batch.cluster import completed, workers
 from gs2ci.batch.rows import Row, RowProblem
 from gs2ci.batch.work import Task, failed, work
-from gs2ci.core.errors import DeviceError, Gs2ciError
-
-# Dask itself gives a task to another worker after a death, by default until it has cost four (its setting
-# `distributed.scheduler.allowed-failures`). Further rounds serve shots that did not cause their workers' deaths: if
-# half of the attempts fail, one shot in 4096 is lost. A shot whose twelve workers all died is given up.
-ROUNDS: Final = 3
+from gs2ci.core.errors import Gs2ciError
 
 
 class WorkersDiedError(Gs2ciError):
@@ -42,41 +35,11 @@ def complete(tasks: Sequence[Task], *, processes: int = 1, scheduler: str = "") 
     if not scheduler and processes == 1:
         yield from map(work, tasks)
         return
-    crew: AbstractContextManager[Any] = connected(scheduler) if scheduler else local_workers(processes)
-    with crew as client:
-        yield from _rows_from_cluster(client, tasks)
-
-
-def _rows_from_cluster(client: Any, tasks: Sequence[Task]) -> Iterator[Row]:
-    from dask import distributed  # noqa: PLC0415
-
-    sharing = workers_by_host(client)
-    sent: dict[Any, tuple[Task, int]] = {}
-    running = distributed.as_completed()
-
-    def send(task: Task, round_: int) -> None:
-        # Not pure: otherwise Dask would take equal tasks of two commands for one, and share a stale result.
-        future = client.submit(work, replace(task, sharing=sharing), pure=False, key=f"{task.key}-{id(task)}-{round_}")
-        sent[future] = task, round_
-        running.add(future)
-
-    for task in tasks:
-        send(task, 1)
-    for future in running:
-        task, round_ = sent.pop(future)
-        try:
-            row = future.result()
-        except distributed.KilledWorker as death:
-            if round_ < ROUNDS:
-                send(task, round_ + 1)
-                continue
-            row = failed(task, _died(death), lost=True)
-        except CancelledError as error:
-            raise DeviceError(
-                "the Dask scheduler has gone away",
-                remedy="start it again; the same command then goes on with what is not done",
-            ) from error
-        yield row
+    with workers(processes, scheduler) as client:
+        sharing = workers_by_host(client)
+        sent = [replace(task, sharing=sharing) for task in tasks]
+        for place, row in completed(client, work, sent):
+            yield failed(tasks[place], _died(row), lost=True) if isinstance(row, Exception) else row
 
 
 def workers_by_host(client: Any) -> dict[str, int]:

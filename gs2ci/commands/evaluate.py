@@ -10,12 +10,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci.api import judging
+from gs2ci.api import scoring
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
 
 
-@with_options_of(judging.evaluate, without=("run",))
+@with_options_of(scoring.evaluate, without=("run",))
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     shot: Annotated[Path, tyro.conf.Positional],
@@ -42,13 +42,13 @@ def run(
     Raises:
         Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
     """
-    judging.check_noise(options["read_noise"], options["electrons"])
+    scoring.check_noise(options["read_noise"], options["electrons"])
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
     from gs2ci.evaluate.evaluation import write_evaluation
 
-    found = judging.evaluate(folder, measured, depth=depth, novel=novel, **options)
+    found = scoring.evaluate(folder, measured, depth=depth, novel=novel, **options)
     written = write_evaluation(output or folder / "evaluation.json", found)
     with answered(as_text=not json) as answer:
         table = Table(show_header=False, box=None)

@@ -35,8 +35,8 @@ def run(
         Gs2ciError: The folder is no run with depth, or a pixel is outside the view or shows no surface.
     """
     pixels = [_place(text) for text in (pixel, other_pixel)]
-    from gs2ci.api.judging import finished_run, middle_view
-    from gs2ci.api.judging import measure as measured
+    from gs2ci.api.scoring import finished_run, middle_view
+    from gs2ci.api.scoring import measure as measured
 
     finished = finished_run(folder)
     chosen = middle_view(finished) if view is None else view

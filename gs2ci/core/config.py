@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, reason_of
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -99,7 +99,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         text = path.read_text(encoding="utf-8")
         tables = tomllib.loads(text)
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
+        raise InputError(f"{path} cannot be read ({reason_of(error)})", remedy="check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not text in UTF-8 ({error.reason})", remedy="give a TOML file") from error
     except tomllib.TOMLDecodeError as error:

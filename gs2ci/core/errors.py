@@ -105,7 +105,11 @@ class DeviceError(Gs2ciError):
 
 
 def reason_of(error: Exception) -> str:
-    """Return what an error says, without the number of an error of the operating system."""
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return str(error)
+    """Return what an error says, without the number and the file of an error of the operating system."""
+    return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def reason_with_file(error: Exception) -> str:
+    """Return what an error says, after the file that an error of the operating system names."""
+    file = error.filename if isinstance(error, OSError) and error.strerror else None
+    return f"{file}: {reason_of(error)}" if file else reason_of(error)

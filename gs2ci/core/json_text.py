@@ -1,15 +1,18 @@
 """JSON: conversion of values, and parsing of text of any origin, with a ValueError for every fault.
 
-Here: `plain_json`, `as_json`, `parse_json`. Not here: the meaning of the values, which their readers check.
+Here: `plain_json`, `as_json`, `parse_json`, `first_fault`. Not here: the meaning of the values, which readers check.
 """
 
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 def plain_json(value: Any) -> Any:
@@ -47,3 +50,9 @@ def parse_json(text: str) -> Any:
         return json.loads(text)
     except RecursionError as error:
         raise ValueError("it nests too deep") from error
+
+
+def first_fault(error: "ValidationError") -> str:
+    """Return the place and the text of the first fault that pydantic found: `trials.0.seconds: Input should be ...`."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    return f"{'.'.join(str(part) for part in first['loc']) or 'the whole'}: {first['msg']}"

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 
 # A name may have 255 bytes, of which the temporary name needs some; a character takes at most four.
 _CHARACTERS_OF_NAME: Final = 40
@@ -77,7 +77,7 @@ def check_place(path: str | Path) -> None:
         # Permissions alone are not enough: a file system may be read-only, and for root everything seems allowed.
         os.rmdir(tempfile.mkdtemp(prefix=".", suffix=".partial", dir=above))
     except OSError as error:
-        reason = f"{above}: {error.strerror or error}" if above.is_dir() else f"{above} is not a folder"
+        reason = f"{above}: {reason_of(error)}" if above.is_dir() else f"{above} is not a folder"
         raise StorageError(
             f"{path} cannot be written: {reason}",
             remedy="check the permissions of that folder, or choose another place with -o",
@@ -121,4 +121,4 @@ def _reason(path: Path, error: OSError) -> str:
     """Describe the error without the name of the temporary file, which the user does not know."""
     if isinstance(error, FileExistsError | FileNotFoundError | NotADirectoryError) and not path.parent.is_dir():
         return f"there is no folder {path.parent}"
-    return error.strerror or str(error)
+    return reason_of(error)

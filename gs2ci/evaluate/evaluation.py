@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError, StorageError, reason_of
+from gs2ci.core.errors import InputError, StorageError, reason_with_file
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.lens import COEFFICIENTS
@@ -114,7 +114,7 @@ def read_run(folder: Path) -> FinishedRun:
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:
         raise StorageError(
-            f"{folder} is no whole run: {reason_of(error)}", remedy="reconstruct again with --overwrite"
+            f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
         ) from error
 
 

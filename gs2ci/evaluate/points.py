@@ -13,6 +13,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.lens import slopes_of, undistorted
 from gs2ci.core.whole_file import write_whole
+from gs2ci.render.ply import named_columns, ply_bytes
 
 # Below this confidence pixels are left out of the cloud: semi-transparent parts and edges between near and far.
 _LEAST_CONFIDENCE: Final = 0.5
@@ -20,14 +21,6 @@ _LEAST_CONFIDENCE: Final = 0.5
 _SAME_SURFACE: Final = 0.05
 # Largest number of views that contribute: neighbouring views see the same surfaces.
 _VIEWS: Final = 3
-
-_VERTEX: Final = np.dtype(
-    [
-        *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
-        *((name, "u1") for name in ("red", "green", "blue")),
-        ("confidence", "<f4"),
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -124,22 +117,10 @@ def write_points(path: Path, points: Points) -> Path:
     Raises:
         StorageError: The file cannot be written.
     """
-    table = np.empty(len(points.positions), _VERTEX)
-    for names, values in (
-        (("x", "y", "z"), points.positions),
-        (("nx", "ny", "nz"), points.normals),
-        (("red", "green", "blue"), np.rint(255 * points.colours)),
-    ):
-        for k, name in enumerate(names):
-            table[name] = values[:, k]
-    table["confidence"] = points.confidence
-    kinds = {"f": "float", "u": "uchar"}
-    fields = [(name, kinds[_VERTEX[name].kind]) for name in _VERTEX.names or ()]
-    header = "\n".join(
-        [
-            *("ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"),
-            *(f"property {kind} {name}" for name, kind in fields),
-            "end_header\n",
-        ]
-    )
-    return write_whole(path, header.encode("ascii") + table.tobytes())
+    properties = {
+        **named_columns(("x", "y", "z"), points.positions),
+        **named_columns(("nx", "ny", "nz"), points.normals),
+        **named_columns(("red", "green", "blue"), np.rint(255 * points.colours).astype(np.uint8)),
+        "confidence": points.confidence,
+    }
+    return write_whole(path, ply_bytes(properties))

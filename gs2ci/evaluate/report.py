@@ -13,6 +13,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, JsonValue, Vali
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, Finding
+from gs2ci.core.json_text import first_fault
 from gs2ci.core.run_records import SECONDS_KEYS, Verdict
 from gs2ci.evaluate.depth import DepthErrors
 from gs2ci.evaluate.whole_folder import NO_RUN, REPORT_NAME, RUN_SCHEMA, schema_of
@@ -383,16 +384,9 @@ def read_report(folder: Path) -> Report:
     try:
         return Report.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
+        why = str(error) if isinstance(error, OSError) else first_fault(error)
         raise StorageError(
-            f"{path} does not hold what its schema promises: {_first_of(error)}",
+            f"{path} does not hold what its schema promises: {why}",
             allowed="what docs/report.schema.json describes",
             remedy="reconstruct again",
         ) from error
-
-
-def _first_of(error: OSError | ValidationError) -> str:
-    """Return the place and the text of the first error."""
-    if isinstance(error, OSError):
-        return str(error)
-    first = error.errors(include_url=False, include_input=False)[0]
-    return f"{'.'.join(str(part) for part in first['loc']) or 'the whole'}: {first['msg']}"

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import check_place
 
@@ -140,6 +140,5 @@ def schema_of(folder: Path) -> Any:
     try:
         report = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        reason = (isinstance(error, OSError) and error.strerror) or error
-        raise StorageError(f"{path} cannot be read: {reason}", remedy=NO_RUN) from error
+        raise StorageError(f"{path} cannot be read: {reason_of(error)}", remedy=NO_RUN) from error
     return report.get("schema") if isinstance(report, dict) else None

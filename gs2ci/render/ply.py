@@ -1,4 +1,4 @@
-"""Gaussian scenes as PLY files, in the convention of 3D Gaussian splatting that viewers open.
+"""Gaussian scenes as PLY files, in the convention of 3D Gaussian splatting that viewers open; any PLY as bytes.
 
 One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2, rot_0..3:
 opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is 0.5 + SH_DC f_dc, SH_DC being
@@ -6,6 +6,7 @@ the constant spherical harmonic. Higher harmonics, f_rest_0 ..., run over their 
 green, then blue. Format: Greg Turk, "The PLY polygon file format" (1994).
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
@@ -14,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, reason_of
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, coefficients
@@ -93,7 +94,7 @@ def read_ply_scene(path: str | Path) -> PlyScene:
             header = _read_header(path, file)
             table = _read_text(path, file, header) if header.text else _read_binary(path, file, header)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}", remedy="check the path") from error
+        raise InputError(f"{path}: {reason_of(error)}", remedy="check the path") from error
     rest = _rest_names(path, header)
     known = {*_REQUIRED, *_NORMAL, *rest}
     gaussians = Gaussians(
@@ -259,11 +260,31 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
         dim=1,
     )
     names = (*_BEFORE_REST, *(f"f_rest_{k}" for k in range(rest.shape[1])), *_AFTER_REST)
-    header = "\n".join(
-        [
-            *("ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"),
-            *(f"property float {name}" for name in names),
-            "end_header\n",
-        ]
-    )
-    return write_whole(path, header.encode("ascii") + columns.numpy().astype("<f4").tobytes())
+    return write_whole(path, ply_bytes(named_columns(names, columns.numpy())))
+
+
+def named_columns(names: Iterable[str], columns: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of an array, [V, K], by names, for `ply_bytes`."""
+    return dict(zip(names, columns.T, strict=True))
+
+
+def ply_bytes(vertices: Mapping[str, NDArray[Any]], triangles: NDArray[Any] | None = None) -> bytes:
+    """Lay vertices and triangles out as binary little-endian PLY.
+
+    Args:
+        vertices: Properties by name, [V] each: uint8, or numbers that are written as float32.
+        triangles: Indices of vertices, [F, 3]; None writes no faces.
+    """
+    kinds = {name: "u1" if values.dtype == np.uint8 else "<f4" for name, values in vertices.items()}
+    table = np.empty(len(next(iter(vertices.values()))), list(kinds.items()))
+    for name, values in vertices.items():
+        table[name] = values
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    header += [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in kinds.items()]
+    content = table.tobytes()
+    if triangles is not None:
+        faces = np.empty(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+        faces["count"], faces["corners"] = 3, triangles
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        content += faces.tobytes()
+    return "\n".join([*header, "end_header\n"]).encode("ascii") + content

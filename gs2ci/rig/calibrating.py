@@ -1,7 +1,7 @@
 """A rig as calibration uses it: its devices, and an operator who does the manual steps.
 
 Here: the bench of a rig file, the operator at the terminal, the bundle's provenance. Not here: the simulated operator
-(`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.tables.truth`).
+(`simulated_operator`), the procedures (`gs2ci_calibration`).
 """
 
 from collections.abc import Callable

@@ -15,7 +15,7 @@ import numpy as np
 from serial.tools import list_ports
 
 from gs2ci.core.config import SIMULATED
-from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.errors import Gs2ciError, reason_of
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
@@ -272,7 +272,7 @@ def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
         yield BenchFinding(
             what,
             "bad",
-            str(error.strerror),
+            reason_of(error),
             "install the camera maker's software, which sets GENICAM_GENTL64_PATH, or set `producer` in [sensor]",
         )
         return

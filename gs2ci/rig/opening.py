@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
@@ -23,21 +23,21 @@ from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
 from gs2ci_drivers.genicam.driver import GenicamSensor
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.links.gentl import GenTlPort
 from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
-from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort, port_errors
+from gs2ci_drivers.plugin import DriverPlugin, PortKind, driver_plugin
+from gs2ci_drivers.ports import port_errors
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
-from gs2ci_drivers.sensor import Sensor
-from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
+from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.video_out.driver import VideoOut
 from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.driver import ZaberStage
@@ -46,7 +46,43 @@ from gs2ci_drivers.zaber.options import ZaberOptions
 if TYPE_CHECKING:
     from gs2ci.rig.simulated import SimulatedBench
 
-T = TypeVar("T")
+
+def _bus_port(port: str) -> str:
+    """Return the bus address of a USB device: the part after "usb:"."""
+    return port.removeprefix("usb").removeprefix(":")
+
+
+def _line(device: str, table: Any) -> SerialLine:
+    return SerialLine(device, table.port, table.baud)
+
+
+def _hid(device: str, table: Dlpc900Options) -> UsbHid:
+    return UsbHid(device, VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
+
+
+def _fifo(device: str, table: DisplaySlmOptions) -> UsbFifo:
+    return UsbFifo(device, bus_port=_bus_port(table.port))
+
+
+DRIVERS: Final[dict[str, DriverPlugin]] = {
+    "dlpc900": DriverPlugin(Dlpc900Options, _hid, Dlpc900, "hid"),
+    "scpi": DriverPlugin(ScpiOptions, _line, ScpiModulator),
+    "santec": DriverPlugin(DisplaySlmOptions, _fifo, DisplaySlm),
+    "video": DriverPlugin(VideoOutOptions, lambda device, _: SdlScreen(device), VideoOut, "screen"),
+    "v4l2": DriverPlugin(V4l2Options, lambda *_: KernelSysPort(), V4l2Sensor, "sys"),
+    "genicam": DriverPlugin(GenicamOptions, lambda device, _: GenTlPort(device), GenicamSensor, "camera"),
+    "zaber": DriverPlugin(ZaberOptions, _line, ZaberStage),
+    "grbl": DriverPlugin(GrblOptions, _line, GrblStage),
+}
+"""Kind of a built-in device -> its port and its driver."""
+# Twins of these ports are ports themselves, since devices of these kinds are opened by calls on the port.
+_TWINS_THEMSELVES: Final = ("sys", "camera", "screen")
+_TRACED: Final[dict[PortKind, Callable[[Any, CallLog], Any]]] = {
+    "bytes": TracedBytes,
+    "hid": TracedHid,
+    "sys": TracedSys,
+    "camera": TracedCamera,
+}
 
 
 @dataclass
@@ -95,78 +131,26 @@ class Rig:
         with ExitStack() as opened:
             traces = _Traces(trace_stem, clock, session)
             opened.callback(traces.close)
-            modulator = opened.enter_context(closing(self._modulator(clock, traces)))
-            sensor = opened.enter_context(closing(self._sensor(clock, traces)))
-            stage = self._stage(clock, traces)
+            table = self.table
+            modulator = opened.enter_context(closing(self._device("modulator", table.modulator, clock, traces)))
+            sensor = opened.enter_context(closing(self._device("sensor", table.sensor, clock, traces)))
+            stage = None if table.stage is None else self._device("stage", table.stage, clock, traces)
             opened.pop_all()
         return Devices(modulator, sensor, stage, clock, (traces.close,))
 
-    def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
-        table = self.table.modulator
-        plugged = self._plugged("modulator", table, clock, traces)
-        if plugged is not None:
-            return plugged  # type: ignore[no-any-return]
-        if isinstance(table, Dlpc900Options):
-            return Dlpc900("modulator", traces.hid("modulator", self._hid_port(table)), clock, table)
-        if isinstance(table, DisplaySlmOptions):
-            return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock, table)
-        if isinstance(table, VideoOutOptions):
-            screen: ScreenPort = self.bench.modulator if self.bench else SdlScreen("modulator")  # type: ignore[assignment]
-            return VideoOut("modulator", screen, clock, table)
-        line = self._line("modulator", table.port, table.baud, traces)
-        return ScpiModulator("modulator", line, clock, table)
-
-    def _plugged(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
-        """Open a device of another package; None for a built-in one."""
+    def _device(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
+        """Make a device's driver on its port, real or the twin's."""
         plugin = driver_plugin(DEVICE_GROUPS[device], table.kind)
-        if plugin is None:
-            return None
-        twin = getattr(self.bench, device, None)
-        port: Any = plugin.port(device, table) if twin is None else _opened(device, twin.open)
-        wrap: Any = {"bytes": traces.bytes, "hid": traces.hid, "sys": traces.sys}[plugin.port_kind]
-        return plugin.driver(device, wrap(device, port), clock, table)
-
-    def _hid_port(self, table: Dlpc900Options) -> HidPort:
-        if self.bench is not None:
-            return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
-        return UsbHid("modulator", VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
-
-    def _fifo(self, table: DisplaySlmOptions) -> BytePort:
-        if self.bench is not None:
-            return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
-        return UsbFifo("modulator", bus_port=_bus_port(table.port))
-
-    def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
-        plugged = self._plugged("sensor", self.table.sensor, clock, traces)
-        if plugged is not None:
-            return plugged  # type: ignore[no-any-return]
-        table = self.table.sensor
-        if isinstance(table, GenicamOptions):
-            camera: CameraPort = self.bench.sensor if self.bench else GenTlPort("sensor")  # type: ignore[assignment]
-            return GenicamSensor("sensor", traces.camera("sensor", camera), clock, table)
-        port: SysPort = self.bench.sensor if self.bench else KernelSysPort()  # type: ignore[assignment]
-        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, table)
-
-    def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
-        table = self.table.stage
-        if table is None:
-            return None
-        plugged = self._plugged("stage", table, clock, traces)
-        if plugged is not None:
-            return plugged  # type: ignore[no-any-return]
-        line = self._line("stage", table.port, table.baud, traces)
-        if isinstance(table, ZaberOptions):
-            return ZaberStage("stage", line, clock, table)
-        return GrblStage("stage", line, clock, table)
-
-    def _line(self, device: str, path: str, baud: int, traces: "_Traces") -> BytePort:
-        if self.bench is not None:
-            twin = self.bench.stage if device == "stage" else self.bench.modulator
-            assert twin is not None  # the bench makes a twin for every such table
-            line: BytePort = _opened(device, twin.open)  # type: ignore[assignment]
+        one = plugin or DRIVERS[table.kind]
+        twin = None if self.bench is None else getattr(self.bench, device)
+        if twin is None:
+            port: Any = one.port(device, table)
+        elif plugin is None and one.port_kind in _TWINS_THEMSELVES:
+            port = twin
         else:
-            line = SerialLine(device, path, baud)
-        return traces.bytes(device, line)
+            with port_errors(device, "open"):
+                port = twin.open()
+        return one.driver(device, traces.around(device, one.port_kind, port), clock, table)
 
 
 def load_rig(path: Path) -> Rig:
@@ -184,16 +168,6 @@ def load_rig(path: Path) -> Rig:
     return Rig(table, text, path.parent, build_bench(table))
 
 
-def _bus_port(port: str) -> str:
-    """Return the bus address of a USB device: the part after "usb:"."""
-    return port.removeprefix("usb").removeprefix(":")
-
-
-def _opened(device: str, action: Callable[[], T]) -> T:
-    with port_errors(device, "open"):
-        return action()
-
-
 class _Traces:
     """Wire traces around ports, if they are requested."""
 
@@ -203,24 +177,10 @@ class _Traces:
         self._session = session
         self._traces: list[Trace] = []
 
-    def hid(self, device: str, port: HidPort) -> HidPort:
-        for log in self._logs(device, "hid"):
-            port = TracedHid(port, log)
-        return port
-
-    def bytes(self, device: str, port: BytePort) -> BytePort:
-        for log in self._logs(device, "bytes"):
-            port = TracedBytes(port, log)
-        return port
-
-    def sys(self, device: str, port: SysPort) -> SysPort:
-        for log in self._logs(device, "sys"):
-            port = TracedSys(port, log)
-        return port
-
-    def camera(self, device: str, port: CameraPort) -> CameraPort:
-        for log in self._logs(device, "camera"):
-            port = TracedCamera(port, log)
+    def around(self, device: str, kind: PortKind, port: Any) -> Any:
+        """Return a port that writes down what passes; a screen's pictures are not written down."""
+        for log in self._logs(device, kind) if kind in _TRACED else ():
+            port = _TRACED[kind](port, log)
         return port
 
     def close(self) -> None:

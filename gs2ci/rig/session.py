@@ -22,7 +22,7 @@ from typing import Any, Final, Literal, TextIO
 
 from gs2ci import __version__
 from gs2ci.core.clock import Clock
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.trace import Call, CallLog
@@ -64,7 +64,7 @@ class SessionLog:
             self._file = self.path.open("w", encoding="utf-8", buffering=1)
         except OSError as error:
             raise StorageError(
-                f"the session log {self.path} cannot be written ({error.strerror})",
+                f"the session log {self.path} cannot be written ({reason_of(error)})",
                 remedy='check the folder and its free space, or set session = "off" in the rig file',
             ) from error
         before, self._waiting = self._waiting, []

@@ -5,7 +5,7 @@ shows how the modulator interprets its settings, and their brightness shows with
 frames of two exposure times show which event a time stamp marks.
 
 Here: the experiments and their evaluation. Not here: messages and remedies (`doctor`), the meaning of a pulse count for
-a modulator (`Modulator.judge_pulses`). No capture plan is needed: plans are refused until these results are known.
+a modulator (`Modulator.interpret_pulses`). No capture plan is needed: plans are refused until these results are known.
 """
 
 from collections.abc import Sequence
@@ -196,7 +196,7 @@ def check_pulses(devices: Devices, config: SensorConfig) -> PulsesFound:
         look(devices, config, _sequence(devices, is_open, mask_s, TriggerOut.PER_EXPOSURE, PASSES))
         for is_open in (first, 1 - first)
     ]
-    verdict = devices.modulator.judge_pulses(looks[0].count)
+    verdict = devices.modulator.interpret_pulses(looks[0].count)
     if looks[0].count != looks[1].count:
         said = f"{looks[0].count} and then {looks[1].count} pulses were seen in two runs of the same length"
         verdict = PulseVerdict(False, said, "check the trigger cable and its shield, and the sensor's trigger")

@@ -1,19 +1,25 @@
 """The cost of mask calibration: simulated benches of known truth, calibrated through their drivers.
 
-Here: the benches, and the work of one cell. Not here: the table (`catalogue`), the calibration (`gs2ci_calibration`).
+Here: the benches, opening one, and the work of one cell. Not here: the table (`catalogue`), the calibration
+(`gs2ci_calibration`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
+from gs2ci.rig.opening import Rig
+from gs2ci.rig.simulated import SimulatedBench, build_bench
 from gs2ci.tables.store import Row
-from gs2ci.tables.truth import opened
+from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 
@@ -55,21 +61,37 @@ def calibrate_masks(bench: str, frames: int, fast: bool, seed: int) -> Row:
     Raises:
         Gs2ciError: The bench is unknown, or its calibration refused.
     """
-    with opened(_table(bench, frames, seed)) as (drawn, truth):
+    with opened(_table(bench, frames, seed)) as (drawn, simulated):
         one = replace(drawn, fast=fast)
         known = Bundle()
         for step in ("dark-flat", "registration", "masks"):
             known = known.with_section(PROCEDURES[step](one, known))
-        off = known.sections["masks"].array("masks") - truth.masks(np.asarray(one.capture.masks))
+        light = simulated.light
+        assert light is not None  # the table has a scene
+        off = known.sections["masks"].array("masks") - light.true_masks(np.asarray(one.capture.masks), 1)
+        true_map = light.registration.sensor_from_modulator(*light.scene.size)
     masks, registration = known.sections["masks"], known.sections["registration"]
     return {
         "mask_error_pct": 100 * float(np.sqrt(np.mean(np.square(off, dtype=np.float64)))),
         "stated_pct": 100 * masks.estimates["masks"].error,
         "frames": int(masks.facts["frames"]),
         "seconds": float(masks.facts["seconds"] - masks.facts["slot_seconds"]),
-        "registration_px": _off_px(registration.array("sensor_from_modulator"), truth.sensor_from_modulator),
+        "registration_px": _off_px(registration.array("sensor_from_modulator"), true_map),
         "registration_seconds": float(registration.facts["seconds"]),
     }
+
+
+@contextmanager
+def opened(table: RigTable) -> Iterator[tuple[Bench, SimulatedBench]]:
+    """Open a simulated bench for calibration; its devices are released afterwards."""
+    rig = Rig(table, table.model_dump_json(), Path(), build_bench(table))
+    assert rig.bench is not None  # it has just been built
+    devices = rig.open()
+    try:
+        devices.sensor.connect()
+        yield bench_of(rig, devices, operator_of(rig, str)), rig.bench
+    finally:
+        devices.close()
 
 
 def _table(bench: str, frames: int, seed: int) -> RigTable:

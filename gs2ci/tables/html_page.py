@@ -18,7 +18,7 @@ from gs2ci.evaluate.pages.pieces import FigureOfMerit, Tone
 from gs2ci.evaluate.wording import flat_rows, spoken_rows
 from gs2ci.tables.catalogue import Table
 from gs2ci.tables.columns import Measure
-from gs2ci.tables.pages import Figures, best_of
+from gs2ci.tables.pages import Figures, best_of, shown
 
 Cases = Mapping[str, Sequence[Figures]]
 
@@ -53,7 +53,7 @@ def _masthead(table: Table, cases: Cases) -> Markup:
     word = {"good": "Complete", "mixed": "With gaps", "poor": "Nothing succeeded"}[tone]
     measure = table.measures[0]
     best = {case: found for case, lines in cases.items() if (found := _best_line(measure, lines)) is not None}
-    sentences = [f"{case}: {one.line}, {_cell(measure, one, 0)} ({measure.title})." for case, one in best.items()]
+    sentences = [f"{case}: {one.line}, {shown(measure, one, 0)} ({measure.title})." for case, one in best.items()]
     figures = [
         FigureOfMerit(f"{len(cases)}", "Cases"),
         FigureOfMerit(f"{len({one.line for one in every})}", "Lines"),
@@ -81,7 +81,7 @@ def _table(table: Table, lines: Sequence[Figures]) -> Markup:
     best = [best_of(measure, [one.means[k] for one in lines]) for k, measure in enumerate(table.measures)]
     rows, marked = [], set()
     for row, one in enumerate(lines):
-        rows.append([one.line, *(_cell(measure, one, k) for k, measure in enumerate(table.measures)), one.count])
+        rows.append([one.line, *(shown(measure, one, k) for k, measure in enumerate(table.measures)), one.count])
         marked |= {(row, k + 1) for k, value in enumerate(best) if value is not None and one.means[k] == value}
     headings = ["", *(measure.title for measure in table.measures), "cells"]
     return pieces.table(headings, rows, caption="Mean ± standard deviation over seeds.", marked=marked)
@@ -89,16 +89,8 @@ def _table(table: Table, lines: Sequence[Figures]) -> Markup:
 
 def _chart(measure: Measure, lines: Sequence[Figures]) -> Markup:
     rows = [
-        Spread(one.line, one.means[0], one.spreads[0] or 0.0, _cell(measure, one, 0))
+        Spread(one.line, one.means[0], one.spreads[0] or 0.0, shown(measure, one, 0))
         for one in lines
         if one.means[0] is not None
     ]
     return pieces.spreads(rows, measure.title) if len(rows) > 1 else Markup()
-
-
-def _cell(measure: Measure, one: Figures, k: int) -> str:
-    mean, spread = one.means[k], one.spreads[k]
-    if mean is None:
-        return "–"
-    text = f"{mean:.{measure.digits}f}"
-    return text if spread is None else f"{text} ± {spread:.{measure.digits}f}"

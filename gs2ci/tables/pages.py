@@ -99,7 +99,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
         parts += [f"## {case}", "", "| | " + " | ".join(measure.title for measure in table.measures) + " |"]
         parts.append("|---|" + "---:|" * len(table.measures))
         for one in lines:
-            cells = [_cell(measure, one, k, best[k]) for k, measure in enumerate(table.measures)]
+            cells = [shown(measure, one, k, best[k]) for k, measure in enumerate(table.measures)]
             parts.append(f"| {one.line} | " + " | ".join(cells) + " |")
         parts += ["", *(f"- {one.line}: {error}" for one in lines for error in one.errors), ""]
     return "\n".join(parts).rstrip() + "\n"
@@ -118,7 +118,8 @@ def best_of(measure: Measure, means: Sequence[float | None]) -> float | None:
     return max(known) if measure.more_is_better else min(known)
 
 
-def _cell(measure: Measure, one: Figures, k: int, best: float | None) -> str:
+def shown(measure: Measure, one: Figures, k: int, best: float | None = None) -> str:
+    """Return the k-th measure of a line as it stands in a table: mean ± spread, bold in markdown if it is the best."""
     value, spread = one.means[k], one.spreads[k]
     if value is None:
         return "–"

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import StorageError, reason_of
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import write_whole
 
@@ -92,4 +92,6 @@ def _file_digest(name: str) -> str:
         with Path(name).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise StorageError(f"{name} cannot be read: {error.strerror}", remedy="name the folder with --data") from error
+        raise StorageError(
+            f"{name} cannot be read: {reason_of(error)}", remedy="name the folder with --data"
+        ) from error

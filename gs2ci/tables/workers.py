@@ -1,20 +1,18 @@
 """Running table cells: in this process, by workers on this machine, or on a Dask cluster that exists already.
 
-Here: handing out cells, keeping each as soon as it is done. Not here: the work itself (`works`), starting workers
+Here: which cells are missing, keeping each as soon as it is done. Not here: the work itself (`works`), the workers
 (`gs2ci.batch.cluster`).
 """
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from typing import Any, Final
+from typing import Final
 
-from gs2ci.batch.cluster import connected, local_workers
+from gs2ci.batch.cluster import completed, workers
 from gs2ci.core.errors import InputError
 from gs2ci.tables.cells import Cell, run
 from gs2ci.tables.store import Row, Store
 
-# How often the scheduler hands a cell out again after an error of the transport.
-RETRIES: Final = 2
 OnDone = Callable[[int, int], None]
 _LOST: Final[Row] = {"error": "the processes that worked on it died"}
 
@@ -37,6 +35,7 @@ def complete(
 
     Raises:
         InputError: Less than one process, no scheduler answers, or Dask is not installed.
+        DeviceError: The scheduler went away.
         StorageError: A row cannot be kept, or a cell's file cannot be read.
     """
     if processes < 1:
@@ -62,33 +61,7 @@ def _worked(missing: dict[str, Cell], processes: int, scheduler: str) -> Generat
         for key, cell in missing.items():
             yield key, run(cell)
         return
-    with connected(scheduler) if scheduler else local_workers(processes) as client:
-        yield from _on_cluster(client, missing)
-
-
-def _on_cluster(client: Any, missing: dict[str, Cell]) -> Iterator[tuple[str, Row | None]]:
-    """Work on a cluster's workers.
-
-    The scheduler attributes a worker's death to all cells that the worker had. Lost cells are tried again one by one,
-    so that only the cell that kills its worker is lost.
-    """
-    lost = {}
-    for key, row in _submitted(client, missing):
-        if row is None:
-            lost[key] = missing[key]
-        else:
-            yield key, row
-    for key, cell in lost.items():
-        yield from _submitted(client, {key: cell})
-
-
-def _submitted(client: Any, cells: dict[str, Cell]) -> Iterator[tuple[str, Row | None]]:
-    from dask import distributed  # noqa: PLC0415
-
-    futures = {client.submit(run, cell, pure=False, retries=RETRIES): key for key, cell in cells.items()}
-    for future in distributed.as_completed(futures):
-        try:
-            row = future.result()
-        except distributed.KilledWorker:
-            row = None
-        yield futures[future], row
+    keys = list(missing)
+    with workers(processes, scheduler) as client:
+        for place, row in completed(client, run, list(missing.values())):
+            yield keys[place], None if isinstance(row, Exception) else row

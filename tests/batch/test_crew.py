@@ -52,7 +52,7 @@ def in_threads(monkeypatch):
         with Client(n_workers=processes, threads_per_worker=1, **options) as client:
             yield client
 
-    monkeypatch.setattr("gs2ci.batch.crew.local_workers", threads)
+    monkeypatch.setattr("gs2ci.batch.cluster.local_workers", threads)
 
 
 def deadly(shot):

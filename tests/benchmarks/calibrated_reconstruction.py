@@ -29,11 +29,11 @@ from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
-from gs2ci.tables.truth import truth_of
 from gs2ci_calibration.bench import Arrangement
 from gs2ci_calibration.bundle import Bundle, add_section
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_drivers.acquisition import Devices
+from tests.bench_truth import truth_of
 
 SIZE = (96, 128)
 BITS = 12

@@ -33,6 +33,7 @@ from typing import Final
 import numpy as np
 
 from tests.benchmarks.checkout_side import Asked, Found
+from tests.processes import ONE_THREAD
 
 ROOT: Final = Path(__file__).parents[2]
 SIDE: Final = Path(__file__).with_name("checkout_side.py")
@@ -45,12 +46,11 @@ class Side:
 
     def __init__(self, folder: Path) -> None:
         paths = os.pathsep.join(str(folder / name) for name in PACKAGES)
-        one = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
         # -P keeps this folder, where a file is called as a module of Python's own, off the path.
         self._process = subprocess.Popen(
             [sys.executable, "-P", str(SIDE)],
             cwd=folder,
-            env={**os.environ, **one, "PYTHONPATH": paths},
+            env={**os.environ, **ONE_THREAD, "PYTHONPATH": paths},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

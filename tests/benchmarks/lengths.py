@@ -35,9 +35,9 @@ from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scene import Scene
-from gs2ci_sims.scenes.solids import SOLIDS, solid
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.processes import side_by_side
+from tests.sims.scenes.solids import SOLIDS, solid
 
 HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "96x128").split("x"))
 VIEWS = 8

@@ -1,10 +1,7 @@
 """The cost of an upload of masks to a DLP6500: coding time, size, and transfer time.
 
-Run from the checkout: ``python tests/benchmarks/pattern_encoding.py``. Nothing here is asserted.
+Run from the checkout: `python -m tests.benchmarks pattern_encoding`. Nothing here is asserted.
 """
-
-import time
-from collections.abc import Callable
 
 import numpy as np
 from rich.console import Console
@@ -14,9 +11,9 @@ from gs2ci.core.arrays import U8
 from gs2ci_drivers.dlpc900.images import HEADER_BYTES, Compression, encode_block, pack_planes
 from gs2ci_drivers.dlpc900.timing import upload_s
 from gs2ci_sims.wires.dlpc900_images import read_image
+from tests.benchmarks.scaling import ROUNDS, fastest
 
 HEIGHT, WIDTH, PLANES = 1080, 1920, 24
-_ROUNDS = 5
 
 
 def _random(cell_px: int) -> U8:
@@ -31,16 +28,7 @@ def _checker() -> U8:
     return np.stack([(x + y + k) % 2 for k in range(PLANES)]).astype(np.uint8)
 
 
-def _best_s(call: Callable[[], object]) -> float:
-    times = []
-    for _ in range(_ROUNDS):
-        begin_s = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin_s)
-    return min(times)
-
-
-def main() -> None:
+def run() -> None:
     """Print one row per kind of masks and coding."""
     masks = {
         "random 1 × 1": _random(1),
@@ -49,16 +37,16 @@ def main() -> None:
         "checker": _checker(),
         "all on": np.ones((PLANES, HEIGHT, WIDTH), np.uint8),
     }
-    table = Table(title=f"{PLANES} masks of {HEIGHT} × {WIDTH} mirrors, one image; best of {_ROUNDS}")
+    table = Table(title=f"{PLANES} masks of {HEIGHT} × {WIDTH} mirrors, one image; best of {ROUNDS}")
     for column in ("masks", "coding", "pack / s", "encode / s", "read back / s", "size / MB", "upload / s"):
         table.add_column(column, justify="left" if column in {"masks", "coding"} else "right")
     for name, planes in masks.items():
         (words,) = pack_planes(planes)
-        pack_s = _best_s(lambda planes=planes: pack_planes(planes))
+        pack_s = fastest(lambda planes=planes: pack_planes(planes))
         for compression in (Compression.ERLE, Compression.RLE):
             block = encode_block(words, compression)
-            encode_s = _best_s(lambda words=words, compression=compression: encode_block(words, compression))
-            decode_s = _best_s(lambda block=block: read_image(block, WIDTH, HEIGHT))
+            encode_s = fastest(lambda words=words, compression=compression: encode_block(words, compression))
+            decode_s = fastest(lambda block=block: read_image(block, WIDTH, HEIGHT))
             table.add_row(
                 name,
                 compression.name,
@@ -69,7 +57,3 @@ def main() -> None:
                 f"{upload_s(len(block)):.1f}",
             )
     Console().print(table)
-
-
-if __name__ == "__main__":
-    main()

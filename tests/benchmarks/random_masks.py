@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
+from tests.bench_truth import opened
 from tests.calibration.random_benches import BLACK_DN
 
 BENCHES = 24

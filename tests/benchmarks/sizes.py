@@ -50,6 +50,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
+from tests.processes import ONE_THREAD
 
 EVERY_S = 0.02
 STAGES = (
@@ -237,13 +238,12 @@ def run() -> None:
     """Reconstruct every case at every size, and print."""
     cases = os.environ.get("GS2CI_CASES", "photographs0 boxes").split()
     sizes = os.environ.get("GS2CI_SIZES", "128x128 256x256 512x512").split()
-    threads = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
     wanted = {"GS2CI_PRESET": "draft", "GS2CI_SEED": "0", "GS2CI_VIEWS": "8"}
     for name in cases:
         rows = []
         for size in sizes:
             code = "from tests.benchmarks.sizes import one; one()"
-            environment = {**threads, **wanted, **os.environ}
+            environment = {**ONE_THREAD, **wanted, **os.environ}
             done = subprocess.run(
                 [sys.executable, "-c", code, name, size], env=environment, check=True, capture_output=True, text=True
             )

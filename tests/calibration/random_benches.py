@@ -1,7 +1,7 @@
 """Random simulated benches of known truth, good ones and spoiled ones, for proving calibration on them.
 
 Here: rig tables drawn from a seed, what must be refused why, and estimates held against the truth. Not here: the truth
-itself, and opening a bench (`gs2ci.tables.truth`), calibrating. Nothing here is a test.
+itself, and opening a bench (`tests.bench_truth`), calibrating. Nothing here is a test.
 """
 
 from collections.abc import Mapping
@@ -11,9 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import BenchTruth
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import Reason
+from tests.bench_truth import BenchTruth
 
 BITS: Final = 12
 BLACK_DN: Final = 64.0

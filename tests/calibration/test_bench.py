@@ -8,7 +8,6 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import TerminalOperator
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import opened
 from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.drift import changes_since
@@ -19,6 +18,7 @@ from gs2ci_calibration.photon_transfer import _take_full
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.failures import PlanRefusedError
+from tests.bench_truth import opened
 from tests.calibration.random_benches import random_table
 
 

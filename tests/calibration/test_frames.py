@@ -3,8 +3,8 @@ import pytest
 
 from gs2ci_calibration.frames import (
     Dark,
+    check_lamp,
     check_stack,
-    judge_lamp,
     mean_and_variance,
     mean_error,
     root,
@@ -65,7 +65,7 @@ def test_a_lamp_is_judged_beyond_the_noise_of_the_pixels():
     rng = np.random.default_rng(3)
     dark = np.full((20, 30), 64.0)
     frames = 64 + rng.normal(500, 20, (32, 20, 30))
-    lamp = judge_lamp("masks", frames.astype(np.float32), dark)
+    lamp = check_lamp("masks", frames.astype(np.float32), dark)
     assert lamp.flicker < 0.002
     shaking = frames + 500 * 0.02 * rng.standard_normal((32, 1, 1))
     fading = 64 + (frames - 64) * np.linspace(1, 0.9, 32)[:, None, None]
@@ -75,7 +75,7 @@ def test_a_lamp_is_judged_beyond_the_noise_of_the_pixels():
         (frames - 600, Reason.NO_LIGHT),
     ):
         with pytest.raises(CalibrationError) as error:
-            judge_lamp("masks", wrong.astype(np.float32), dark)
+            check_lamp("masks", wrong.astype(np.float32), dark)
         assert error.value.reason is reason
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from tests.bench_truth import opened
 from tests.calibration.random_benches import compare
 
 

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError
+from tests.bench_truth import opened
 from tests.calibration.random_benches import SPOILED, compare, random_table, spoiled_table
 
 pytestmark = pytest.mark.slow

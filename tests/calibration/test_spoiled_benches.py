@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.geometry import stage
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from tests.bench_truth import opened
 from tests.benchmarks.calibration_geometry import random_bench
 
 pytestmark = pytest.mark.slow

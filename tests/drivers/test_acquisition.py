@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.tables.truth import opened
 from gs2ci_drivers.acquisition import capture, plan_capture
 from gs2ci_drivers.failures import ExtraFrameError, NoAnswerError, TriggerTimeoutError
 from gs2ci_drivers.plan import CaptureSettings, Mode
+from tests.bench_truth import opened
 from tests.calibration.random_benches import random_table
 
 MASK_S = 0.02

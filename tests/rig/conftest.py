@@ -8,11 +8,11 @@ import pytest
 from gs2ci.rig.calibrated import load
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import load_rig
-from gs2ci.tables.truth import truth_of
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.fitting import codes_sha256
 from gs2ci_calibration.procedures import PROCEDURES
+from tests.bench_truth import truth_of
 
 
 def masks_section(bench, truth):

@@ -3,6 +3,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -10,13 +11,14 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig import discovery
 from gs2ci.rig.calibrating import operator_of
 from gs2ci.rig.config import RigTable
-from gs2ci.rig.opening import Rig, load_rig
+from gs2ci.rig.opening import DRIVERS, Rig, load_rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci.tables.truth import truth_of
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
+from gs2ci_drivers.plugin import BUILT_IN
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Darkness, World
+from tests.bench_truth import truth_of
 
 
 def simulated(tmp_path, **tables):
@@ -41,6 +43,12 @@ def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulato
         assert devices.sensor.connect().formats
         assert devices.stage.connect().axes
         devices.close()
+
+
+def test_packages_cannot_take_the_kind_of_a_built_in_device():
+    assert sorted(DRIVERS) == sorted(kind for kinds in BUILT_IN.values() for kind in kinds)
+    for kind, one in DRIVERS.items():
+        assert one.settings.model_fields["kind"].annotation == Literal[kind]
 
 
 def test_what_was_opened_is_closed_again_when_a_later_port_fails(tmp_path):
@@ -104,6 +112,7 @@ def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
 REAL = """
 import sys
 from pathlib import Path
+from typing import Literal
 import gs2ci.rig.calibrated, gs2ci.rig.calibrating, gs2ci.rig.doctor, gs2ci.rig.recording
 from gs2ci.rig.opening import load_rig
 

@@ -23,8 +23,8 @@ from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.report import Report, read_report
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import load_rig
-from gs2ci.tables.truth import BenchTruth, truth_of
 from gs2ci_calibration.bundle import Bundle, read_bundle
+from tests.bench_truth import BenchTruth, truth_of
 from tests.calibration.random_benches import compare
 
 pytestmark = pytest.mark.slow

@@ -68,7 +68,7 @@ class References:
         return tuple(int(column) for column in np.flatnonzero(~self.valid.any(axis=0)))
 
 
-def judge(
+def average_references(
     on_frames: NDArray[Any], off_frames: NDArray[Any], dark: NDArray[np.floating], *, saturation_dn: float, step: str
 ) -> References:
     """Average the references; refuse a field on which masks cannot be measured.
@@ -133,7 +133,7 @@ def require_in_place(
     """Check by brightness that the references of each pass are at their places among the patterns.
 
     Args:
-        references: From `judge`.
+        references: From `average_references`.
         readings: [P, K, H, W] DN: place p of the order in pass k.
         dark: Reading without light, [H, W].
         order: The pattern at each place, [P]; all mirrors on is -1, all off is -2 (`measured.PatternKind`).

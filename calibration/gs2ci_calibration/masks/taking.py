@@ -17,7 +17,7 @@ from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.exposing import find_exposure
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.masks.measured import MaskSums, PatternKind, pass_order
-from gs2ci_calibration.masks.references import References, judge, require_in_place
+from gs2ci_calibration.masks.references import References, average_references, require_in_place
 
 FILL: Final = 0.6
 """Share of the sensor's range to which the open field is exposed: far from clipping, with nearly the best precision."""
@@ -51,7 +51,8 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
     """Request the flat field, find an exposure and check the references.
 
     Raises:
-        CalibrationError: No dark frames are known; the light, the sensor or the modulator is unsuitable (`judge`).
+        CalibrationError: No dark frames are known; the light, the sensor or the modulator is unsuitable
+            (`average_references`).
         DriverError: A device failed.
     """
     section = known.need("dark-flat", step)
@@ -64,7 +65,7 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
     both = bench.deep(np.stack([bench.flat_pattern(is_open=is_open) for is_open in (True, False)]))
     frames = max(REFERENCE_FRAMES, bench.options.mask_frames)
     stack = bench.grab(both, frames=frames, exposure_s=exposure_s, bit_depth=bench.capture.bit_depth)
-    references = judge(
+    references = average_references(
         stack.readings[0], stack.readings[1], dark_dn, saturation_dn=saturation_of(bench, known, dark_dn), step=step
     )
     return Field(exposure_s, dark_dn, dark_se_dn, references, stack)

@@ -26,7 +26,7 @@ from gs2ci_drivers.dlpc900.packets import (
 )
 from gs2ci_drivers.dlpc900.payloads import decode_text
 from gs2ci_drivers.failures import BadReplyError, NoAnswerError, RefusedError
-from gs2ci_drivers.ports import HID_REPORT_BYTES, HidPort, port_errors
+from gs2ci_drivers.ports import HID_REPORT_BYTES, HidPort, port_errors, with_one_retry
 
 # A device that keeps sending without a request is broken; one reply has at most eight reports.
 _MAX_STALE_REPORTS: Final = 64
@@ -73,11 +73,9 @@ class Channel:
             RefusedError: The device refused.
             DisconnectedError: The device is gone.
         """
-        try:
-            reply = self._exchange(read_request(command, self._next_sequence()), asked)
-        except (NoAnswerError, BadReplyError) as error:
-            self._incidents.append(f"{error}; asked again")
-            reply = self._exchange(read_request(command, self._next_sequence()), asked)
+        reply = with_one_retry(
+            lambda: self._exchange(read_request(command, self._next_sequence()), asked), self._incidents
+        )
         if reply.refused:
             self._raise_refusal(asked)
         if len(reply.data) < length:

@@ -31,7 +31,7 @@ from gs2ci_drivers.dlpc900.payloads import (
     encode_lut_config,
 )
 from gs2ci_drivers.dlpc900.plan import ImageSet, digest_masks, encode_images, lut_entries
-from gs2ci_drivers.dlpc900.pulses import judge
+from gs2ci_drivers.dlpc900.pulses import interpret_pulses
 from gs2ci_drivers.failures import (
     DeviceFaultError,
     DriverError,
@@ -101,9 +101,9 @@ class Dlpc900(Modulator):
             self._check_blocks(quantised, *self.settings.blocks)
         return quantised
 
-    def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
+    def _do_interpret_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
         fires = [entry.trigger_out_2 for entry in lut_entries(sequence)]
-        return judge(self.settings, fires, sequence.repeats, counted)
+        return interpret_pulses(self.settings, fires, sequence.repeats, counted)
 
     def _check_gate(self, sequence: PatternSequence) -> None:
         each = sequence.trigger is TriggerOut.GATE_PER_MASK

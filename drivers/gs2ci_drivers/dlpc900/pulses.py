@@ -18,7 +18,7 @@ from gs2ci_drivers.modulator import PulseVerdict
 BITS = ("disables", "enables")
 
 
-def judge(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted: int) -> PulseVerdict:
+def interpret_pulses(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted: int) -> PulseVerdict:
     """Return which interpretations of the settings by the firmware explain a number of pulses.
 
     Args:
@@ -27,20 +27,20 @@ def judge(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted:
         repeats: How often the entries were meant to be shown.
         counted: Pulses that were seen.
     """
-    told_unit, told_bit = PROFILES[options.firmware].count_unit, options.trigger_out_2_bit or BITS[0]
+    configured_unit, configured_bit = PROFILES[options.firmware].count_unit, options.trigger_out_2_bit or BITS[0]
     expected = sum(fires) * repeats
     explaining = [
         (unit, bit)
         for unit, bit in product(CountUnit, BITS)
-        if counted == _pulses(options, fires, repeats, unit, inverted=bit != told_bit)
+        if counted == _pulses(options, fires, repeats, unit, inverted=bit != configured_bit)
     ]
     if len(explaining) != 1:
-        agrees = (told_unit, told_bit) in explaining and bool(options.trigger_out_2_bit)
+        agrees = (configured_unit, configured_bit) in explaining and bool(options.trigger_out_2_bit)
         sentence = f"{counted} pulses were seen and {expected} expected"
         return PulseVerdict(agrees, sentence, "" if agrees else "check the trigger cable and the sensor's trigger")
     unit, bit = explaining[0]
     found = {"firmware": next(name for name, one in PROFILES.items() if one.count_unit is unit)}
-    if unit is told_unit:
+    if unit is configured_unit:
         found = {}
     if bit != options.trigger_out_2_bit:
         found["trigger_out_2_bit"] = bit
@@ -49,11 +49,11 @@ def judge(options: Dlpc900Options, fires: Sequence[bool], repeats: int, counted:
     )
     lines = " and ".join(f'{key} = "{value}"' for key, value in found.items())
     remedy = f"set {lines} in [modulator]" if found else ""
-    return PulseVerdict(not found, said, remedy, found, inverted=bit != told_bit)
+    return PulseVerdict(not found, said, remedy, found, inverted=bit != configured_bit)
 
 
 def _pulses(options: Dlpc900Options, fires: Sequence[bool], repeats: int, unit: CountUnit, *, inverted: bool) -> int:
     """Return how many pulses a controller sends that interprets count and bit in a given way."""
-    told = PROFILES[options.firmware].count(len(fires), repeats)
-    shown = told if unit is CountUnit.PATTERNS else told * len(fires)
+    count = PROFILES[options.firmware].count(len(fires), repeats)
+    shown = count if unit is CountUnit.PATTERNS else count * len(fires)
     return sum(fires[i % len(fires)] != inverted for i in range(shown))

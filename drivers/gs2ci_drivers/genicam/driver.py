@@ -1,37 +1,32 @@
 """A GenICam camera as a `Sensor`: set up by features, streamed by a GenTL producer.
 
-Here: `GenicamSensor`: a session from connect to close. Not here: which features make up a set-up (`setup`), the check
-of a buffer (`judge`), the producer itself (`gs2ci_drivers.links.gentl`).
+Here: `GenicamSensor`: a session from connect to close. Not here: reading (`gs2ci_drivers.streamed_sensor`), which
+features make up a set-up (`setup`), the checks of a buffer (`frame_checks`), the producer itself
+(`gs2ci_drivers.links.gentl`).
 """
 
 import contextlib
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.failures import DeviceFaultError, DisconnectedError, DriverError, TriggerTimeoutError
+from gs2ci_drivers.failures import DeviceFaultError, DriverError
 from gs2ci_drivers.genicam.camera_clock import CameraClock
-from gs2ci_drivers.genicam.judge import FIRST_IDS, BufferJudge, TakenFrame
+from gs2ci_drivers.genicam.frame_checks import FIRST_IDS, BufferChecks, TakenFrame
 from gs2ci_drivers.genicam.nodes import Features
 from gs2ci_drivers.genicam.options import ONLY, GenicamOptions
 from gs2ci_drivers.genicam.setup import GenicamSetup, describe_camera
 from gs2ci_drivers.ports import CameraIdentity, CameraPort, port_errors
-from gs2ci_drivers.sensor import Frame, Sensor, SensorConfig, SensorInfo, SensorSettings, SensorStatus, TriggerMode
+from gs2ci_drivers.sensor import SensorConfig, SensorInfo, SensorSettings, TriggerMode
+from gs2ci_drivers.streamed_sensor import StreamedSensor
 
-WARM_UP_PATIENCE_S: Final = 5.0
-"""How long a warm-up frame may take beyond its exposure."""
 READY_PATIENCE_S: Final = 2.0
 """How long a camera may take from its start until it waits for triggers."""
 READY_STEP_S: Final = 2e-3
-MAX_DISCARD: Final = 256
-"""Limit on the frames that `discard` discards, so that it ends even if frames arrive faster than it reads them."""
 
 
-class GenicamSensor(Sensor):
+class GenicamSensor(StreamedSensor[TakenFrame]):
     """A camera behind a GenTL producer.
-
-    A camera that disappears is released at once; `configure` or `start` opens it again when it is back.
 
     Args:
         name: Name of the device in the rig file, for messages.
@@ -49,7 +44,6 @@ class GenicamSensor(Sensor):
         self._config: SensorConfig | None = None
         self._setup: GenicamSetup | None = None
         self._camera_clock: CameraClock | None = None
-        self._judge: BufferJudge | None = None
         self._found_mode: str | None = None
 
     def _do_connect(self) -> SensorInfo:
@@ -95,16 +89,16 @@ class GenicamSensor(Sensor):
             settings = self._setup.settings
             assert settings is not None
             self._settings = replace(settings, buffers=given)
-            self._judge = self._new_judge(self._setup)
+            self._checks = self._new_checks(self._setup)
 
-    def _new_judge(self, setup: GenicamSetup) -> BufferJudge:
+    def _new_checks(self, setup: GenicamSetup) -> BufferChecks:
         assert setup.settings is not None
         assert self._identity is not None
         first = self._options.first_frame_id
         if first is None:
             first = FIRST_IDS.get(self._identity.transport)
         picture = setup.settings.format
-        return BufferJudge(self.name, setup.form, picture.height, picture.width, first, self._options.stamps)
+        return BufferChecks(self.name, setup.form, (picture.height, picture.width), first, self._options.stamps)
 
     def _run(self, setup: GenicamSetup, config: SensorConfig) -> int:
         """Stream the warm-up frames by the camera's own clock, then restart; return the number of buffers."""
@@ -113,10 +107,7 @@ class GenicamSensor(Sensor):
             if triggered:
                 setup.set_trigger(TriggerMode.FREE_RUN)
             self._start_port(config, setup)
-            patience_s = WARM_UP_PATIENCE_S + config.exposure_s
-            for index in range(config.warm_up_frames):
-                if self._fetch(patience_s) is None:
-                    raise TriggerTimeoutError(self.name, index, patience_s)
+            self._pass_warm_up(config, self._fetch)
             with port_errors(self.name, "AcquisitionStop"):
                 self._port.stop()
             setup.set_trigger(config.trigger)
@@ -152,25 +143,8 @@ class GenicamSensor(Sensor):
                 )
             self.clock.sleep_s(READY_STEP_S)
 
-    def _do_read(self, timeout_s: float, not_before_ns: int, trigger_index: int | None) -> Frame:
-        try:
-            with self._noticing_loss():
-                judge = self._running()
-                taken, judge.held = judge.held, None
-                if taken is None:
-                    taken = self._fetch(timeout_s)
-                if taken is None:
-                    raise TriggerTimeoutError(self.name, judge.frame_index, timeout_s)
-                return judge.judge(taken, not_before_ns)
-        except DriverError as error:
-            if trigger_index is not None:
-                error.at_trigger(trigger_index)
-            raise
-
-    def _running(self) -> BufferJudge:
-        if self._judge is None or self._identity is None:
-            raise DisconnectedError(self.name, "read", "it was disconnected earlier")
-        return self._judge
+    def _is_open(self) -> bool:
+        return self._identity is not None
 
     def _fetch(self, timeout_s: float) -> TakenFrame | None:
         """Wait for a buffer and convert its stamp to the computer's clock."""
@@ -187,31 +161,14 @@ class GenicamSensor(Sensor):
         stamp_ns = None if ticks is None else camera_clock.to_monotonic_ns(int(ticks))
         return TakenFrame(buffer, stamp_ns, now_ns, round((camera_clock.uncertainty_s or 0.0) * 1e9))
 
-    def _do_discard(self) -> int:
-        with self._noticing_loss():
-            judge = self._running()
-            dropped = 0
-            while dropped < MAX_DISCARD and (taken := judge.held or self._fetch(0.0)) is not None:
-                judge.held = None
-                judge.pass_over(taken)
-                dropped += 1
-        return dropped
-
     def _do_stop(self) -> None:
-        self._judge = None
+        self._checks = None
         with self._noticing_loss(), port_errors(self.name, "AcquisitionStop"):
             if self._identity is not None:
                 self._port.stop()
 
-    def _do_status(self) -> SensorStatus:
-        with self._noticing_loss():
-            if self._identity is None:
-                raise DisconnectedError(self.name, "status", "it was disconnected earlier")
-            self._features.read("PixelFormat")
-        judge = self._judge
-        if judge is None:
-            return SensorStatus(self._streaming)
-        return SensorStatus(self._streaming, judge.delivered, judge.lost, judge.corrupt)
+    def _probe(self) -> None:
+        self._features.read("PixelFormat")
 
     def _do_close(self) -> None:
         self._halt()
@@ -234,13 +191,7 @@ class GenicamSensor(Sensor):
         with contextlib.suppress(OSError):
             self._port.stop()
 
-    @contextlib.contextmanager
-    def _noticing_loss(self) -> Iterator[None]:
-        """Release everything if the camera turns out to be gone."""
-        try:
-            yield
-        except DisconnectedError:
-            self._halt()
-            self._port.close()
-            self._identity, self._setup, self._judge = None, None, None
-            raise
+    def _let_go(self) -> None:
+        self._halt()
+        self._port.close()
+        self._identity, self._setup, self._checks = None, None, None

@@ -15,14 +15,13 @@ from gs2ci_drivers.grbl.packets import (
     parse_status,
 )
 from gs2ci_drivers.lines import LineChannel
-from gs2ci_drivers.ports import BytePort
+from gs2ci_drivers.ports import BytePort, with_one_retry
 
 REPLY_TIMEOUT_S = 1.0
 """Enough for a line, since it waits only behind a full planner buffer, which single jogs never fill."""
 STATUS_TIMEOUT_S = 0.5
 BOOT_TIMEOUT_S = 2.5
 """An Arduino's boot loader takes up to 2 s."""
-ATTEMPTS = 2
 
 
 class GrblLink:
@@ -67,17 +66,12 @@ class GrblLink:
         self.alarm, self.restarted = None, False
 
     def status(self) -> Status:
-        """Request a status report; a lost or damaged one is requested again.
+        """Request a status report; a lost or damaged one is requested again once.
 
         Raises:
             NoAnswerError, BadReplyError, DisconnectedError: No usable answer.
         """
-        for _ in range(ATTEMPTS - 1):
-            try:
-                return self._one_status()
-            except (NoAnswerError, BadReplyError) as error:
-                self._incidents.append(f"{error}; asked again")
-        return self._one_status()
+        return with_one_retry(self._one_status, self._incidents)
 
     def command(self, line: str, timeout_s: float = REPLY_TIMEOUT_S) -> list[str]:
         """Send a line and wait for its `ok`; return the lines before it.

@@ -8,7 +8,7 @@ from typing import Final
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import BadReplyError, LinkError, NoAnswerError, RefusedError
 from gs2ci_drivers.lines import LineChannel
-from gs2ci_drivers.ports import BytePort
+from gs2ci_drivers.ports import BytePort, with_one_retry
 from gs2ci_drivers.scpi_modulator.packets import (
     TAGS,
     MalformedScpiReplyError,
@@ -54,11 +54,7 @@ class ScpiLink:
             RefusedError: The device refused.
             DisconnectedError: The port is gone.
         """
-        try:
-            return self.once(command)
-        except (NoAnswerError, BadReplyError) as error:
-            self._incidents.append(f"{error}; asked again")
-        return self.once(command)
+        return with_one_retry(lambda: self.once(command), self._incidents)
 
     def once(self, command: str) -> str:
         """Send a request that must not be sent twice; return the reply's text.

@@ -1,7 +1,7 @@
 """A V4L2 camera as a `Sensor`: calls in the order that kernel drivers expect, and recovery after it was unplugged.
 
-Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), the check of a frame
-(`judge`), requests (`node`).
+Here: `V4l2Sensor` and `list_cameras`. Not here: reading (`gs2ci_drivers.streamed_sensor`), setting up (`setup`),
+buffers (`streaming`), the checks of a frame (`frame_checks`), requests (`node`).
 
 Order: open, QUERYCAP, S_FMT (re-read: the driver may change everything), controls (automatic ones off first),
 REQBUFS, QUERYBUF + mmap, QBUF of all, SUBSCRIBE_EVENT, STREAMON, STREAMOFF, STREAMON (old frames are dropped, frame
@@ -9,36 +9,22 @@ numbers begin at 0), then poll, DQBUF, copy, QBUF; at the end STREAMOFF, munmap,
 """
 
 import contextlib
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.failures import DisconnectedError, DriverError, TriggerTimeoutError
+from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.ports import SysPort
-from gs2ci_drivers.sensor import (
-    Frame,
-    Sensor,
-    SensorConfig,
-    SensorInfo,
-    SensorSettings,
-    SensorStatus,
-    TriggerMode,
-)
+from gs2ci_drivers.sensor import SensorConfig, SensorInfo, SensorSettings, TriggerMode
+from gs2ci_drivers.streamed_sensor import StreamedSensor
 from gs2ci_drivers.v4l2.controls import Applied
-from gs2ci_drivers.v4l2.judge import FrameJudge, TakenBuffer
+from gs2ci_drivers.v4l2.frame_checks import KernelFrameChecks, TakenBuffer
 from gs2ci_drivers.v4l2.node import Identity, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.setup import CameraSetup, OpenCamera
 from gs2ci_drivers.v4l2.streaming import BufferQueue
 
-WARM_UP_PATIENCE_S: Final = 5.0
-"""How long a warm-up frame may take beyond its exposure: USB cameras need seconds to begin."""
-MAX_DISCARD: Final = 256
-"""Limit on the frames that `discard` discards, so that it ends even if frames arrive faster than it reads them."""
 
-
-class V4l2Sensor(Sensor):
+class V4l2Sensor(StreamedSensor[TakenBuffer]):
     """A camera behind a V4L2 capture node, single-plane or multi-plane.
 
     If the device disappears, or does not stop, the node is closed at once, so that the kernel frees everything;
@@ -59,7 +45,6 @@ class V4l2Sensor(Sensor):
         self._config: SensorConfig | None = None
         self._setup: CameraSetup | None = None
         self._queue: BufferQueue | None = None
-        self._judge: FrameJudge | None = None
 
     @property
     def applied_controls(self) -> tuple[Applied, ...]:
@@ -104,7 +89,7 @@ class V4l2Sensor(Sensor):
                 raise
             first = self._options.first_sequence if self._options.first_sequence >= 0 else None
             self._settings = replace(self._setup.settings, buffers=self._queue.count)
-            self._judge = FrameJudge(
+            self._checks = KernelFrameChecks(
                 self.name, self._setup.geometry, first, started_ns, camera.identity.driver, self._options.stamps
             )
 
@@ -118,10 +103,8 @@ class V4l2Sensor(Sensor):
         if triggered and free:
             camera.adapter.set_mode(TriggerMode.FREE_RUN)
         queue.start()
-        patience_s = WARM_UP_PATIENCE_S + config.exposure_s
-        for index in range(config.warm_up_frames if free else 0):
-            if queue.take(patience_s) is None:
-                raise TriggerTimeoutError(self.name, index, patience_s)
+        if free:
+            self._pass_warm_up(config, queue.take)
         queue.pause()
         if triggered and free:
             camera.adapter.set_mode(config.trigger)
@@ -129,41 +112,13 @@ class V4l2Sensor(Sensor):
         queue.start()
         return started_ns
 
-    def _do_read(self, timeout_s: float, not_before_ns: int, trigger_index: int | None) -> Frame:
-        try:
-            with self._noticing_loss():
-                queue, judge = self._running()
-                return judge.judge(self._take(queue, judge, timeout_s), not_before_ns)
-        except DriverError as error:
-            if trigger_index is not None:
-                error.at_trigger(trigger_index)
-            raise
+    def _is_open(self) -> bool:
+        return self._camera is not None
 
-    def _running(self) -> tuple[BufferQueue, FrameJudge]:
-        if self._queue is None or self._judge is None:
-            raise DisconnectedError(self.name, "read", "it was disconnected earlier")
-        return self._queue, self._judge
-
-    def _take(self, queue: BufferQueue, judge: FrameJudge, timeout_s: float) -> TakenBuffer:
-        if judge.held is not None:
-            taken, judge.held = judge.held, None
-            return taken
-        got = queue.take(timeout_s)
-        if got is None:
-            raise TriggerTimeoutError(self.name, judge.frame_index, timeout_s)
-        return TakenBuffer(*got, self._port.clock_ns())
-
-    def _do_discard(self) -> int:
-        with self._noticing_loss():
-            queue, judge = self._running()
-            dropped = 0 if judge.held is None else 1
-            if judge.held is not None:
-                judge.pass_over(judge.held)
-                judge.held = None
-            while dropped < MAX_DISCARD and (got := queue.take(0.0)) is not None:
-                judge.pass_over(TakenBuffer(*got, self._port.clock_ns()))
-                dropped += 1
-        return dropped
+    def _fetch(self, timeout_s: float) -> TakenBuffer | None:
+        assert self._queue is not None
+        got = self._queue.take(timeout_s)
+        return None if got is None else TakenBuffer(*got, self._port.clock_ns())
 
     def _do_stop(self) -> None:
         queue, self._queue = self._queue, None
@@ -179,29 +134,16 @@ class V4l2Sensor(Sensor):
             self._shut()
             raise
 
-    def _do_status(self) -> SensorStatus:
-        with self._noticing_loss():
-            if self._camera is None:
-                raise DisconnectedError(self.name, "status", "it was disconnected earlier")
-            self._camera.node.identity()
-        judge = self._judge
-        if judge is None:
-            return SensorStatus(self._streaming)
-        return SensorStatus(self._streaming, judge.delivered, judge.lost, judge.corrupt)
+    def _probe(self) -> None:
+        assert self._camera is not None
+        self._camera.node.identity()
 
-    def _do_close(self) -> None:
+    def _let_go(self) -> None:
         self._drop_queue()
         self._shut()
 
-    @contextlib.contextmanager
-    def _noticing_loss(self) -> Iterator[None]:
-        """Release everything if the device turns out to be gone."""
-        try:
-            yield
-        except DisconnectedError:
-            self._drop_queue()
-            self._shut()
-            raise
+    def _do_close(self) -> None:
+        self._let_go()
 
     def _drop_queue(self) -> None:
         queue, self._queue = self._queue, None

@@ -12,6 +12,7 @@ import errno
 from typing import Final, NoReturn, Protocol
 
 from gs2ci.core.clock import Clock
+from gs2ci.core.errors import reason_of
 from gs2ci_drivers.failures import AccessError, UnsupportedError
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import TriggerMode
@@ -129,7 +130,7 @@ class ModuleTrigger:
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise AccessError(
                 self._device,
-                f"no permission ({error.strerror})",
+                f"no permission ({reason_of(error)})",
                 asked=asked,
                 remedy=f"write `options {self._module} trigger_mode=1` to /etc/modprobe.d/{self._module}.conf and "
                 "load the module again, or install the rule that `gs2ci doctor` prints",

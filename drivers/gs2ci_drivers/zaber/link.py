@@ -6,14 +6,12 @@ Here: the exchange of messages with a Zaber chain. Not here: what a stage does w
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import BadReplyError, NoAnswerError, RefusedError
 from gs2ci_drivers.lines import LineChannel
-from gs2ci_drivers.ports import BytePort
+from gs2ci_drivers.ports import BytePort, with_one_retry
 from gs2ci_drivers.zaber.flags import REJECTIONS, describe, is_fault
 from gs2ci_drivers.zaber.packets import MESSAGE_IDS, Alert, ZaberReply, parse, request
 
 REPLY_TIMEOUT_S = 0.5
 """Devices answer within about 10 ms; the rest is for USB serial adapters and busy hosts."""
-QUERY_ATTEMPTS = 2
-"""A query changes nothing, so it may be repeated if its answer is lost; a motion is never sent twice."""
 
 
 class ZaberLink:
@@ -48,18 +46,13 @@ class ZaberLink:
         self._next_id = int(clock.now_s() * 1e3) % MESSAGE_IDS
 
     def query(self, axis: int, text: str) -> ZaberReply:
-        """Send a request that changes nothing; a lost or damaged answer is requested again.
+        """Send a request that changes nothing; a lost or damaged answer is requested again once.
 
         Raises:
             LinkError: No usable answer.
             RefusedError: The device refused.
         """
-        for _ in range(QUERY_ATTEMPTS - 1):
-            try:
-                return self.command(axis, text)
-            except (NoAnswerError, BadReplyError) as error:
-                self._incidents.append(f"{error}; asked again")
-        return self.command(axis, text)
+        return with_one_retry(lambda: self.command(axis, text), self._incidents)
 
     def command(self, axis: int, text: str) -> ZaberReply:
         """Send a request once and return its reply.

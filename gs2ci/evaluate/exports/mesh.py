@@ -20,6 +20,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import Cameras
+from gs2ci.render.ply import named_columns, ply_bytes
 
 VOXELS: Final = 160
 VOXEL_RANGE: Final = (8, 512)
@@ -64,19 +65,19 @@ def fuse(
     least, most = VOXEL_RANGE
     if not least <= voxels <= most:
         raise InputError(f"--voxels {voxels}", allowed=f"{least} to {most}")
-    believed = depth > 0 if confidence is None else (depth > 0) & (confidence >= LEAST_CONFIDENCE)
-    if not believed.any():
+    reliable = depth > 0 if confidence is None else (depth > 0) & (confidence >= LEAST_CONFIDENCE)
+    if not reliable.any():
         raise InputError(
-            "no depth of this run can be believed",
+            "no depth of this run is reliable",
             allowed=f"pixels whose depth_confidence.npy is {LEAST_CONFIDENCE:g} or more",
             remedy="reconstruct again with a camera that moves sideways",
         )
-    low, size = _box(depth, believed, cameras)
+    low, size = _box(depth, reliable, cameras)
     step = float(size.max()) / (voxels - 1)
     margin = np.ceil(TRUNCATION_VOXELS) + 1
     shape = tuple(int(n) for n in np.ceil(size / step) + 1 + 2 * margin)
     origin = low - margin * step
-    distance, weight, colour = _integrated(depth, believed, views, cameras, shape, origin, step)
+    distance, weight, colour = _integrated(depth, reliable, views, cameras, shape, origin, step)
     known = weight > 0
     # A cube is used only if everything around it is known; the library checks only one of its corners.
     sure = binary_erosion(known, np.ones((3, 3, 3), bool))
@@ -98,30 +99,15 @@ def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
     Raises:
         StorageError: The file cannot be written.
     """
-    vertex = np.dtype([(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")])
-    table = np.empty(len(mesh.vertices), vertex)
-    for k, name in enumerate("xyz"):
-        table[name] = mesh.vertices[:, k]
-    for k, name in enumerate(("red", "green", "blue")):
-        table[name] = np.rint(255 * mesh.colours[:, k])
-    corners = np.empty(len(mesh.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
-    corners["count"], corners["corners"] = 3, mesh.faces
-    header = "\n".join(
-        [
-            *("ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"),
-            *(f"property float {axis}" for axis in "xyz"),
-            *(f"property uchar {name}" for name in ("red", "green", "blue")),
-            f"element face {len(corners)}",
-            *("property list uchar int vertex_indices", "end_header\n"),
-        ]
-    )
-    return write_whole(path, header.encode("ascii") + table.tobytes() + corners.tobytes())
+    colours = np.rint(255 * mesh.colours).astype(np.uint8)
+    vertices = {**named_columns("xyz", mesh.vertices), **named_columns(("red", "green", "blue"), colours)}
+    return write_whole(path, ply_bytes(vertices, mesh.faces))
 
 
-def _box(depth: F32, believed: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
+def _box(depth: F32, reliable: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
     """Return the corner and the size of a box round the reliable points."""
     seen = []
-    for view, (row, column) in ((v, np.nonzero(believed[v])) for v in range(len(depth))):
+    for view, (row, column) in ((v, np.nonzero(reliable[v])) for v in range(len(depth))):
         rays = cameras.rays(np.stack([column + 0.5, row + 0.5], axis=-1))
         seen.append(cameras.in_world(view, rays * depth[view, row, column, None]))
     low, high = np.quantile(np.concatenate(seen), (_LEFT_OUT, 1 - _LEFT_OUT), axis=0)
@@ -131,7 +117,7 @@ def _box(depth: F32, believed: NDArray[np.bool_], cameras: Cameras) -> tuple[F64
 
 def _integrated(
     depth: F32,
-    believed: NDArray[np.bool_],
+    reliable: NDArray[np.bool_],
     views: F32,
     cameras: Cameras,
     shape: tuple[int, ...],
@@ -150,7 +136,7 @@ def _integrated(
         for view in range(len(depth)):
             inside, ahead, pixels = _seen(points, cameras, view, depth.shape[1:])
             row, column = pixels
-            there = believed[view, row, column]
+            there = reliable[view, row, column]
             gap = (depth[view, row, column] - ahead) / truncation
             there &= gap >= -1
             chosen = np.flatnonzero(inside)[there] + begin

@@ -42,8 +42,8 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
     Raises:
         StorageError: The file cannot be written.
     """
-    metadata = report.provenance.get("metadata")
-    told: Mapping[str, Any] = metadata if isinstance(metadata, dict) else {}
+    given = report.provenance.get("metadata")
+    metadata: Mapping[str, Any] = given if isinstance(given, dict) else {}
     try:
         with h5py.File(path, "w") as file:
             file.attrs["NX_class"] = "NXroot"
@@ -56,8 +56,8 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
             entry["program_name"].attrs["version"] = __version__
             if "taken_at" in report.provenance:
                 entry["start_time"] = str(report.provenance["taken_at"])
-            if "experiment" in told:
-                entry["experiment_identifier"] = str(told["experiment"])
+            if "experiment" in metadata:
+                entry["experiment_identifier"] = str(metadata["experiment"])
             _data(
                 entry, "views", views, ("view", "y", "x", "channel"), "full scales", "views recovered from one exposure"
             )
@@ -65,7 +65,7 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
                 unit = (report.geometry.unit_of if report.geometry is not None else None) or "units of the path"
                 _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
             _instrument(entry, cameras, views.shape)
-            _write_metadata(entry, told)
+            _write_metadata(entry, metadata)
             entry["report"] = report.text()
     except OSError as error:
         raise StorageError(f"{path} cannot be written: {error}", remedy="check the free space") from error
@@ -114,12 +114,12 @@ def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...]) -> None:
             found[name].attrs["description"] = what
 
 
-def _write_metadata(entry: Any, told: Mapping[str, Any]) -> None:
+def _write_metadata(entry: Any, metadata: Mapping[str, Any]) -> None:
     """Write the operator's metadata: where the standard has a place, there; all of it in a collection as well."""
     for key, (group, kind, field) in _PLACES.items():
-        if key in told:
-            _group(entry, group, kind)[field] = str(told[key])
-    if told:
+        if key in metadata:
+            _group(entry, group, kind)[field] = str(metadata[key])
+    if metadata:
         kept = _group(entry, "metadata", "NXcollection")
-        for key, value in told.items():
+        for key, value in metadata.items():
             kept.attrs[key] = value

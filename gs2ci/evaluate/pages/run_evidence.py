@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64, U8
-from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_of
+from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
@@ -90,7 +90,7 @@ def read_evidence(folder: Path) -> RunEvidence:
         raise
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
         raise StorageError(
-            f"{folder} cannot be read as a run: {reason_of(error)}",
+            f"{folder} cannot be read as a run: {reason_with_file(error)}",
             allowed="a folder that `gs2ci reconstruct` wrote, whole",
             remedy="copy it again, or reconstruct again",
         ) from error

@@ -9,10 +9,12 @@ The sentences are stored as text, so that a page made years later needs neither 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Annotated, Final, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from gs2ci.core.errors import StorageError
-from gs2ci.core.json_text import as_json, parse_json
+from gs2ci.core.json_text import as_json, first_fault, parse_json
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.wording import UNKNOWN
 
@@ -27,6 +29,10 @@ LIMIT_BYTES: Final = 2**20
 # Far beyond any figure of a trial; axes with larger values could overflow.
 LARGEST: Final = 1e12
 LEAST_S: Final = 1e-6
+
+_Figure = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+_Count = Annotated[int, Field(ge=0, le=LARGEST)]
+_CHECKED: Final = ConfigDict(strict=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -46,15 +52,17 @@ class Tried:
         unbeaten: Whether no other is both quicker and better.
     """
 
+    __pydantic_config__ = _CHECKED
+
     trial: str
     knob: str
-    seconds: float
-    psnr_db: float | None
-    ssim: float | None
-    nate: float | None
-    heldout_db: float | None
-    iterations: int
-    gaussians: int
+    seconds: Annotated[float, Field(ge=LEAST_S, le=LARGEST)]
+    psnr_db: _Figure | None
+    ssim: _Figure | None
+    nate: _Figure | None
+    heldout_db: _Figure | None
+    iterations: _Count
+    gaussians: _Count
     unbeaten: bool
 
     @property
@@ -79,13 +87,18 @@ class TradeoffRecord:
         versions: Versions of the programs.
     """
 
+    __pydantic_config__ = _CHECKED
+
     name: str
     measure: Measure | None
     sentences: tuple[str, ...]
     trials: tuple[Tried, ...]
     command: str
-    machine: Mapping[str, str | int]
+    machine: Mapping[str, str | _Count]
     versions: Mapping[str, str]
+
+
+_RECORDS: Final = TypeAdapter(TradeoffRecord)
 
 
 def write_record(folder: Path, record: TradeoffRecord) -> Path:
@@ -110,70 +123,15 @@ def read_record(folder: Path) -> TradeoffRecord | None:
     try:
         if path.stat().st_size > LIMIT_BYTES:
             raise ValueError(f"it has {path.stat().st_size} bytes, more than {LIMIT_BYTES}")
-        return _record(parse_json(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        text = path.read_text(encoding="utf-8")
+        found = parse_json(text)["schema"]
+        if found != SCHEMA:
+            raise ValueError(f"it has schema {found!r}")
+        return _RECORDS.validate_json(text)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        why = first_fault(error) if isinstance(error, ValidationError) else f"{type(error).__name__}: {error}"
         raise StorageError(
-            f"{path} cannot be read: {type(error).__name__}: {error}",
+            f"{path} cannot be read: {why}",
             allowed=f"what `gs2ci tradeoff --report` writes, schema {SCHEMA}",
             remedy="delete it, or run `gs2ci tradeoff` again",
         ) from error
-
-
-def _record(held: Any) -> TradeoffRecord:
-    if held["schema"] != SCHEMA:
-        raise ValueError(f"it has schema {held['schema']!r}")
-    if held["measure"] not in (None, *get_args(Measure)):
-        raise ValueError(f"measure {held['measure']!r}")
-    return TradeoffRecord(
-        name=_text(held["name"]),
-        measure=held["measure"],
-        sentences=tuple(_text(sentence) for sentence in held["sentences"]),
-        trials=tuple(_tried(trial) for trial in held["trials"]),
-        command=_text(held["command"]),
-        machine={_text(key): _plain(value) for key, value in held["machine"].items()},
-        versions={_text(key): _text(value) for key, value in held["versions"].items()},
-    )
-
-
-def _tried(held: Any) -> Tried:
-    seconds = _figure(held["seconds"])
-    if seconds is None or seconds < LEAST_S:
-        raise ValueError(f"{held['seconds']!r} seconds")
-    if not isinstance(held["unbeaten"], bool):
-        raise ValueError(f"unbeaten {held['unbeaten']!r}")
-    return Tried(
-        trial=_text(held["trial"]),
-        knob=_text(held["knob"]),
-        seconds=seconds,
-        psnr_db=_figure(held["psnr_db"]),
-        ssim=_figure(held["ssim"]),
-        nate=_figure(held["nate"]),
-        heldout_db=_figure(held["heldout_db"]),
-        iterations=_count(held["iterations"]),
-        gaussians=_count(held["gaussians"]),
-        unbeaten=held["unbeaten"],
-    )
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} instead of a text")
-    return value
-
-
-def _plain(value: Any) -> str | int:
-    return value if isinstance(value, int) and abs(value) <= LARGEST else _text(value)
-
-
-def _figure(value: Any) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
-        raise ValueError(f"{value!r} instead of a number")
-    return float(value)
-
-
-def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST:
-        raise ValueError(f"{value!r} instead of a count")
-    return value

@@ -5,7 +5,7 @@ Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inn
 photometric target of a fit.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
@@ -105,59 +105,20 @@ def plug_and_play(
         views = _average_exposure(masks, measured, inverse_energy > 0)
     else:
         views = masks[:, None] * measured
-    step = _gap if settings.scheme == "gap" else _admm
+    # ADMM carries the difference between projected and denoised views along; accelerated GAP does so in the target.
+    multiplier = np.zeros_like(views) if settings.scheme == "admm" else None
+    seen = views
     progress.stage("decode", len(levels))
-    seen = step(views, masks, inverse_energy, measured, target, prior, levels.tolist(), progress, enough or _never)
+    for iteration, sigma in enumerate(levels.tolist()):
+        nearest = views if multiplier is None else views - multiplier
+        row_energy = project_onto_measurement(nearest, masks, inverse_energy, measured, target, multiplier is None)
+        progress.step(iteration + 1, residual=_relative(row_energy, measured))
+        views, seen = prior(nearest if multiplier is None else nearest + multiplier, sigma)
+        if multiplier is not None:
+            multiplier += nearest - views
+        if enough is not None and enough(seen):
+            break
     return np.ascontiguousarray(seen.transpose(0, 2, 3, 1))
-
-
-def _gap(
-    views: F32,
-    masks: F32,
-    inverse_energy: F32,
-    measured: F32,
-    target: F32,
-    prior: _Prior,
-    levels: Sequence[float],
-    progress: Progress,
-    enough: Callable[[F32], bool],
-) -> F32:
-    seen = views
-    for iteration, sigma in enumerate(levels):
-        row_energy = project_onto_measurement(views, masks, inverse_energy, measured, target, True)
-        progress.step(iteration + 1, residual=_relative(row_energy, measured))
-        views, seen = prior(views, sigma)
-        if enough(seen):
-            break
-    return seen
-
-
-def _admm(
-    views: F32,
-    masks: F32,
-    inverse_energy: F32,
-    measured: F32,
-    target: F32,
-    prior: _Prior,
-    levels: Sequence[float],
-    progress: Progress,
-    enough: Callable[[F32], bool],
-) -> F32:
-    multiplier = np.zeros_like(views)
-    seen = views
-    for iteration, sigma in enumerate(levels):
-        projected = views - multiplier
-        row_energy = project_onto_measurement(projected, masks, inverse_energy, measured, target, False)
-        progress.step(iteration + 1, residual=_relative(row_energy, measured))
-        views, seen = prior(projected + multiplier, sigma)
-        multiplier += projected - views
-        if enough(seen):
-            break
-    return seen
-
-
-def _never(_: F32) -> bool:
-    return False
 
 
 def _relative(row_energy: F64, measured: F32) -> float:

@@ -30,7 +30,7 @@ from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
-from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_tracks, judge, supported_views
+from gs2ci.reconstruct.geometry.validity import Criteria, classify_motion, doubts_about_tracks, supported_views
 from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
 
 Step = Literal["after adjustment", "before adjustment"]
@@ -223,7 +223,7 @@ def shortcomings(
     """
     criteria = settings.criteria
     motion, explained = place_points(tracks, poses, intrinsics, settings.motion.huber_px, settings.motion.outlier_px)
-    verdict, reasons = judge(
+    verdict, reasons = classify_motion(
         len(tracks), explained, motion, fit_rotations(explained, intrinsics, settings.motion), criteria
     )
     said = list(reasons) if verdict != "full" else []

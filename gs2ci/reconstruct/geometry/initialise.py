@@ -38,10 +38,10 @@ from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corner
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
     Verdict,
+    classify_motion,
     contradictions,
     doubts_about_path,
     doubts_about_tracks,
-    judge,
     parallax_px,
     supported_views,
 )
@@ -356,7 +356,7 @@ def _moved(
         reasons = contradictions(candidates, tracks, motion, settings.criteria)
         verdict: Verdict = "unsupported" if reasons else "full"
     else:
-        verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
+        verdict, reasons = classify_motion(candidates, tracks, motion, rotations, settings.criteria)
     notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (PLANE_NOTE,)))
     poses = geometry.world_to_camera.copy()
     if verdict == "full":

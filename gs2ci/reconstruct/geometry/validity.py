@@ -137,7 +137,7 @@ def has_parallax(motion: CameraMotion, rotations: Rotations, criteria: Criteria)
     return bool(noise_rotation > criteria.unexplained_by_two * noise_full)
 
 
-def judge(
+def classify_motion(
     candidates: int, tracks: Tracks, motion: CameraMotion, rotations: Rotations, criteria: Criteria
 ) -> tuple[Verdict, tuple[Finding, ...]]:
     """Decide whether the camera moved, only turned or stood still; give reasons for any verdict but "full".
@@ -161,7 +161,7 @@ def judge(
 
 
 def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> tuple[Finding, ...]:
-    """Return how the tracks contradict a motion; nothing if they confirm it. Arguments as for `judge`."""
+    """Return how the tracks contradict a motion; nothing if they confirm it. Arguments as for `classify_motion`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
         doubts.append(finding(Code.FEW_TRACKS_EXPLAINED, tracks=len(tracks), of=candidates))

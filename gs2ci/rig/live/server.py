@@ -12,6 +12,7 @@ import json
 import sys
 import threading
 import time
+from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -143,6 +144,9 @@ class LiveServer:
                 self._disarm()
 
 
+_Assets = dict[str, tuple[bytes, str]]
+
+
 class _Listener(ThreadingHTTPServer):
     """A server that prints nothing when a browser closes a connection early."""
 
@@ -157,9 +161,10 @@ def _listen(host: str, port: int, live: LiveServer) -> ThreadingHTTPServer:
     if not 0 <= port <= HIGHEST_PORT:
         raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
     tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
+    answer = partial(_Handler, live, _assets())
     for candidate in tried:
         try:
-            return _Listener((host, candidate), _handler(live))
+            return _Listener((host, candidate), answer)
         except OSError as error:
             reason = error
     raise InputError(
@@ -168,72 +173,83 @@ def _listen(host: str, port: int, live: LiveServer) -> ThreadingHTTPServer:
     )
 
 
-def _handler(live: LiveServer) -> type[BaseHTTPRequestHandler]:
+def _assets() -> _Assets:
     folder = resources.files("gs2ci.rig.live") / "page"
-    assets = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in ASSETS.items()}
+    return {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in ASSETS.items()}
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
 
-        def do_GET(self) -> None:
-            path = self.path.partition("?")[0]
-            if not self._allowed():
-                return
-            if path in assets:
-                self._answer(HTTPStatus.OK, *assets[path])
-            elif path == "/state":
-                self._tell(HTTPStatus.OK, live.state(self.headers.get(TOKEN, "")))
-            elif (picture := live.picture(path)) is not None:
-                self._answer(HTTPStatus.OK, picture, "image/png")
-            else:
-                self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such page"})
+class _Handler(BaseHTTPRequestHandler):
+    """One request of a browser: which answer it gets, by path.
 
-        def do_POST(self) -> None:
-            length = int(self.headers.get("Content-Length") or 0)
-            if not 0 <= length <= LARGEST_REQUEST:
-                self.close_connection = True
-                self._tell(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "too long"})
-                return
-            body = self.rfile.read(length)
-            if not self._allowed():
-                return
-            if self.path == "/leave":
-                live.leave(body.decode("ascii", "replace"))
-                self._tell(HTTPStatus.OK, {})
-                return
-            try:
-                request = json.loads(body)
-            except ValueError:
-                request = None
-            if self.path != "/act" or not isinstance(request, dict):
-                self._tell(HTTPStatus.BAD_REQUEST, {"error": "not understood"})
-                return
-            self._tell(*live.act(self.headers.get(TOKEN, ""), request))
+    Args:
+        live: What is served.
+        assets: Content and kind of the page's files by path.
+        connection: As `BaseHTTPRequestHandler` has them; the request is answered while the object is made.
+    """
 
-        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
-            """Print nothing on the terminal."""
+    protocol_version = "HTTP/1.1"
 
-        def _allowed(self) -> bool:
-            if live.allows(self.headers.get("Host", "")):
-                return True
-            self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "the request was sent to another host name"})
-            return False
+    def __init__(self, live: LiveServer, assets: _Assets, *connection: Any) -> None:
+        self._live, self._assets = live, assets
+        super().__init__(*connection)
 
-        def _tell(self, status: HTTPStatus, answer: dict[str, Any]) -> None:
-            self._answer(status, json.dumps(answer).encode(), "application/json")
+    def do_GET(self) -> None:
+        path = self.path.partition("?")[0]
+        if not self._allowed():
+            return
+        if path in self._assets:
+            self._answer(HTTPStatus.OK, *self._assets[path])
+        elif path == "/state":
+            self._tell(HTTPStatus.OK, self._live.state(self.headers.get(TOKEN, "")))
+        elif (picture := self._live.picture(path)) is not None:
+            self._answer(HTTPStatus.OK, picture, "image/png")
+        else:
+            self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such page"})
 
-        def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
-            self.send_response(status)
-            for name, value in {
-                "Content-Type": kind,
-                "Content-Length": str(len(body)),
-                "Cache-Control": "no-store",
-                "Content-Security-Policy": POLICY,
-                "X-Content-Type-Options": "nosniff",
-                "Referrer-Policy": "no-referrer",
-            }.items():
-                self.send_header(name, value)
-            self.end_headers()
-            self.wfile.write(body)
+    def do_POST(self) -> None:
+        length = int(self.headers.get("Content-Length") or 0)
+        if not 0 <= length <= LARGEST_REQUEST:
+            self.close_connection = True
+            self._tell(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "too long"})
+            return
+        body = self.rfile.read(length)
+        if not self._allowed():
+            return
+        if self.path == "/leave":
+            self._live.leave(body.decode("ascii", "replace"))
+            self._tell(HTTPStatus.OK, {})
+            return
+        try:
+            request = json.loads(body)
+        except ValueError:
+            request = None
+        if self.path != "/act" or not isinstance(request, dict):
+            self._tell(HTTPStatus.BAD_REQUEST, {"error": "not understood"})
+            return
+        self._tell(*self._live.act(self.headers.get(TOKEN, ""), request))
 
-    return Handler
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
+        """Print nothing on the terminal."""
+
+    def _allowed(self) -> bool:
+        if self._live.allows(self.headers.get("Host", "")):
+            return True
+        self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "the request was sent to another host name"})
+        return False
+
+    def _tell(self, status: HTTPStatus, answer: dict[str, Any]) -> None:
+        self._answer(status, json.dumps(answer).encode(), "application/json")
+
+    def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
+        self.send_response(status)
+        for name, value in {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+        }.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)

@@ -1,9 +1,9 @@
 """The interface of effects: parameters, a bound on the change if an effect is left out, and its application.
 
-An effect is a frozen dataclass of its physical parameters, in electrons and seconds; its table in a rig file,
-`[effects.name]`, holds exactly these. An effect is on if it is in the light path; there is no flag. If it is off, the
-result is bit-identical to a light path without it, it takes no time and draws no random numbers. Not here: the order of
-effects (`light_path`), which of them a measurement needs (`planner`), the types of signals (`signals`).
+An effect is a frozen dataclass of its physical parameters, an `EffectRecord`, in electrons and seconds; its table in a
+rig file, `[effects.name]`, holds exactly these. An effect is on if it is in the light path; there is no flag. If it is
+off, the result is bit-identical to a light path without it, it takes no time and draws no random numbers. Not here: the
+order of effects (`light_path`), which of them a measurement needs (`planner`), the types of signals (`signals`).
 """
 
 import enum
@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_chec
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic.alias_generators import to_snake
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
 from gs2ci_sims.rig import Rig
 
@@ -207,6 +209,21 @@ class Previewed(ViewPreview, Protocol):
 
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:
         """Bound the change of the readings if the light behind each mask changes by a share, [N]."""
+
+
+class EffectRecord(BoundedRecord):
+    """Base of effects: bounded parameters, and a name.
+
+    The name is the class's in lower case with underscores, `dark_current` for `DarkCurrent`, unless it states another.
+    """
+
+    name: ClassVar[str]
+    fixed_pattern: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" not in vars(cls):
+            cls.name = to_snake(cls.__name__)
 
 
 class Effect(Protocol):

@@ -6,14 +6,13 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.records import CfaPattern
-from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class BayerFilter(BoundedRecord):
+class BayerFilter(EffectRecord):
     """Keep of each pixel's light the colour that its filter passes, [H, W, 3] -> [H, W, 1].
 
     Bayer, US patent 3 971 065 (1976). Light of the other colours never becomes charge, so the filter is the
@@ -23,10 +22,8 @@ class BayerFilter(BoundedRecord):
         pattern: Colours of the upper left two by two pixels, row by row.
     """
 
-    name: ClassVar[str] = "bayer_filter"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 5.0
-    fixed_pattern: ClassVar[bool] = False
 
     pattern: CfaPattern = "RGGB"
 

@@ -7,13 +7,12 @@ import numpy as np
 from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class BlackLevel(BoundedRecord):
+class BlackLevel(EffectRecord):
     """Shift all readings: the clamp's drift since the dark frames were taken.
 
     The offset mu_y.dark of EMVA Standard 1288, Release 3.1, section 2.1, is a figure of the data sheet
@@ -24,10 +23,8 @@ class BlackLevel(BoundedRecord):
         shift_dn: True black level minus the data sheet's, DN.
     """
 
-    name: ClassVar[str] = "black_level"
     stage: ClassVar[Stage] = Stage.READOUT
     cost_ns: ClassVar[float] = 2.0
-    fixed_pattern: ClassVar[bool] = False
 
     shift_dn: FiniteFloat
 

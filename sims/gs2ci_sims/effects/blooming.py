@@ -7,13 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Blooming(BoundedRecord):
+class Blooming(EffectRecord):
     """Let a share of each pixel's charge beyond the full well flow into its column, half up and half down.
 
     It fills every pixel that it reaches up to the well and flows on; what reaches the border is gone. The rest goes
@@ -24,10 +23,8 @@ class Blooming(BoundedRecord):
         share: Share of the excess charge that spills, 0 to 1.
     """
 
-    name: ClassVar[str] = "blooming"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 40.0
-    fixed_pattern: ClassVar[bool] = False
 
     share: Annotated[float, Field(ge=0, le=1)]
 

@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class ChargeNoise(BoundedRecord):
+class ChargeNoise(EffectRecord):
     """Normal numbers that an effect adds to the electrons, drawn in its own way."""
 
-    name: ClassVar[str]
     stage: ClassVar[Stage] = Stage.CHARGE
 
     sigma_e: NotNegative

@@ -7,25 +7,22 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.trigger_timing import within_window
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class ClockDrift(BoundedRecord):
+class ClockDrift(EffectRecord):
     """Stretch the masks' schedule from the first mask on; the sensor closes by its own clock.
 
     Args:
         ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
     """
 
-    name: ClassVar[str] = "clock_drift"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     ppm: Annotated[FiniteFloat, Field(gt=-1e6)]
 

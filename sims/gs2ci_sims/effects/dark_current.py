@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
@@ -18,7 +17,7 @@ REFERENCE_C: Final = 25.0
 
 
 @dataclass(frozen=True)
-class DarkCurrent(BoundedRecord):
+class DarkCurrent(EffectRecord):
     """Add the mean charge that collects in the dark during the whole exposure, gaps between masks included.
 
     It grows linearly with time and exponentially with temperature: mu_I(T) = mu_I.ref 2^((T - T_ref) / T_d) (EMVA
@@ -31,10 +30,8 @@ class DarkCurrent(BoundedRecord):
         doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
     """
 
-    name: ClassVar[str] = "dark_current"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 2.0
-    fixed_pattern: ClassVar[bool] = False
 
     current_e_per_s: NotNegative
     temperature_c: Annotated[float, Field(ge=-100, le=100)] = REFERENCE_C

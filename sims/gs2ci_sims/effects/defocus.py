@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative, Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc, disc_transfer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -20,7 +19,7 @@ DIAMETER_MAX_PX: Final = 64.0
 
 
 @dataclass(frozen=True)
-class Defocus(BoundedRecord):
+class Defocus(EffectRecord):
     """Blur each pixel by the disc that belongs to its depth.
 
     A thin lens with an aperture of diameter A, focused at z_f, spreads a point at z over a disc of diameter
@@ -33,10 +32,8 @@ class Defocus(BoundedRecord):
         focus_depth: z of what is sharp, scene units, more than 0.
     """
 
-    name: ClassVar[str] = "defocus"
     stage: ClassVar[Stage] = Stage.RADIANCE
     cost_ns: ClassVar[float] = 400.0
-    fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = True
 
     aperture: NotNegative

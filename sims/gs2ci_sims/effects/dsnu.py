@@ -22,7 +22,6 @@ class Dsnu(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    name: ClassVar[str] = "dsnu"
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
 
@@ -18,7 +17,7 @@ MOST_PARTICLES: Final = 10_000
 
 
 @dataclass(frozen=True)
-class Dust(BoundedRecord):
+class Dust(EffectRecord):
     """Multiply the light by what opaque round particles on the cover glass let through, the same in every exposure.
 
     A pixel sees the aperture of the lens through a cone, which crosses the glass in a disc; it loses the share of that
@@ -32,7 +31,6 @@ class Dust(BoundedRecord):
         cone_px: Diameter of the cone where it crosses the glass, in sensor pixels, 0 to 128.
     """
 
-    name: ClassVar[str] = "dust"
     stage: ClassVar[Stage] = Stage.PHOTONS
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True

@@ -9,14 +9,13 @@ from pydantic import Field
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class FiniteContrast(BoundedRecord):
+class FiniteContrast(EffectRecord):
     """Raise the off level of the masks to a map of leakage: M becomes leak + (1 - leak) M.
 
     The leakage is log-normal over the field, a fixed pattern of the device. Measured masks of two laboratory
@@ -29,7 +28,6 @@ class FiniteContrast(BoundedRecord):
         patch_px: Scale over which the leakage varies, pixels, at least 0.
     """
 
-    name: ClassVar[str] = "finite_contrast"
     stage: ClassVar[Stage] = Stage.MASKS
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True

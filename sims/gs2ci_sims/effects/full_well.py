@@ -7,13 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class FullWell(BoundedRecord):
+class FullWell(EffectRecord):
     """Clip each pixel's charge at its capacity; what is beyond is lost (no blooming).
 
     The saturation capacity µ_e.sat of EMVA Standard 1288, Release 3.1, section 2.4.
@@ -22,10 +21,8 @@ class FullWell(BoundedRecord):
         capacity_e: Electrons, more than 0.
     """
 
-    name: ClassVar[str] = "full_well"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 2.0
-    fixed_pattern: ClassVar[bool] = False
 
     capacity_e: Annotated[float, Field(gt=0)]
 

@@ -8,14 +8,13 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class GainNonlinearity(BoundedRecord):
+class GainNonlinearity(EffectRecord):
     """Bend the response by a parabola that is zero at no charge and at the full well W.
 
     With x = charge / W, the amplifier puts out W (x + 4 d x (1 - x)): d is the largest departure from the straight
@@ -26,10 +25,8 @@ class GainNonlinearity(BoundedRecord):
         departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
     """
 
-    name: ClassVar[str] = "gain_nonlinearity"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = False
 
     departure: Annotated[float, Field(gt=-0.25, lt=0.25)]
 

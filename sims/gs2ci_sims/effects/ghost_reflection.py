@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
 
@@ -17,7 +16,7 @@ MOST_BLUR_PX: Final = 256.0
 
 
 @dataclass(frozen=True)
-class GhostReflection(BoundedRecord):
+class GhostReflection(EffectRecord):
     """Add a share of the image, turned by half a turn about the middle of the sensor and spread over a disc.
 
     Light reflected twice, by the sensor and by a surface in front of it, forms a ghost; its share is the product of
@@ -30,10 +29,8 @@ class GhostReflection(BoundedRecord):
         blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
     """
 
-    name: ClassVar[str] = "ghost_reflection"
     stage: ClassVar[Stage] = Stage.PHOTONS
     cost_ns: ClassVar[float] = 100.0
-    fixed_pattern: ClassVar[bool] = False
 
     share: Annotated[float, Field(ge=0, le=0.5)]
     blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR_PX)] = 0.0

@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
@@ -21,7 +20,7 @@ _CHERNOFF: Final = (0.1, 100.0)
 
 
 @dataclass(frozen=True)
-class HotPixels(BoundedRecord):
+class HotPixels(EffectRecord):
     """Give a random few pixels an excess dark current, exponentially distributed.
 
     The same pixels and currents in every exposure of one device. The tail of a sensor's dark current histogram is
@@ -33,7 +32,6 @@ class HotPixels(BoundedRecord):
         mean_e_per_s: Their mean excess, electrons per second, at least 0.
     """
 
-    name: ClassVar[str] = "hot_pixels"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True

@@ -7,24 +7,21 @@ import numpy as np
 from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class IlluminationDrift(BoundedRecord):
+class IlluminationDrift(EffectRecord):
     """Multiply the light by 1 + rate t, with t = 0 in the middle of the exposure; never below 0.
 
     Args:
         rate_per_s: Relative change per second.
     """
 
-    name: ClassVar[str] = "illumination_drift"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     rate_per_s: FiniteFloat
 

@@ -1,21 +1,17 @@
 """Illumination flicker: the light of lamps on the mains oscillates at twice its frequency."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field
 
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
-from gs2ci_sims.effects.periodic import swing_left, swinging
+from gs2ci_sims.effects.base import BoundStep
+from gs2ci_sims.effects.periodic import Oscillation
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class IlluminationFlicker(BoundedRecord):
+class IlluminationFlicker(Oscillation):
     """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is random: nothing is locked to the mains.
 
     `depth` is percent flicker / 100, (max - min) / (max + min) (IEEE 1789-2015, section 3).
@@ -25,31 +21,13 @@ class IlluminationFlicker(BoundedRecord):
         mains_hz: Frequency of the supply; light oscillates at twice that.
     """
 
-    name: ClassVar[str] = "illumination_flicker"
-    stage: ClassVar[Stage] = Stage.TIME
-    cost_ns: ClassVar[float] = 0.2
-    fixed_pattern: ClassVar[bool] = False
-
-    depth: Annotated[float, Field(ge=0, le=1)]
     mains_hz: Positive = 50.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The oscillation left in an interval's mean, depth |sin x / x|, at the worst phase; the rest moves in time."""
+    def frequency(self) -> tuple[BoundStep, ...]:
+        """Return the mains' frequency and the light's."""
         mains = BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains")
-        light = BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
-        steps = mains, *swing_left(self.depth, light, rig.timing.interval_s)
-        masks = len(scene.masks)
-        kept, swing = np.full(masks, steps[-1].value), np.full(masks, self.depth)
-        return scene.of_shares(self, kept, swing, self.depth).after(*steps)
+        return mains, BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
 
-    def brightest(self, scene: ViewPreview) -> float:
-        """The maximum of the oscillation."""
-        return 1 + self.depth
-
-    def modulation(self, scene: ViewPreview) -> float:
-        """The oscillation's depth."""
-        return self.depth
-
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Modulate the light of the slices."""
-        return swinging(signal, self.depth, 2 * self.mains_hz, float(rng.uniform(0, 2 * np.pi)))
+    def phase(self, rig: Rig, rng: np.random.Generator) -> float:
+        """Draw the phase."""
+        return float(rng.uniform(0, 2 * np.pi))

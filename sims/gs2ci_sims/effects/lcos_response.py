@@ -6,9 +6,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -17,7 +16,7 @@ CUTS: Final = np.array([0.0625, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0,
 
 
 @dataclass(frozen=True)
-class LcosResponse(BoundedRecord):
+class LcosResponse(EffectRecord):
     """Let the transmission relax from the old state to the new with a time constant.
 
     First-order relaxation of the director (Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3), the same for
@@ -27,10 +26,8 @@ class LcosResponse(BoundedRecord):
         tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
     """
 
-    name: ClassVar[str] = "lcos_response"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.2
-    fixed_pattern: ClassVar[bool] = False
 
     tau_s: NotNegative
 

@@ -9,10 +9,9 @@ from pydantic import FiniteFloat
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
@@ -23,7 +22,7 @@ PLACES_KEPT: Final = 4
 
 
 @dataclass(frozen=True)
-class LensDistortion(BoundedRecord):
+class LensDistortion(EffectRecord):
     """Shift points at radius r from the axis (tangent of the field angle) to r (1 + k1 r^2 + k2 r^4).
 
     The radial model of Brown (Photogrammetric Engineering 32 (1966) 444), with the signs of OpenCV: k1 < 0 is a
@@ -34,10 +33,8 @@ class LensDistortion(BoundedRecord):
         k2: Coefficient of r^4.
     """
 
-    name: ClassVar[str] = "lens_distortion"
     stage: ClassVar[Stage] = Stage.RADIANCE
     cost_ns: ClassVar[float] = 600.0
-    fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
 
     k1: FiniteFloat

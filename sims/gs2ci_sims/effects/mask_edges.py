@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class MaskEdges(BoundedRecord):
+class MaskEdges(EffectRecord):
     """Blur the masks themselves by a Gaussian: gaps between mirrors, fringing fields between cells.
 
     A Gaussian of about 0.5 px fits two measured sets of laboratory masks against their binarised copies.
@@ -25,10 +24,8 @@ class MaskEdges(BoundedRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    name: ClassVar[str] = "mask_edges"
     stage: ClassVar[Stage] = Stage.MASKS
     cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = False
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.5
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0

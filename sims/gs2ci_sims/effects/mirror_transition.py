@@ -7,16 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 
 @dataclass(frozen=True)
-class MirrorTransition(BoundedRecord):
+class MirrorTransition(EffectRecord):
     """Let the mask's transmission pass linearly from the old state to the new after each switch.
 
     Before the first mask, and after a dark gap, the old state is dark. A DMD's crossover takes about 3 us and its
@@ -26,10 +25,8 @@ class MirrorTransition(BoundedRecord):
         transition_s: How long it takes, 0 or more, at most an interval.
     """
 
-    name: ClassVar[str] = "mirror_transition"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     transition_s: NotNegative = 13e-6
 

@@ -9,14 +9,13 @@ from pydantic import FiniteFloat
 from scipy.ndimage import affine_transform
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Misregistration(BoundedRecord):
+class Misregistration(EffectRecord):
     """Move the masks by an affine map about the middle of the sensor.
 
     Elements and pixels are squares of one pitch: the overlap of a shifted element with a pixel is bilinear in the
@@ -29,10 +28,8 @@ class Misregistration(BoundedRecord):
         magnification: Magnification of the masks on the sensor, more than 0.
     """
 
-    name: ClassVar[str] = "misregistration"
     stage: ClassVar[Stage] = Stage.MASKS
     cost_ns: ClassVar[float] = 60.0
-    fixed_pattern: ClassVar[bool] = False
 
     right_px: FiniteFloat = 0.0
     down_px: FiniteFloat = 0.0

@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
 from gs2ci_sims.rig import Rig
 
@@ -17,7 +16,7 @@ WHOLE_REACH: Final = 8.0
 
 
 @dataclass(frozen=True)
-class ModulatorPsf(BoundedRecord):
+class ModulatorPsf(EffectRecord):
     """Convolve the light behind the masks with a Gaussian; it is linear, so once for the sum over all masks.
 
     The relay's own blur and diffraction add in quadrature. The Gaussian nearest to Airy's pattern has a standard
@@ -30,10 +29,8 @@ class ModulatorPsf(BoundedRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    name: ClassVar[str] = "modulator_psf"
     stage: ClassVar[Stage] = Stage.PHOTONS
     cost_ns: ClassVar[float] = 60.0
-    fixed_pattern: ClassVar[bool] = False
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     diffraction: bool = True

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import nominal_slices
@@ -14,7 +14,7 @@ from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
 
 
 @dataclass(frozen=True)
-class MotionBlur:
+class MotionBlur(EffectRecord):
     """Sample the moving image at as many moments as its motion requires, and integrate over all of them.
 
     Without this effect, each mask sees one moment: the middle of its interval.
@@ -24,10 +24,8 @@ class MotionBlur:
         edges_s: Ends of the panels, increasing; empty: one panel per mask interval.
     """
 
-    name: ClassVar[str] = "motion_blur"
     stage: ClassVar[Stage] = Stage.MOMENTS
     cost_ns: ClassVar[float] = 0.0
-    fixed_pattern: ClassVar[bool] = False
 
     nodes: int = 3
     edges_s: tuple[float, ...] = ()

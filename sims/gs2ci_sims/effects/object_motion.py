@@ -7,17 +7,16 @@ import numpy as np
 import torch
 from pydantic import FiniteFloat
 
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import MovingScene
 
 
 @dataclass(frozen=True)
-class ObjectMotion(BoundedRecord):
+class ObjectMotion(EffectRecord):
     """Move the Gaussians within a ball at constant velocity; at time 0, mid-exposure, they are as in the scene.
 
     Args:
@@ -26,10 +25,8 @@ class ObjectMotion(BoundedRecord):
         velocity: Velocity in scene units per second, along the scene's axes, [3].
     """
 
-    name: ClassVar[str] = "object_motion"
     stage: ClassVar[Stage] = Stage.SCENE
     cost_ns: ClassVar[float] = 5.0
-    fixed_pattern: ClassVar[bool] = False
 
     centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     radius: Positive

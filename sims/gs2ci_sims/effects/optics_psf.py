@@ -7,15 +7,14 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
 
 @dataclass(frozen=True)
-class OpticsPsf(BoundedRecord):
+class OpticsPsf(EffectRecord):
     """Convolve each view with a Gaussian: a lens whose many small errors add up (aberrations, focus, diffraction).
 
     Its MTF is exp(-2 (pi sigma f)^2) (Boreman, Modulation Transfer Function in Optical Systems, section 1.2).
@@ -25,10 +24,8 @@ class OpticsPsf(BoundedRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    name: ClassVar[str] = "optics_psf"
     stage: ClassVar[Stage] = Stage.RADIANCE
     cost_ns: ClassVar[float] = 60.0
-    fixed_pattern: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
 
     sigma_px: Annotated[float, Field(ge=0, le=100)]

@@ -1,16 +1,58 @@
-"""Light that oscillates periodically, integrated over slices of time."""
+"""Light that oscillates periodically, integrated over slices of time: the base of flicker of lamps and of panels."""
 
-from typing import Final
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
+from pydantic import Field
 
-from gs2ci_sims.effects.base import BoundStep
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
 # Pieces per period, so that an oscillation is followed within a mask; for oscillations much faster than the masks only
 # the mean over each piece matters, and that is exact.
 PIECES_PER_PERIOD: Final = 12
 PIECES_MAX: Final = 96
+
+
+@dataclass(frozen=True)
+class Oscillation(EffectRecord):
+    """Light that oscillates about its mean by the share `depth`, 0 to 1."""
+
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.2
+
+    depth: Annotated[float, Field(ge=0, le=1)]
+
+    @abstractmethod
+    def frequency(self) -> tuple[BoundStep, ...]:
+        """Return how the frequency of the light follows from the parameters, the frequency itself as the last step."""
+
+    @abstractmethod
+    def phase(self, rig: Rig, rng: np.random.Generator) -> float:
+        """Return the phase in the middle of the exposure, radians."""
+
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+        """The oscillation left in an interval's mean, depth |sin x / x|, at the worst phase; the rest moves in time."""
+        *before, light = self.frequency()
+        steps = (*before, *swing_left(self.depth, light, rig.timing.interval_s))
+        masks = len(scene.masks)
+        kept, swing = np.full(masks, steps[-1].value), np.full(masks, self.depth)
+        return scene.of_shares(self, kept, swing, self.depth).after(*steps)
+
+    def brightest(self, scene: ViewPreview) -> float:
+        """The maximum of the oscillation."""
+        return 1 + self.depth
+
+    def modulation(self, scene: ViewPreview) -> float:
+        """The oscillation's depth."""
+        return self.depth
+
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+        """Modulate the light of the slices."""
+        return swinging(signal, self.depth, self.frequency()[-1].value, self.phase(rig, rng))
 
 
 def swinging(slices: Slices, depth: float, hertz: float, phase: float) -> Slices:

@@ -7,13 +7,13 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Persistence:
+class Persistence(EffectRecord):
     """Add the charge that traps release during this exposure, after the previous exposure has filled them.
 
     A share of each pixel's earlier charge is trapped and released at a rate that decays exponentially, so an exposure
@@ -29,10 +29,8 @@ class Persistence:
             [H, W, C]; finite, at least 0.
     """
 
-    name: ClassVar[str] = "persistence"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 3.0
-    fixed_pattern: ClassVar[bool] = False
 
     share: float
     decay_s: float

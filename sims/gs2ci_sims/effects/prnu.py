@@ -8,14 +8,13 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Prnu(BoundedRecord):
+class Prnu(EffectRecord):
     """Multiply each pixel's charge by a factor of its own, normally distributed around 1.
 
     PRNU_1288 of EMVA Standard 1288, Release 3.1, section 4: the spatial standard deviation of the response,
@@ -26,7 +25,6 @@ class Prnu(BoundedRecord):
         spread: Relative standard deviation, 0 to 0.5 (0.01 is usual); no factor falls below 0.
     """
 
-    name: ClassVar[str] = "prnu"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True

@@ -7,13 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
-class Quantisation(BoundedRecord):
+class Quantisation(EffectRecord):
     """Round readings to whole DN and clip them to the converter's range.
 
     It adds a variance of 1/12 DN² if the signal varies by more than a step (EMVA Standard 1288, Release 3.1, section
@@ -23,10 +22,8 @@ class Quantisation(BoundedRecord):
         bits: Bits of the converter, 1 to 32.
     """
 
-    name: ClassVar[str] = "quantisation"
     stage: ClassVar[Stage] = Stage.READOUT
     cost_ns: ClassVar[float] = 5.0
-    fixed_pattern: ClassVar[bool] = False
 
     bits: Annotated[int, Field(ge=1, le=32)]
 

@@ -18,9 +18,7 @@ class ReadNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    name: ClassVar[str] = "read_noise"
     cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = False
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""

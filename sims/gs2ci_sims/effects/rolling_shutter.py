@@ -6,9 +6,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
 
@@ -18,7 +17,7 @@ PARTS: Final = 16
 
 
 @dataclass(frozen=True)
-class RollingShutter(BoundedRecord):
+class RollingShutter(EffectRecord):
     """Open and close row y by y line delays later than row 0, which has the nominal exposure.
 
     All rows expose for the same time; the modulator does not wait for them: rows that open late miss light of the
@@ -29,10 +28,8 @@ class RollingShutter(BoundedRecord):
         line_delay_s: Delay from each row to the next, finite, at least 0.
     """
 
-    name: ClassVar[str] = "rolling_shutter"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = False
 
     line_delay_s: NotNegative
 

@@ -21,9 +21,7 @@ class RowNoise(ChargeNoise):
         sigma_e: Standard deviation in electrons, at least 0.
     """
 
-    name: ClassVar[str] = "row_noise"
     cost_ns: ClassVar[float] = 2.0
-    fixed_pattern: ClassVar[bool] = False
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import Rig
 
@@ -17,7 +17,7 @@ EXACT_MAX_E: Final = 1e4
 
 
 @dataclass(frozen=True)
-class ShotNoise:
+class ShotNoise(EffectRecord):
     """Draw each pixel's electrons from the Poisson distribution of its mean.
 
     Absorbed photons are a thinned Poisson process, and therefore Poisson distributed: variance = mean (EMVA Standard
@@ -28,10 +28,8 @@ class ShotNoise:
     rejection samplers would draw again: this makes a plan comparable with the full simulation of the same seed.
     """
 
-    name: ClassVar[str] = "shot_noise"
     stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 400.0
-    fixed_pattern: ClassVar[bool] = False
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Standard deviation sqrt(mean), times the gain K (EMVA 1288, eq. 10); one exposure in 1e7 exceeds it.

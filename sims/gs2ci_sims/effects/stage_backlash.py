@@ -7,9 +7,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
 
@@ -84,7 +83,7 @@ def _centres(world_to_camera: F64) -> F64:
 
 
 @dataclass(frozen=True)
-class StageBacklash(BoundedRecord):
+class StageBacklash(EffectRecord):
     """Let the camera lag after each reversal of the stage: the play operator.
 
     A path that never turns back is not changed: the play is taken up before the exposure (ISO 230-2 calls the lost
@@ -94,10 +93,8 @@ class StageBacklash(BoundedRecord):
         play: Lost motion, scene units, at least 0.
     """
 
-    name: ClassVar[str] = "stage_backlash"
     stage: ClassVar[Stage] = Stage.MOTION
     cost_ns: ClassVar[float] = 1.0
-    fixed_pattern: ClassVar[bool] = False
 
     play: NotNegative
 

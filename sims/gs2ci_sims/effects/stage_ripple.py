@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
 
@@ -45,7 +44,7 @@ class WarpedPath:
 
 
 @dataclass(frozen=True)
-class StageRipple(BoundedRecord):
+class StageRipple(EffectRecord):
     """Let the velocity along the path swing by a share, once per turn of the screw; the phase is drawn.
 
     Velocity v (1 + share cos(2 pi f t + p)) integrates to a position that is early by share / (2 pi f) sin(...).
@@ -55,10 +54,8 @@ class StageRipple(BoundedRecord):
         hertz: Turns of the screw per second, more than 0.
     """
 
-    name: ClassVar[str] = "stage_ripple"
     stage: ClassVar[Stage] = Stage.MOTION
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     share: Annotated[float, Field(ge=0, le=1)]
     hertz: Positive

@@ -6,9 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative, Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
 
@@ -40,7 +39,7 @@ class TremblingPath:
 
 
 @dataclass(frozen=True)
-class StageVibration(BoundedRecord):
+class StageVibration(EffectRecord):
     """Let the camera tremble sinusoidally across the line of sight; the phases of both axes are drawn.
 
     Args:
@@ -48,10 +47,8 @@ class StageVibration(BoundedRecord):
         hertz: More than 0.
     """
 
-    name: ClassVar[str] = "stage_vibration"
     stage: ClassVar[Stage] = Stage.MOTION
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     amplitude: NotNegative
     hertz: Positive

@@ -8,9 +8,8 @@ import numpy as np
 from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -19,7 +18,7 @@ JITTER_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
-class TriggerTiming(BoundedRecord):
+class TriggerTiming(EffectRecord):
     """Shift the sensor's window against the masks by a latency and a drawn jitter; its length stays.
 
     What the window misses of the first mask is lost; after the last mask the modulator is dark.
@@ -29,10 +28,8 @@ class TriggerTiming(BoundedRecord):
         jitter_s: Standard deviation of the normal jitter, at least 0; a draw beyond three of them is cut to that.
     """
 
-    name: ClassVar[str] = "trigger_timing"
     stage: ClassVar[Stage] = Stage.TIME
     cost_ns: ClassVar[float] = 0.1
-    fixed_pattern: ClassVar[bool] = False
 
     latency_s: FiniteFloat = 0.0
     jitter_s: NotNegative = 0.0

@@ -6,15 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
 
 @dataclass(frozen=True)
-class Vignetting(BoundedRecord):
+class Vignetting(EffectRecord):
     """Multiply by cos^n of the field angle.
 
     n = 4 is the natural law of a thin lens (Kingslake, Optics in Photography, chapter 7); mechanical vignetting
@@ -24,10 +23,8 @@ class Vignetting(BoundedRecord):
         exponent: n, at least 0.
     """
 
-    name: ClassVar[str] = "vignetting"
     stage: ClassVar[Stage] = Stage.RADIANCE
     cost_ns: ClassVar[float] = 20.0
-    fixed_pattern: ClassVar[bool] = False
 
     exponent: NotNegative = 4.0
 

@@ -5,14 +5,15 @@ Here: the tables and their keys. Not here: the file around them (`files`), the b
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scene import Scene, camera_looking_ahead
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.ball import ball
 from gs2ci_sims.scenes.boxes import boxes, moving_box
 from gs2ci_sims.scenes.corridor import corridor
@@ -29,14 +30,16 @@ Row = tuple[float, float, float, float]
 
 
 class Procedural(ConfigTable):
-    """The common settings of all procedural scenes."""
+    """The common settings of all procedural scenes: the other keys are arguments of the function in `_PROCEDURES`."""
 
+    kind: str
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of every random choice."""
 
-    def generator(self) -> np.random.Generator:
-        """Return a new generator for this seed."""
-        return np.random.default_rng(self.seed)
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
+        """Build the scene for a camera."""
+        settings = self.model_dump(exclude={"kind", "seed"})
+        return _PROCEDURES[self.kind](np.random.default_rng(self.seed), frame, **settings)
 
 
 class Planes(Procedural):
@@ -47,17 +50,6 @@ class Planes(Procedural):
     backdrop: float = 5.0
     boxes: Annotated[int, Field(ge=0)] = 1
 
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return planes(
-            self.generator(),
-            frame.size,
-            depths=self.depths,
-            backdrop=self.backdrop,
-            boxes=self.boxes,
-            field_of_view_deg=frame.field_of_view_deg,
-        )
-
 
 class Boxes(Procedural):
     """Boxes on a floor."""
@@ -65,10 +57,6 @@ class Boxes(Procedural):
     kind: Literal["boxes"]
     count: int = 7
     backdrop: float = 6.0
-
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return boxes(self.generator(), frame, count=self.count, backdrop=self.backdrop)
 
 
 class MovingBox(Procedural):
@@ -79,12 +67,6 @@ class MovingBox(Procedural):
     radius: float = 0.45
     count: int = 3
     backdrop: float = 6.0
-
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return moving_box(
-            self.generator(), frame, centre=self.centre, radius=self.radius, count=self.count, backdrop=self.backdrop
-        )
 
 
 class Thicket(Procedural):
@@ -97,18 +79,6 @@ class Thicket(Procedural):
     near: float = 2.0
     backdrop: float = 6.0
 
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return thicket(
-            self.generator(),
-            frame,
-            stems=self.stems,
-            twigs=self.twigs,
-            width_px=self.width_px,
-            near=self.near,
-            backdrop=self.backdrop,
-        )
-
 
 class Ball(Procedural):
     """A shiny ball."""
@@ -120,18 +90,6 @@ class Ball(Procedural):
     exponent: float = 8.0
     backdrop: float = 6.0
 
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return ball(
-            self.generator(),
-            frame,
-            radius=self.radius,
-            depth=self.depth,
-            shine=self.shine,
-            exponent=self.exponent,
-            backdrop=self.backdrop,
-        )
-
 
 class Corridor(Procedural):
     """A deep corridor."""
@@ -140,16 +98,6 @@ class Corridor(Procedural):
     half_width: float = 1.0
     half_height: float = 0.8
     length: float = 30.0
-
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return corridor(
-            self.generator(),
-            frame,
-            half_width=self.half_width,
-            half_height=self.half_height,
-            length=self.length,
-        )
 
 
 class Textureless(Procedural):
@@ -160,10 +108,6 @@ class Textureless(Procedural):
     depth: float = 4.0
     backdrop: float = 6.0
 
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return textureless(self.generator(), frame, edge=self.edge, depth=self.depth, backdrop=self.backdrop)
-
 
 class Photograph(ConfigTable):
     """A photograph with measured disparity. It has its own lens: the field of view cannot be chosen."""
@@ -173,23 +117,31 @@ class Photograph(ConfigTable):
 
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera of this image size."""
-        return _PHOTOGRAPHS[self.which](frame.size)
+        return motorcycle(frame.size)
 
 
-class GaussianFile(ConfigTable):
-    """Gaussians from a PLY file of gs2ci, gsplat or the original 3DGS program."""
+class SceneInFile(ConfigTable):
+    """The common settings of all scenes in files."""
 
-    kind: Literal["ply"]
     file: Path
     """Relative to the folder of the scene file."""
     world_to_camera: tuple[Row, Row, Row, Row] | None = None
     """Pose of the camera, row by row; without it, the origin, looking along z."""
 
+    @property
+    def pose(self) -> F64 | None:
+        """Get the pose, [4, 4]."""
+        return None if self.world_to_camera is None else np.array(self.world_to_camera)
+
+
+class GaussianFile(SceneInFile):
+    """Gaussians from a PLY file of gs2ci, gsplat or the original 3DGS program."""
+
+    kind: Literal["ply"]
+
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
-        pose = None if self.world_to_camera is None else np.array(self.world_to_camera)
-        intrinsics = camera_looking_ahead(frame.size, frame.field_of_view_deg)
-        return scene_from_ply(folder / self.file, frame.size, intrinsics=intrinsics, world_to_camera=pose)
+        return scene_from_ply(folder / self.file, frame.size, intrinsics=frame.intrinsics, world_to_camera=self.pose)
 
 
 class Blocks(Procedural):
@@ -205,34 +157,16 @@ class Blocks(Procedural):
     light: Vector = (-0.4, -0.8, -0.5)
     """Direction towards the light of the highlights: right, down, ahead."""
 
-    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
-        """Build the scene for a camera."""
-        return blocks(
-            self.generator(),
-            frame,
-            count=self.count,
-            balls=self.balls,
-            backdrop=self.backdrop,
-            shine=self.shine,
-            exponent=self.exponent,
-            light=self.light,
-        )
 
-
-class MeshFile(ConfigTable):
+class MeshFile(SceneInFile):
     """Textured triangles from an OBJ, GLB, PLY or STL file."""
 
     kind: Literal["mesh"]
-    file: Path
-    """Relative to the folder of the scene file."""
-    world_to_camera: tuple[Row, Row, Row, Row] | None = None
-    """Pose of the camera, row by row; without it, the origin, looking along z."""
 
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
-        pose = None if self.world_to_camera is None else np.array(self.world_to_camera)
         mesh = mesh_from_file(folder / self.file)
-        return scene_from_mesh(self.file.stem, mesh, frame.size, frame.intrinsics, pose)
+        return scene_from_mesh(self.file.stem, mesh, frame.size, frame.intrinsics, self.pose)
 
 
 Geometry = Annotated[
@@ -250,7 +184,18 @@ Geometry = Annotated[
     Field(discriminator="kind"),
 ]
 
-_PHOTOGRAPHS: dict[str, Callable[[tuple[int, int]], Scene]] = {"motorcycle": motorcycle}
+_PROCEDURES: Final[dict[str, Callable[..., Scene]]] = {
+    "planes": lambda rng, frame, **settings: planes(
+        rng, frame.size, field_of_view_deg=frame.field_of_view_deg, **settings
+    ),
+    "boxes": boxes,
+    "moving_box": moving_box,
+    "thicket": thicket,
+    "ball": ball,
+    "corridor": corridor,
+    "textureless": textureless,
+    "blocks": blocks,
+}
 
 
 def refuse_field_of_view(geometry: Geometry) -> None:

@@ -8,8 +8,7 @@ together with its number. Lost packets leave the buffer incomplete (GenTL 1.6, B
 delivers neither such a buffer nor its number. After AcquisitionStart a camera needs some time until it accepts
 triggers (AcquisitionStatus[FrameTriggerWait]); a trigger before that is lost.
 
-Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`v4l2_camera.CameraShutter`, which is
-independent of V4L2).
+Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`shutter`).
 """
 
 from collections import deque
@@ -25,7 +24,8 @@ from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
-from gs2ci_sims.wires.v4l2_camera import CameraModel, CameraShutter, Exposed, Shutting, Stamps
+from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
+from gs2ci_sims.wires.v4l2_camera import Stamps
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("genicam.unplugged", "the camera disappears (ENODEV) until plugged in again")
@@ -46,8 +46,8 @@ BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
 
 
 @dataclass(frozen=True)
-class GenicamModel:
-    """A camera's data sheet.
+class GenicamModel(ShutterModel):
+    """A camera's data sheet; further arguments as for `ShutterModel`.
 
     Args:
         height: Rows of the pixel array.
@@ -55,8 +55,7 @@ class GenicamModel:
         formats: Pixel formats by their PFNC names; the first is the default.
         padding_bytes: Padding after each row, in bytes.
         transport: Transport layer, which determines the frame numbers.
-        trigger_line: Line on the world's trigger bus that is wired to `trigger_input`.
-        trigger_input: The camera's name for that input.
+        trigger_input: The camera's name for the input that `trigger_line` is wired to.
         gated: Whether it has ExposureMode TriggerWidth.
         stamps: The event that a time stamp marks.
         stamped: Whether its clock can be latched.
@@ -64,12 +63,6 @@ class GenicamModel:
         clock_epoch_s: Time on its clock when the world's clock is at 0.
         clock_ppm: Rate error of its clock; positive runs fast.
         ready_s: From AcquisitionStart until it accepts triggers.
-        latency_s: Mean time from an edge to the start of exposure, beyond TriggerDelay.
-        jitter_s: Standard deviation of it.
-        exposure_offset_s: Constant added to every triggered exposure.
-        readout_s: From the end of exposure until the next edge is taken.
-        transfer_s: From the end of readout until the buffer is full.
-        own_period_s: Frame period by its own clock, at least.
     """
 
     height: int = 64
@@ -77,7 +70,6 @@ class GenicamModel:
     formats: tuple[str, ...] = ("Mono12", "Mono8", "Mono10", "Mono12p", "Mono10p", "Mono12Packed", "BayerRG12")
     padding_bytes: int = 0
     transport: Literal["GEV", "U3V"] = "GEV"
-    trigger_line: str = ""
     trigger_input: str = "Line1"
     gated: bool = True
     stamps: Stamps = "start-of-exposure"
@@ -86,12 +78,6 @@ class GenicamModel:
     clock_epoch_s: float = 4242.0
     clock_ppm: float = 40.0
     ready_s: float = 0.01
-    latency_s: float = 0.0
-    jitter_s: float = 0.0
-    exposure_offset_s: float = 0.0
-    readout_s: float = 1e-3
-    transfer_s: float = 0.5e-3
-    own_period_s: float = 1 / 60
 
 
 def bits_of(name: str) -> int:
@@ -162,19 +148,9 @@ class GenicamTwin:
         self._clock_zero_s = self._clock.now_s() - self.model.clock_epoch_s
         self._never_ready = False
         self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
-        one = self.model
-        timing = CameraModel(
-            trigger_line=one.trigger_line,
-            latency_s=one.latency_s,
-            jitter_s=one.jitter_s,
-            exposure_offset_s=one.exposure_offset_s,
-            readout_s=one.readout_s,
-            transfer_s=one.transfer_s,
-            own_period_s=one.own_period_s,
-        )
         self._shutter = CameraShutter(
             world,
-            timing,
+            self.model,
             self.faults,
             rng=rng or np.random.default_rng(0),
             exposure_s=lambda: self.nodes.number("ExposureTime") * US,

@@ -15,17 +15,8 @@ from errno import EBUSY, EINVAL, ENOENT, ENOTTY, EPIPE
 import numpy as np
 
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.v4l2_camera import (
-    BITS,
-    FIVE_FOURTHS,
-    ONE,
-    THREE_HALVES,
-    CameraModel,
-    CameraShutter,
-    Exposed,
-    Shutting,
-    pack_frame,
-)
+from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
 from gs2ci_sims.wires.v4l2_queue import (
     FLAG_ERROR,
@@ -115,7 +106,15 @@ class CaptureDevice:
         self._runs = 0
         self._files: list[OpenFile] = []
         self._shutter = CameraShutter(
-            world, model, faults, rng=rng, exposure_s=self._exposure_s, deliver=self._on_frame
+            world,
+            model,
+            faults,
+            rng=rng,
+            exposure_s=self._exposure_s,
+            deliver=self._on_frame,
+            active_low=lambda: model.active_low,
+            longer_ppm=model.clock_ppm,
+            ignored_triggers=model.ignored_triggers,
         )
         self.power_up()
         self.requests = self._table()

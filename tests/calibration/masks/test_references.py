@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gs2ci_calibration.masks.references import judge, require_in_place
+from gs2ci_calibration.masks.references import average_references, require_in_place
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 SIZE = (12, 16)
@@ -14,13 +14,13 @@ def frames(level, count=8, noise=2.0, seed=0):
 
 def refusal(on, off, saturation_dn=1000.0):
     with pytest.raises(CalibrationError) as caught:
-        judge(on, off, np.full(SIZE, 20.0), saturation_dn=saturation_dn, step="masks")
+        average_references(on, off, np.full(SIZE, 20.0), saturation_dn=saturation_dn, step="masks")
     assert caught.value.step == "masks"
     return caught.value.reason
 
 
 def good(on=620.0, off=50.0):
-    return judge(frames(on), frames(off, seed=1), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks")
+    return average_references(frames(on), frames(off, seed=1), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks")
 
 
 def test_good_references_give_the_contrast_map_and_shares():
@@ -44,7 +44,7 @@ def test_saturated_references_are_refused_and_a_few_clipped_pixels_are_not_used(
     assert refusal(frames(1000.0), frames(50.0)) is Reason.SATURATED
     on = frames(620.0)
     on[:, 3, 4] = 1000.0
-    assert not judge(on, frames(50.0), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks").valid[3, 4]
+    assert not average_references(on, frames(50.0), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks").valid[3, 4]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_many_blind_pixels_are_refused_and_few_are_marked():
     assert refusal(on, frames(50.0)) is Reason.DEAD_PIXELS
     on = frames(620.0)
     on[:, 2, 2] = 50.0
-    references = judge(on, frames(50.0), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks")
+    references = average_references(on, frames(50.0), np.full(SIZE, 20.0), saturation_dn=1000.0, step="masks")
     assert not references.valid[2, 2]
     assert references.leakage[2, 2] == 0.0
     assert references.shares(references.on)[2, 2] == 0.0

@@ -157,12 +157,12 @@ def test_counting_pulses_finds_the_wrong_firmware_profile() -> None:
     options = Dlpc900Options(firmware="rev-j", trigger_out_2_bit="disables")
     bench = make_bench(settings=options, counts_repeats=True)
     with pytest.raises(WrongStateError, match="no sequence"):
-        bench.modulator.judge_pulses(1)
+        bench.modulator.interpret_pulses(1)
     bench.run(replace(SEQUENCE, repeats=3))
     counted = len(bench.world.bus.rising("dmd0.out2"))
     assert counted == 18
-    assert 'set firmware = "rev-f"' in bench.modulator.judge_pulses(counted).remedy
-    assert bench.modulator.judge_pulses(3).agrees
+    assert 'set firmware = "rev-f"' in bench.modulator.interpret_pulses(counted).remedy
+    assert bench.modulator.interpret_pulses(3).agrees
 
 
 def test_a_refusal_without_a_reason_says_so(bench: Bench) -> None:

@@ -247,8 +247,8 @@ def test_numbers_of_sixteen_bits_begin_again_at_one():
     one = bench()
     one.start()
     one.twin._frames = 65_534
-    one.sensor._judge._next = 65_535
-    one.sensor._judge.frame_index = 65_534
+    one.sensor._checks._next = 65_535
+    one.sensor._checks.frame_index = 65_534
     one.faults.inject("genicam.frame_lost", skip=2)
     one.pulse(4)
     assert [one.sensor.read(0.5).sequence for _ in range(2)] == [65_534, 65_535]
@@ -288,7 +288,7 @@ def test_a_frame_of_another_size_is_corrupt():
         one.sensor.read(0.5)
 
 
-def test_a_number_that_came_before_is_corrupt():
+def test_a_number_that_came_before_is_corrupt_and_the_count_goes_on():
     one = bench()
     one.start()
     one.pulse()
@@ -297,6 +297,8 @@ def test_a_number_that_came_before_is_corrupt():
     one.pulse()
     with pytest.raises(FrameCorruptError, match="number 1 arrived before"):
         one.sensor.read(0.5)
+    one.pulse()
+    assert one.sensor.read(0.5).sequence == 1
 
 
 def test_a_clock_that_begins_again_makes_frames_stale_and_not_early():

@@ -80,7 +80,7 @@ def test_what_cannot_be_believed_is_left_out_and_nothing_is_refused(all_around):
     depth = depth_of_a_sphere(all_around)
     views = np.ones((*depth.shape, 3), np.float32)
     doubtful = np.zeros_like(depth)
-    with pytest.raises(InputError, match=r"no depth of this run can be believed.*depth_confidence"):
+    with pytest.raises(InputError, match=r"no depth of this run is reliable.*depth_confidence"):
         fuse(depth, views, all_around, doubtful)
     with pytest.raises(InputError, match="--voxels 4"):
         fuse(depth, views, all_around, voxels=4)

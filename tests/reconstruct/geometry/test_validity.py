@@ -10,10 +10,10 @@ from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
+    classify_motion,
     coverage,
     doubts_about_path,
     doubts_about_tracks,
-    judge,
     parallax_px,
     supported_views,
 )
@@ -24,7 +24,7 @@ SIZE = (240, 320)
 def verdict(scene, criteria=None):
     motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
     rotations = fit_rotations(kept, scene.intrinsics)
-    return judge(len(scene.tracks), kept, motion, rotations, criteria or Criteria())
+    return classify_motion(len(scene.tracks), kept, motion, rotations, criteria or Criteria())
 
 
 def turning(views, amount):
@@ -92,7 +92,7 @@ def test_a_motion_that_turns_a_view_further_than_tracks_reach_is_refused(tracked
     rotations = motion.rotations.copy()
     rotations[-1] = Rotation.from_euler("y", 98, degrees=True).as_matrix() @ rotations[-1]
     turned = replace(motion, rotations=rotations)
-    found, (reason,) = judge(
+    found, (reason,) = classify_motion(
         len(scene.tracks), kept, turned, fit_rotations(kept, scene.intrinsics), Criteria(rms_px=np.inf)
     )
     assert found == "unsupported"
@@ -106,7 +106,10 @@ def test_a_view_that_no_track_supports_may_turn_as_it_likes(tracked):
     motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
     motion.rotations[-1] = Rotation.from_euler("y", 98, degrees=True).as_matrix()
     kept.positions[:, -1] = np.nan
-    assert judge(len(scene.tracks), kept, motion, fit_rotations(kept, scene.intrinsics), Criteria()) == ("full", ())
+    assert classify_motion(len(scene.tracks), kept, motion, fit_rotations(kept, scene.intrinsics), Criteria()) == (
+        "full",
+        (),
+    )
 
 
 def test_good_tracks_raise_no_doubts(tracked):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.solids import SOLIDS, solid, staircase
 from gs2ci_sims.scenes.stage import SuggestedCamera
+from tests.sims.scenes.solids import SOLIDS, solid, staircase
 
 FRAME = SuggestedCamera((48, 64), 45.0)
 

@@ -1,35 +1,29 @@
 """An effect of the simulated light path: a corner of the image gets less light. Its laws: `gs2ci_sims.effects.base`."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, EffectRecord, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
 
 @dataclass(frozen=True)
-class DimCorner:
+class DimCorner(EffectRecord):
     """Take a share of the light from the upper left quarter of the image.
 
     Args:
         share: From 0 to 1.
     """
 
-    name: ClassVar[str] = "dim_corner"
     stage: ClassVar[Stage] = Stage.RADIANCE
     cost_ns: ClassVar[float] = 10.0
-    fixed_pattern: ClassVar[bool] = False
 
-    share: float = 0.2
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1:
-            raise InputError(f"dim_corner share {self.share}", allowed="from 0 to 1")
+    share: Annotated[float, Field(ge=0, le=1)] = 0.2
 
     def lost(self, size: tuple[int, int], margin: int = 0) -> F64:
         """Return the share that each pixel loses, [H, W]."""

@@ -1,13 +1,8 @@
-"""A simulated bench opened for calibration, and its true parameters. No calibration procedure reads these.
-
-Here: the true figures and maps that follow from a rig file's [world]. Not here: their measurement
-(`gs2ci_calibration`).
-"""
+"""A simulated bench opened for calibration, and its true parameters: figures and maps that follow from its [world]."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,10 +10,9 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
-from gs2ci.rig.opening import Rig
-from gs2ci.rig.simulated import SimulatedBench, build_bench
+from gs2ci.rig.simulated import SimulatedBench
+from gs2ci.tables import calibration
 from gs2ci_calibration.bench import Bench
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
@@ -205,11 +199,5 @@ def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
 @contextmanager
 def opened(table: RigTable) -> Iterator[tuple[Bench, BenchTruth]]:
     """Open a simulated bench for calibration, with its truth; its devices are released afterwards."""
-    rig = Rig(table, table.model_dump_json(), Path(), build_bench(table))
-    assert rig.bench is not None  # it has just been built
-    devices = rig.open()
-    try:
-        bits = int(devices.sensor.connect().formats[0].bits)
-        yield bench_of(rig, devices, operator_of(rig, str)), truth_of(rig.bench, bits)
-    finally:
-        devices.close()
+    with calibration.opened(table) as (bench, simulated):
+        yield bench, truth_of(simulated, int(bench.devices.sensor.info.formats[0].bits))

@@ -1,0 +1,95 @@
+"""Checks of a frame from the kernel: complete, lost, corrupt or stale; and its pixels.
+
+Here: `KernelFrameChecks`. Not here: the count of frames (`gs2ci_drivers.frame_checks`), where frames come from
+(`streaming`). Imported by `driver` only.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.failures import DeviceFaultError, FrameStaleError
+from gs2ci_drivers.frame_checks import FrameChecks
+from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
+from gs2ci_drivers.v4l2 import abi
+from gs2ci_drivers.v4l2.formats import FrameGeometry, unpack
+from gs2ci_drivers.v4l2.node import Dequeued
+from gs2ci_drivers.v4l2.stamps import meaning_of
+
+_WRAP: Final = 1 << 32
+_STAMP_GRAIN_NS: Final = 1000
+"""The kernel truncates time stamps to whole microseconds."""
+
+
+@dataclass(frozen=True)
+class TakenBuffer:
+    """A frame taken from the kernel and not yet checked."""
+
+    buffer: Dequeued
+    data: bytes
+    t_host_ns: int
+
+    @property
+    def monotonic(self) -> bool:
+        """Get whether its time stamp counts on CLOCK_MONOTONIC."""
+        return self.buffer.flags & abi.BufferFlag.TIMESTAMP_MASK == abi.BufferFlag.TIMESTAMP_MONOTONIC
+
+
+class KernelFrameChecks(FrameChecks[TakenBuffer]):
+    """Checks the frames of one run, whose kernel numbers wrap at 2³².
+
+    Args:
+        device: Name of the sensor for messages.
+        geometry: What a frame looks like.
+        first_number: The kernel's number of the first frame; None if any number is accepted.
+        started_ns: Kernel time of the start: an earlier frame is stale.
+        driver: Name of the kernel driver, which decides what its time stamps mean.
+        stamps: Their meaning by the rig file, if it states one.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        geometry: FrameGeometry,
+        first_number: int | None,
+        started_ns: int,
+        driver: str = "",
+        stamps: StampMeaning | None = None,
+    ) -> None:
+        super().__init__(device, first_number)
+        self._geometry = geometry
+        self._started_ns = started_ns
+        self._driver = driver
+        self._stamps = stamps
+
+    def check(self, taken: TakenBuffer, not_before_ns: int) -> Frame:
+        """Return the frame if it is complete, next in order and recent; see `FrameChecks.check`.
+
+        Raises:
+            DeviceFaultError: It marks the end of the stream.
+        """
+        if abi.BufferFlag.LAST in taken.buffer.flags:
+            raise DeviceFaultError(self.device, "VIDIOC_DQBUF", ["LAST: the device ended the stream"])
+        self._check_number(taken)
+        if abi.BufferFlag.ERROR in taken.buffer.flags:
+            self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)")
+        if len(taken.data) < self._geometry.payload_bytes:
+            self._spoil(f"{len(taken.data)} bytes instead of {self._geometry.payload_bytes}")
+        # The stamps of another clock cannot be compared with the trigger's time.
+        age_ns = max(not_before_ns, self._started_ns) - taken.buffer.time_ns
+        if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
+            raise FrameStaleError(self.device, self.frame_index - 1, age_ns * 1e-9)
+        try:
+            pixels = unpack(taken.data, self._geometry)
+        except InputError as error:
+            self._spoil(str(error))
+        flags = FrameFlag.STAMPED_MONOTONIC if taken.monotonic else FrameFlag.NONE
+        flagged = abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags
+        flags |= meaning_of(self._driver, self._stamps, flagged=flagged).flag
+        return self._deliver(pixels, taken.buffer.time_ns, taken.t_host_ns, flags)
+
+    def _number(self, taken: TakenBuffer) -> int:
+        return taken.buffer.sequence
+
+    def _expected(self, following: int, number: int) -> int:
+        return number - ((number - following + _WRAP // 2) % _WRAP - _WRAP // 2)
