@@ -7,8 +7,8 @@ from gs2ci.core.storage import read_shot
 
 def test_a_small_exposure_is_taken_and_reconstructed_in_a_folder_that_goes(monkeypatch, capsys):
     seen = {}
-    # Half its size: `make install` takes the whole one.
-    monkeypatch.setattr(preparing, "SIZE", (34, 50))
+    # Half its size, of a width that is a multiple of 4, as of real cameras: `make install` takes the whole one.
+    monkeypatch.setattr(preparing, "SIZE", (34, 52))
 
     class Run:
         interrupted = False
