@@ -1,8 +1,16 @@
-"""The stages that benchmarks time are found by their names, which nothing else would miss."""
+"""The modules and stages of benchmarks are found by their names, which nothing else would miss."""
+
+import importlib
 
 import pytest
 
 from tests.benchmarks import profile, sizes
+from tests.benchmarks.__main__ import BENCHMARKS
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_each_benchmark_can_be_started(name):
+    assert callable(importlib.import_module(BENCHMARKS[name]).run)
 
 
 @pytest.mark.parametrize(("owner", "name"), [stage[1:] for stage in (*profile.PARTS, *sizes.STAGES)])

@@ -18,7 +18,7 @@ from gs2ci.evaluate.pages.pieces import FigureOfMerit, Tone
 from gs2ci.evaluate.wording import flat_rows, spoken_rows
 from gs2ci.tables.catalogue import Table
 from gs2ci.tables.columns import Measure
-from gs2ci.tables.pages import Figures, best_of, shown
+from gs2ci.tables.pages import Figures, best_of, partly_known, shown
 
 Cases = Mapping[str, Sequence[Figures]]
 
@@ -41,6 +41,9 @@ def html_page(table: Table, figures: Sequence[Figures], command: str) -> str:
     errors = [f"{one.case}, {one.line}: {error}" for one in figures for error in one.errors]
     if errors:
         sections.append(PageSection("What failed", pieces.sentences(errors, empty="")))
+    fewer = [f"{one.case}, {one.line}: {said}" for one in figures if (said := partly_known(table, one))]
+    if fewer:
+        sections.append(PageSection("Means of fewer cells", pieces.sentences(fewer, empty="")))
     origin = pieces.facts([("command", command), *spoken_rows(machine()), *flat_rows(versions())])
     sections.append(PageSection("How it was made", origin))
     return page(table.title, sections, masthead=_masthead(table, cases), eyebrow=f"{table.title} · gs2ci tables")

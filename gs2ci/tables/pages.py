@@ -35,6 +35,7 @@ class Figures:
         count: Cells that succeeded. A cell with an error did not, nor did a result whose depth order is reversed
             (`evaluate.order`), however good its views are.
         errors: The reasons of the other cells.
+        known: Per measure: how many of the cells that succeeded have a figure; () if nobody counted.
     """
 
     case: str
@@ -43,6 +44,7 @@ class Figures:
     spreads: tuple[float | None, ...]
     count: int
     errors: tuple[str, ...]
+    known: tuple[int, ...] = ()
 
 
 def collect(table: Table, entries: Sequence[TableEntry], rows: Sequence[Row]) -> list[Figures]:
@@ -64,7 +66,15 @@ def _figures(table: Table, case: str, line: str, cells: list[Row]) -> Figures:
         tuple(stdev(known) if len(known) > 1 else None for known in values),
         len(good),
         tuple(dict.fromkeys(str(why) for why in failed if why)),
+        tuple(len(known) for known in values),
     )
+
+
+def partly_known(table: Table, one: Figures) -> str:
+    """Name the columns whose mean is of some of the line's cells only: it may not be compared with the others."""
+    pairs = zip(table.measures, one.known, strict=False)
+    fewer = [f"{measure.title}: {known} of {one.count}" for measure, known in pairs if 0 < known < one.count]
+    return f"means of fewer cells ({'; '.join(fewer)})" if fewer else ""
 
 
 def write_pages(folder: Path, name: str, table: Table, figures: Sequence[Figures], command: str) -> list[Path]:
@@ -101,7 +111,8 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
         for one in lines:
             cells = [shown(measure, one, k, best[k]) for k, measure in enumerate(table.measures)]
             parts.append(f"| {one.line} | " + " | ".join(cells) + " |")
-        parts += ["", *(f"- {one.line}: {error}" for one in lines for error in one.errors), ""]
+        said = [f"- {one.line}: {why}" for one in lines for why in (*one.errors, partly_known(table, one)) if why]
+        parts += ["", *said, ""] if said else [""]
     return "\n".join(parts).rstrip() + "\n"
 
 

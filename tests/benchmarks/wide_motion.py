@@ -17,7 +17,6 @@ from typing import Final
 
 import numpy as np
 import torch
-from gs2ci_sims.scenes.base import Scene
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
@@ -34,6 +33,7 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci_sims.masks import random_masks
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
 from tests.processes import side_by_side

@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -42,6 +43,13 @@ def test_the_best_of_each_column_is_set_off():
     text = html_page(TABLE, TWO, "")
     table = text[text.index("<table>") : text.index("</table>")]
     assert re.findall(r"<strong>(.*?)</strong>", table) == ["10", "31.00 ± 0.50"]
+
+
+def test_a_mean_of_fewer_cells_is_told():
+    text = html_page(TABLE, [replace(TWO[0], known=(1, 2)), replace(TWO[1], known=(2, 2))], "")
+    assert headings(text) == ["boxes", "Means of fewer cells", "How it was made"]
+    assert "boxes, default: means of fewer cells (PSNR, dB: 1 of 2)" in text
+    assert "boxes, other: means" not in text
 
 
 def test_a_single_case_and_a_single_line_make_no_contest():

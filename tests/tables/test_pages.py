@@ -96,6 +96,22 @@ def test_reasons_are_told_each_on_a_line_of_its_own():
     assert "\n\n- 16 views: holds 8\n- 32 views: holds 8\n" in text
 
 
+def test_a_mean_of_fewer_seeds_than_its_neighbours_says_so():
+    entries = [TableEntry("one", "still", CELL)] * 2 + [TableEntry("one", "mixed", CELL)] * 3
+    rows = [{"psnr_db": 30.0, "seconds": 9.0}] * 2
+    rows += [{"psnr_db": 29.0, "seconds": 9.0}, {"psnr_db": None, "seconds": 9.0}, {"error": "no depth"}]
+    text = markdown(TABLE, collect(TABLE, entries, rows), "")
+    assert text.endswith("\n\n- mixed: no depth\n- mixed: means of fewer cells (PSNR, dB: 1 of 2)\n")
+    assert "still: means" not in text
+    # A column without any figure has a dash, and needs no words.
+    assert "means of" not in markdown(TABLE, collect(TABLE, entries[:1], [{"psnr_db": None, "seconds": 9.0}]), "")
+
+
+def test_cases_are_one_blank_line_apart():
+    entries = [TableEntry(case, "default", CELL) for case in ("one", "two")]
+    assert "\n\n\n" not in markdown(TABLE, collect(TABLE, entries, [{"psnr_db": 1.0, "seconds": 9.0}] * 2), "")
+
+
 def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="cannot be written"):

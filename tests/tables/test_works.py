@@ -47,6 +47,14 @@ def test_a_scene_is_scored_at_its_views_and_beside_its_path(monkeypatch):
     assert extent == pytest.approx(np.linalg.norm(np.ptp(centres, axis=0)))
 
 
+def test_the_least_of_several_times_is_told(monkeypatch):
+    done = []
+    clock = iter([0.0, 5.0, 6.0, 6.5, 7.0, 9.0])
+    monkeypatch.setattr(works.time, "perf_counter", lambda: next(clock))
+    assert works.least_seconds(lambda: done.append(1), 3) == 0.5
+    assert len(done) == 3
+
+
 def test_a_scene_is_seen_from_beside_its_path_as_the_simulator_shows_it():
     case = Case("planes", scene="planes", size=(32, 48), views=5)
     shot = case.shot(0)
