@@ -193,15 +193,19 @@ def rested(first: FirstLook) -> FirstLook:
 def released(fit: CoarseSettings) -> CoarseSettings:
     """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
 
-    The density rule would undo part of the fit, and the surfaces have already been used.
+    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
+    first: without that, the first step took a fitted scene to four times its loss.
     """
+    steps, iterations = fit.steps, max(1, fit.iterations // 2)
+    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
     return replace(
         fit,
-        iterations=max(1, fit.iterations // 2),
+        iterations=iterations,
         densify_until=0.0,
+        warm_up=iterations // 10,
         surfaces=None,
         relief=None,
-        steps=replace(fit.steps, means=fit.steps.means / 2, motion=fit.steps.motion / 3),
+        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
     )
 
 

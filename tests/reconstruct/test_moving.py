@@ -131,6 +131,17 @@ def test_first_gaussians_take_over_the_flow_in_scene_units():
     torch.testing.assert_close(found.at(reference_time).means, means)
 
 
+def test_a_still_fit_goes_on_with_motion_in_short_steps_that_grow():
+    before = CoarseSettings()
+    after = moving.released(before)
+    assert (after.iterations, after.warm_up, after.densify_until) == (200, 20, 0.0)
+    assert after.steps.in_view == before.steps.in_view.times(0.5)
+    assert after.steps.means == before.steps.means / 2
+    assert after.steps.motion_px < before.steps.motion_px
+    without = replace(before, steps=replace(before.steps, in_view=None))
+    assert moving.released(without).steps.in_view is None
+
+
 def test_every_second_fit_has_all_rows():
     scene = at_rest_until_moved(
         Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),

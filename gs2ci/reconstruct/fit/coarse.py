@@ -123,6 +123,7 @@ class _Loop:
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
+        self._began = 0
         self._first_loss: float | None = None
         self._least_loss = float("inf")
 
@@ -169,8 +170,8 @@ class _Loop:
         return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _step(self, iteration: int, total: int) -> None:
-        share = iteration / total
-        self.fit.step(share, self._damping)
+        share, since = iteration / total, iteration - self._began + 1
+        self.fit.step(share, self._damping * min(1.0, since / max(1, self.settings.warm_up)))
         begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
         if bound is not None and share >= bound:
             self.fit.bound_population()
@@ -220,6 +221,7 @@ class _Loop:
         self._rollbacks += 1
         self._damping *= 0.5
         self.fit.restore(self.best)
+        self._began = iteration
         self._least_loss = float("inf")
         self.notes.append(ran_away)
         self._progress.say(ran_away.sentence)

@@ -90,7 +90,9 @@ class FitState:
         if settings.gaussians_per_pixel is not None:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
-        self.optimiser = GaussianOptimiser(start, settings.steps, self.extent, _reference_view(geometry))
+        self.optimiser = GaussianOptimiser(
+            start, settings.steps, self.extent, _reference_view(geometry), self._px_per_length
+        )
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
@@ -172,7 +174,7 @@ class FitState:
         """Step the parameters by their gradients, and let the density rule shake the Gaussians."""
         exchange = self._exchange
         self.optimiser.step(share, damping)
-        self.poses.step(share)
+        self.poses.step(share, damping)
         if exchange is not None:
             exchange.of_scene(self.optimiser.scene)
             self.poses.shift(exchange.twists)

@@ -21,9 +21,9 @@ from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
 # half times the step gains as much again; longer steps were not tried.
 NATURAL_ITERATIONS: Final = 600
 LARGEST_STRIDE: Final = 3.5
-_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion", "harmonics")
-# Parameters measured in units of the scene's extent.
-_LENGTHS: Final = ("means", "motion")
+_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion_px", "harmonics")
+# Parameters whose steps shrink along the schedule.
+_SHRINKING: Final = ("means", "motion")
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class StepSizes:
         in_view: Of positions in the coordinates of the reference view, if a camera path is known; None: they always
             step in scene coordinates, by `means`.
         unit: Of lengths: of the means' step, and of the sizes that density rules judge.
-        motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
-            left at the end.
+        motion_px: Of the rows of a moving scene's motion, in pixels at the median depth, with the same share left at
+            the end. Not in units of the path: how far things move has nothing to do with how far the camera does.
         harmonics: Of the direction-dependent part of colours: a twentieth of the colours' step, both as coefficients of
             harmonics, as in Kerbl et al. (2023).
     """
@@ -54,7 +54,7 @@ class StepSizes:
     colours: float = 3.75e-3
     means_final_share: float = 0.2
     unit: LengthUnit = "path diameter"
-    motion: float = 3.84e-2
+    motion_px: float = 0.2
     harmonics: float = 6.6e-4
     in_view: ViewSteps | None = field(default_factory=ViewSteps)
 
@@ -83,7 +83,7 @@ class StepSizes:
             opacity_logits=5e-2,
             colours=2.5e-3 * SH_DC,
             means_final_share=0.01,
-            motion=1.6e-4,
+            motion_px=2.5e-3,
             harmonics=1.25e-4,
             in_view=None,
         )
@@ -98,11 +98,20 @@ class GaussianOptimiser:
         extent: Length that the means' step size is measured in, in scene units.
         view: The view in whose coordinates positions step, if the step sizes have any for that; None: they step in
             scene coordinates.
+        px_per_length: A scene unit at the median depth in the picture, px; needed only for scenes that move.
     """
 
-    def __init__(self, scene: Gaussians, sizes: StepSizes, extent: float, view: ReferenceView | None = None) -> None:
+    def __init__(
+        self,
+        scene: Gaussians,
+        sizes: StepSizes,
+        extent: float,
+        view: ReferenceView | None = None,
+        px_per_length: float = 1.0,
+    ) -> None:
         self._sizes = sizes
         self._extent = extent
+        self._px_per_length = px_per_length
         self._view = view
         self.scene = _leaves(scene)
         self._begin()
@@ -115,15 +124,17 @@ class GaussianOptimiser:
             self._in_view = ViewAdam(self._view, self._sizes.in_view, self._adam["means"])
 
     def _initial_rate(self, name: str) -> float:
+        if name == "motion":
+            return self._sizes.motion_px / self._px_per_length
         rate = float(getattr(self._sizes, name))
-        return rate * self._extent if name in _LENGTHS else rate
+        return rate * self._extent if name == "means" else rate
 
     def means_rate(self, progress: float, damping: float = 1.0) -> float:
         """Return the step size of the means, in scene units; arguments as for `step`."""
         return self._rate("means", progress) * damping
 
     def _rate(self, name: str, progress: float) -> float:
-        decay = self._sizes.means_final_share**progress if name in _LENGTHS else 1.0
+        decay = self._sizes.means_final_share**progress if name in _SHRINKING else 1.0
         return self._initial_rate(name) * decay
 
     def step(self, progress: float, damping: float = 1.0) -> None:

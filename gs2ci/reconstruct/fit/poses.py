@@ -122,11 +122,12 @@ class PoseCorrections:
             return 0.0
         return self._settings.told_weight * ((self._twists / self._errors) ** 2).mean()
 
-    def step(self, progress: float) -> None:
+    def step(self, progress: float, damping: float = 1.0) -> None:
         """Count one more accumulated gradient, and step if a step is due.
 
         Args:
             progress: Share of the schedule that is done, in [0, 1]: sets the step size.
+            damping: Further factor on the step size.
         """
         if self._adam is None or self._twists.grad is None:
             return
@@ -135,7 +136,7 @@ class PoseCorrections:
             return
         self._twists.grad /= self._accumulated
         rates = self._settings
-        self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress)
+        self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress * damping)
         self.forget_gradient()
 
     def gradient(self) -> Tensor | None:

@@ -12,6 +12,7 @@ from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit import coarse_state
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
@@ -497,6 +498,43 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
     fit.scene.check()
+
+
+def continued(moving_plane, warm_up, backend=None):
+    """Continue a fit of the plane from its scene and its path, for twelve iterations."""
+    shot, geometry = moving_plane
+    done, holdout = run(moving_plane)
+    settings = replace(
+        QUICK, iterations=12, densify_until=0.0, warm_up=warm_up, hold_out=HoldOut(share=0.05, look_every=1)
+    )
+    return fit_coarse(
+        holdout=holdout,
+        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
+        start=done.scene,
+        geometry=replace(geometry, world_to_camera=done.world_to_camera),
+        settings=settings,
+        seed=0,
+        monitoring=Monitoring(lambda views: views, Silent()),
+    )
+
+
+def test_a_fitted_scene_bears_to_be_fitted_on_if_the_steps_grow_slowly(moving_plane):
+    cold, warm = ([point.loss for point in continued(moving_plane, steps).curve] for steps in (0, 10))
+    assert warm[0] == cold[0]
+    assert max(warm) < 1.1 * cold[0] < max(cold)
+
+
+def test_steps_grow_anew_after_a_roll_back(moving_plane, monkeypatch):
+    whole, dampings = FitState.step, []
+
+    def step(state, share, damping):
+        dampings.append(damping)
+        whole(state, share, damping)
+
+    monkeypatch.setattr(FitState, "step", step)
+    continued(moving_plane, 4, FaultyBackend(lambda call: call == 6))
+    dampings = dampings[-12:]
+    assert dampings == pytest.approx([0.25, 0.5, 0.75, 1, 1, 1, 0.125, 0.25, 0.375, 0.5, 0.5, 0.5])
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):

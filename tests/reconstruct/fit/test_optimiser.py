@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -205,3 +207,13 @@ def test_the_means_rate_is_the_one_that_a_step_takes(scattered, progress):
     longest = float((optimiser.scene.means.detach() - before).abs().max())
     # Adam's first step is its rate, whatever the gradient.
     assert longest == pytest.approx(optimiser.means_rate(progress, 0.5), rel=1e-3)
+
+
+@pytest.mark.parametrize("focal_px", [50.0, 200.0])
+def test_motion_steps_in_pixels_however_far_the_camera_went(scattered, focal_px):
+    scene = scattered(4)
+    scene = replace(scene, motion=torch.zeros(len(scene), 2, 3))
+    optimiser = GaussianOptimiser(scene, StepSizes(motion_px=0.3), EXTENT, px_per_length=focal_px)
+    push(optimiser)
+    optimiser.step(0.0)
+    assert float(optimiser.scene.motion.detach().abs().max()) * focal_px == pytest.approx(0.3, rel=1e-3)

@@ -110,10 +110,10 @@ def test_the_step_follows_the_mean_of_the_accumulated_gradients(path):
 
 def test_the_step_size_falls_from_the_first_to_the_final_rate(path):
     settings = PoseSettings(every=1, rate=1e-3, final_rate=1e-5)
-    for progress, rate in ((0.0, 1e-3), (0.5, 1e-4), (1.0, 1e-5)):
+    for progress, damping, rate in ((0.0, 1.0, 1e-3), (0.5, 1.0, 1e-4), (1.0, 1.0, 1e-5), (0.5, 0.5, 5e-5)):
         poses = PoseCorrections(path, settings)
         push(poses, torch.ones(VIEWS, 6))
-        poses.step(progress)
+        poses.step(progress, damping)
         torch.testing.assert_close(poses.snapshot(), torch.full((VIEWS, 6), -rate), rtol=1e-3, atol=0)
 
 
