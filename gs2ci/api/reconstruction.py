@@ -104,7 +104,8 @@ def reconstruct(
             preset's.
         within_mask: "moving" if the camera moves while a mask is shown: each mask is then fitted with as many moments
             as its motion requires, and the views show the middle of each; "still" if the camera stops under each, or
-            if the measurement was coded in software. By default the preset's.
+            if the measurement was coded in software. By default as the shot states (captures and simulated exposures
+            do), otherwise "still".
         registration: "auto" first estimates from the measurement where its masks lie, how they are blurred and in
             which unit it was read, and corrects significant errors; "off" uses masks and readings as stated. By
             default the preset's.

@@ -89,6 +89,7 @@ def reconstruct(
     settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
+    settings = replace(settings, mask_moments=settings.mask_moments.of(shot))
     tools, clock = _Tools.load(settings), Stopwatch()
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")

@@ -346,6 +346,8 @@ class _Recorder:
             "source": "simulated rig" if self._rig.bench else "rig",
             "mode": plan.settings.mode.value,
             "exposure_s": plan.exposure_s,
+            # A sweep does not stop for masks.
+            "within_mask": "still" if plan.sweep is None else "moving",
             "attempts": taken.attempts,
             "taken_at": datetime.fromtimestamp((frame.t_host_ns + self._epoch_ns) / 1e9, UTC).isoformat(),
         }

@@ -24,6 +24,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
@@ -93,9 +94,15 @@ def expose(
             "path": f"{path}",
             "rendered_views": light.rendered_views,
             "covered_share": light.covered_share,
+            "within_mask": "moving" if _follows_motion(chain) else "still",
             **({"plan": dict(plan)} if plan is not None else {}),
         },
     ).check()
+
+
+def _follows_motion(chain: EffectChain) -> bool:
+    """Tell whether light is integrated over the camera's motion within masks, instead of one moment of each."""
+    return any(isinstance(effect, MotionBlur) and (effect.nodes > 1 or effect.edges_s) for effect in chain.effects)
 
 
 @dataclass(frozen=True)

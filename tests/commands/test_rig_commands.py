@@ -52,6 +52,15 @@ def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, capsys,
     }
 
 
+def test_a_shot_states_that_its_camera_moved_or_stood_still_under_the_masks(rig, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "swept.h5") == 0
+    still = "\n".join(line for line in RIG.splitlines() if not line.startswith(("axis", "from_mm", "to_mm")))
+    rig.write_text(still)
+    assert gs2ci("capture", "--rig", rig, "-o", "still.h5") == 0
+    stated = [read_shot(rig.with_name(name)).provenance["within_mask"] for name in ("swept.h5", "still.h5")]
+    assert stated == ["moving", "still"]
+
+
 def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, gs2ci):
     rig.write_text(RIG.replace("[world]", '[world]\nnoise = false\ndevices = "ideal"').replace('"RG12"', '"Y12"'))
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0

@@ -9,6 +9,7 @@ import gs2ci
 from gs2ci import cli
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
+from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
 from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
@@ -80,6 +81,7 @@ def test_it_says_who_when_on_what_how_warm_and_what_happened(tmp_path, monkeypat
     provenance = read_shot(shot).provenance
     assert provenance["metadata"]["operator"] == "A. Name"
     assert provenance["taken_at"].endswith("+00:00")
+    assert stated_within_mask(read_shot(shot)) == "moving"
 
 
 def test_at_debug_every_command_and_answer_is_in_it_from_the_first_on(tmp_path, monkeypatch):

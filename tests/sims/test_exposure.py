@@ -9,6 +9,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.lens import pixels_of, slopes_of, undistorted
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
+from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import Studio, expose
@@ -195,6 +196,16 @@ def test_a_shot_survives_its_file(small_scene, moving, masks, tmp_path):
     assert np.array_equal(back.truth.views, shot.truth.views)
     assert np.array_equal(back.truth.depth, shot.truth.depth)
     assert back.provenance["rendered_views"] == 8
+
+
+@pytest.mark.parametrize(("effects", "stated"), [
+    ([], "still"),
+    ([MotionBlur(1)], "still"),
+    ([MotionBlur(2)], "moving"),
+    ([MotionBlur(1, edges_s=(0.0, 1e-3))], "moving"),
+])  # fmt: skip
+def test_a_shot_states_whether_light_was_integrated_along_the_path(small_scene, moving, masks, effects, stated):
+    assert stated_within_mask(shoot(small_scene, moving, masks, effects)) == stated
 
 
 def test_progress_hears_of_each_mask(small_scene, masks):

@@ -351,15 +351,16 @@ def insane(shot: Shot, result: RunResult) -> list[str]:
 def _sum_error(shot: Shot, result: RunResult) -> float:
     """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic.
 
-    Masks and weights are those that the reconstruction used, where it corrected the ones that it was given.
+    Masks and weights are those that the reconstruction used, where it corrected the ones that it was given; views are
+    those that the masks saw, where the camera moved meanwhile.
     """
-    shot = result.registered or shot
+    shot, views = result.registered or shot, result.views if result.exposed_views is None else result.exposed_views
     if shot.cfa is not None:
         return 0.0
     brightness = np.ones(shot.views) if result.brightness is None else np.array(result.brightness)
     weights = shot.masks.astype(np.float64) * (shot.weights * brightness)[:, None, None]
-    exact = (weights[..., None] * result.views.astype(np.float64)).sum(axis=0)
-    size = (weights[..., None] * np.abs(result.views.astype(np.float64))).sum(axis=0).max()
+    exact = (weights[..., None] * views.astype(np.float64)).sum(axis=0)
+    size = (weights[..., None] * np.abs(views.astype(np.float64))).sum(axis=0).max()
     return float(np.abs(exact - result.predicted_measurement).max() / max(size, np.finfo(np.float32).tiny))
 
 

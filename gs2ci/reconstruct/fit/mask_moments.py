@@ -12,8 +12,8 @@ Here: when masks are open, their moments and poses, the bound. Not here: renderi
 """
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Final, get_args
 
 import numpy as np
 import torch
@@ -23,7 +23,9 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import WithinMask
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render import se3
@@ -51,16 +53,45 @@ class MaskMomentSettings(Bounded):
     Args:
         within_mask: "still": one pose for each mask, for a camera that stands still during each mask, or a measurement
             coded in software from still pictures; "moving": the camera moves on, and masks get the moments that they
-            need. The readings tell the two apart only if the motion is large
-            (docs/decisions/0065-moments-within-masks.md), so this is not guessed.
+            need; None: as the shot states, and "still" if it states nothing. The readings tell the two apart only if
+            the motion is large (docs/decisions/0065-moments-within-masks.md), so this is not guessed.
         tolerance: Largest blur of a view by motion within a mask, in full scales, root mean square over its pixels
             (`bounds`).
         most: Most moments of one mask.
     """
 
-    within_mask: WithinMask = "still"
+    within_mask: WithinMask | None = None
     tolerance: Annotated[float, Field(gt=0)] = 0.01
     most: PositiveInt = 8
+
+    def of(self, shot: Shot) -> "MaskMomentSettings":
+        """Return the settings for a shot, which may state whether the camera moves while a mask is displayed.
+
+        Raises:
+            InputError: It states something else.
+        """
+        return replace(self, within_mask=self.within_mask or stated_within_mask(shot) or "still")
+
+
+def stated_within_mask(shot: Shot) -> WithinMask | None:
+    """Get whether the camera moves while a mask is displayed, as a shot's provenance states it; None if it does not.
+
+    Captures state it by the stage's program, simulated exposures by how they were sampled.
+
+    Returns:
+        `provenance["within_mask"]`.
+
+    Raises:
+        InputError: It is neither "still" nor "moving".
+    """
+    stated = shot.provenance.get("within_mask")
+    if stated is None or stated in get_args(WithinMask):
+        return stated
+    raise InputError(
+        f"{shot.name} states for the camera's motion while a mask is shown: within_mask = {stated!r}",
+        allowed='"still", "moving", or nothing',
+        remedy="correct the shot's provenance, or give `gs2ci reconstruct --within-mask`",
+    )
 
 
 @dataclass(frozen=True)
@@ -164,10 +195,10 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
         geometry: First path and depth.
         views: Decoded, [N, H, W, C]: the gradients of the middle one are used.
         open_share: Share of its interval for which each mask is displayed, [N].
-        settings: What is tolerated.
+        settings: What is tolerated; unless they say that the camera moves, one moment is enough.
     """
     path = geometry.world_to_camera
-    if len(path) < LEAST_POSES or settings.within_mask == "still":
+    if len(path) < LEAST_POSES or settings.within_mask != "moving":
         return None
     motion, found = bounds(geometry, path, views[geometry.reference], open_share)
     moments = tuple(int(min(max(math.ceil(one / settings.tolerance), 1), settings.most)) for one in found)

@@ -142,8 +142,30 @@ def test_masks_are_open_evenly_over_the_exposure():
     assert mask_times(5).tolist() == [-1, -0.5, 0, 0.5, 1]
 
 
-def test_a_camera_is_taken_to_stand_still_under_each_mask_unless_it_is_said_to_move():
-    assert MaskMomentSettings().within_mask == "still"
+@pytest.mark.parametrize(("stated", "asked", "taken"), [
+    (None, None, "still"),
+    ("still", None, "still"),
+    ("moving", None, "moving"),
+    ("moving", "still", "still"),
+    ("still", "moving", "moving"),
+])  # fmt: skip
+def test_whether_the_camera_moves_under_a_mask_says_the_user_or_else_the_shot(moving_plane, stated, asked, taken):
+    shot = moving_plane[0]
+    if stated is not None:
+        shot = replace(shot, provenance={"within_mask": stated})
+    settings = MaskMomentSettings(asked, most=3)
+    assert settings.of(shot) == replace(settings, within_mask=taken)
+
+
+@pytest.mark.parametrize("stated", ["trembling", True, ["moving"], 3])
+def test_a_shot_that_states_anything_else_is_refused(moving_plane, stated):
+    shot = replace(moving_plane[0], provenance={"within_mask": stated})
+    with pytest.raises(InputError, match=r"within_mask = .*allowed: \"still\", \"moving\", or nothing.*--within-mask"):
+        MaskMomentSettings().of(shot)
+    assert MaskMomentSettings("moving").of(shot).within_mask == "moving"
+
+
+def test_settings_name_a_known_motion_within_masks():
     with pytest.raises(InputError, match=r"within_mask = 'trembling' .*allowed: 'still' or 'moving'"):
         MaskMomentSettings("trembling").check()
 
