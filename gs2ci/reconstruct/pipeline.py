@@ -37,7 +37,7 @@ from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import speeds
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
@@ -112,7 +112,7 @@ def reconstruct(
         halt=halt,
     )
     first = fits.settle_order(first, hurried=budget is not None or not settings.try_orders)
-    mask_moments = _mask_moments(first, settings, progress)
+    mask_moments = _mask_moments(first, lens, settings, progress)
     halt.begin()
     fits = replace(fits, mask_moments=mask_moments).within(budget, first)
     settings, refine = fits.settings, fits.refine
@@ -182,9 +182,10 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     return sound, doubts
 
 
-def _mask_moments(first: FirstLook, settings: Settings, progress: Progress) -> MaskMoments | None:
+def _mask_moments(first: FirstLook, lens: Lens | None, settings: Settings, progress: Progress) -> MaskMoments | None:
     """Return the moments within each mask that the first path requires, and report them; None if one is enough."""
-    found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.mask_moments)
+    views, open_share = straightened(first.decoded, lens), np.clip(first.weights_given, 0, 1)
+    found = needed(first.geometry, views, open_share, settings.mask_moments)
     if found is not None:
         progress.say(found.note.sentence)
     return found

@@ -34,6 +34,9 @@ from gs2ci.render import se3
 _STRIDE_PX: Final = 3
 # A path needs at least two poses.
 LEAST_POSES: Final = 2
+# If the image moves by more than this share of its shorter side while one mask is displayed, neighbouring views share
+# too little for any path to be estimated from them: such a path is an error, and one pose for each mask does less harm.
+_FARTHEST: Final = 0.5
 # The mean of |offset| over an interval of length d about its middle is d / 4.
 _MEAN_OFFSET: Final = 0.25
 
@@ -193,7 +196,7 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
 
     Args:
         geometry: First path and depth.
-        views: Decoded, [N, H, W, C]: the gradients of the middle one are used.
+        views: Decoded, of the size of the geometry's depth, [N, H, W, C]: the gradients of the middle one are used.
         open_share: Share of its interval for which each mask is displayed, [N].
         settings: What is tolerated; unless they say that the camera moves, one moment is enough.
     """
@@ -201,6 +204,8 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMoment
     if len(path) < LEAST_POSES or settings.within_mask != "moving":
         return None
     motion, found = bounds(geometry, path, views[geometry.reference], open_share)
+    if motion.max() > _FARTHEST * min(geometry.inverse_depth.shape):
+        return None
     moments = tuple(int(min(max(math.ceil(one / settings.tolerance), 1), settings.most)) for one in found)
     if max(moments) == 1:
         return None

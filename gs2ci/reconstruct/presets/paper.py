@@ -14,6 +14,7 @@ from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
@@ -65,4 +66,6 @@ def paper_settings() -> Settings:
         brightness=BrightnessSettings(rounds=0),
         registration=RegistrationSettings(mode="off"),
         raster=RasterSettings(),
+        # One pose for each mask (equation 1).
+        mask_moments=MaskMomentSettings("still"),
     )

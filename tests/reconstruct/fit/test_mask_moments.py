@@ -138,6 +138,14 @@ def test_where_nothing_is_at_stake_there_is_one_pose_for_each_mask(moving_plane)
     assert needed(alone, even[:1], share[:1], settings) is None
 
 
+def test_a_path_whose_neighbouring_views_share_nothing_gets_no_moments(moving_plane):
+    share, settings = np.ones(MASKS), MaskMomentSettings("moving")
+    side = min(moving_plane[1].inverse_depth.shape)
+    for px, believed in ((0.45 * side, True), (0.55 * side, False)):
+        geometry = aside(moving_plane[1], px)
+        assert (needed(geometry, textured(geometry, 0.2), share, settings) is not None) == believed
+
+
 def test_masks_are_open_evenly_over_the_exposure():
     assert mask_times(5).tolist() == [-1, -0.5, 0, 0.5, 1]
 

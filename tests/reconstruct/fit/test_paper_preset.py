@@ -118,6 +118,7 @@ def test_no_pixel_is_held_out_nothing_ends_it_early_and_nothing_of_ours_comes_in
     assert not SETTINGS.may_look_again
     assert SETTINGS.brightness.rounds == 0
     assert SETTINGS.registration.mode == "off"
+    assert SETTINGS.mask_moments.within_mask == "still"
 
 
 def test_only_the_paper_bounds_the_population_and_the_guard_ends_the_fit():
