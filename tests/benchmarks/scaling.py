@@ -7,7 +7,6 @@ plane sweep. Above all, what this machine can do at most, measured on the same n
 on 16 lanes from registers, and bytes through a triad that no cache holds; each cost is said in shares of these.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +26,7 @@ from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
 from gs2ci.render.cpu.workspace import Workspace
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.simd.vector import LANES, broadcast, fused, store
+from gs2ci.tables.works import least_seconds
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 
 ROUNDS = 5
@@ -97,12 +97,7 @@ def measured_limits() -> Limits:
 
 def fastest(work: Callable[[], object], rounds: int = ROUNDS) -> float:
     work()  # compiles, and makes room
-    seconds = []
-    for _ in range(rounds):
-        began_s = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began_s)
-    return min(seconds)
+    return least_seconds(work, rounds)
 
 
 def iteration_cost(size: Size) -> Cost:

@@ -21,13 +21,12 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaussians, move_map
+from gs2ci.reconstruct.fit.relief_kernels import MOST_GROWTH
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
 # The knots lie between these quantiles of the inverse depths.
 _QUANTILES = (0.02, 0.98)
-# The largest relative change of a distance in one step.
-_MOST_GROWTH = 0.25
 # Of Adam's moments, as for all parameters of a fit.
 _DECAY = 0.9
 _SQUARE_DECAY = 0.999
@@ -73,7 +72,7 @@ class FieldStep:
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
         moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
-        move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values, _MOST_GROWTH)
+        move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values, MOST_GROWTH)
 
     def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
         """Move the given pixels of a view's map, [H, W], in place.

@@ -1,9 +1,10 @@
 """The effect of an exchange of turning for travel on each Gaussian, and the derivative along it, in two passes.
 
-Here: the kernels; they take float32 and float64. Not here: the direction of the cameras, its steps (`relief.py`).
+Here: the kernels, which take float32 and float64, and the bound on a step. Not here: the direction of the cameras, its
+steps (`relief.py`).
 """
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
@@ -13,6 +14,10 @@ from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.fit.jit import JIT
 
 Numbers = NDArray[Any]
+
+MOST_GROWTH: Final = 0.25
+"""The largest relative change of a distance in one step of a fit, whatever makes the step: far away, where inverse
+depth is nearly 0, the first order no longer holds, and a step of constant length would pass through infinity."""
 
 
 @njit(**JIT)

@@ -12,7 +12,7 @@ depths of whole regions (`depth_field.py`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 from numba import njit
@@ -25,15 +25,11 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.jit import JIT
-from gs2ci.reconstruct.fit.relief_kernels import seen_from
+from gs2ci.reconstruct.fit.relief_kernels import MOST_GROWTH, seen_from
 from gs2ci.render.conventions import NEAR
 
 Numbers = NDArray[Any]
 Share = Annotated[float, Field(gt=0, le=1)]
-
-# The largest relative change of a distance in one step: far away, where inverse depth is nearly 0, a step of constant
-# length would pass through infinity.
-_MOST_GROWTH: Final = 0.25
 
 
 @dataclass(frozen=True)
@@ -107,9 +103,7 @@ class ViewAdam:
         gradient, moved = np.empty_like(places), np.zeros_like(places)
         gradient_in_view(places, by_places, by_sizes, self._view.pose, NEAR, gradient)
         self._moments.move(moved, gradient, damping)
-        move_in_view(
-            places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress), _MOST_GROWTH
-        )
+        move_in_view(places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress), MOST_GROWTH)
 
 
 @njit(**JIT)
