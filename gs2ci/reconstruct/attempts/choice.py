@@ -2,8 +2,8 @@
 
 A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). A uniform motion that
 tracks do not confirm competes with a camera at rest: if the scene shows only a periodic pattern or a gradient, any
-motion explains the measurement, and a fit from rest ends several dB better. The fit from rest is stopped if it is far
-behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does not
+motion explains the measurement, and a fit from rest ends several dB better. Both further fits are stopped if they are
+far behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does not
 raise the held-out residual: fits along two paths differ at least as much as two along one. If the fits' residual looks
 like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of
 (`fits.py`).
@@ -78,7 +78,7 @@ class Attempts:
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
             # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV.
             worth_decoding = asked.behind_decode and not self.fits.halt.asked
-            first = self._decoded_better(first, sparsely=True) if worth_decoding else first
+            first = self._decoded_better(first) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         still = self.fits.completed(still)
@@ -106,7 +106,7 @@ class Attempts:
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
         if again is not None and not self.fits.halt.asked:
-            attempts["second look"] = self.fits.attempt(again, views, How(alone=True))
+            attempts["second look"] = self.fits.attempt(again, views, How(alone=True, rival=self._rival(tried)))
         if needs_rest(first) and not self.fits.halt.asked:
             how = How(alone=True, rival=self._rival(tried))
             attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
@@ -125,12 +125,16 @@ class Attempts:
     def _may_look_again(self, first: FirstLook) -> bool:
         return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
 
-    def _decoded_better(self, first: FirstLook, *, sparsely: bool = False) -> FirstLook:
-        """Return a first look with views decoded by similar patches, if they predict the held-out pixels better."""
+    def _decoded_better(self, first: FirstLook) -> FirstLook:
+        """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
+
+        Sparsely: views decoded densely take three times as long, and where they only start fits and take part in the
+        combination, the result is the same (docs/decisions/0111-fits-that-only-get-worse.md).
+        """
         schedule = self.fits.settings.long_decode
         if first.decoder == "patches" or schedule is None:
             return first
-        longer = first.decoded_longer(schedule.sparse if sparsely else schedule, self.fits.progress)
+        longer = first.decoded_longer(schedule.sparse, self.fits.progress)
         self.fits.clock.lap("decode")
         before, after = self.fits.holdout.residual_rms(first.decoded), self.fits.holdout.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before

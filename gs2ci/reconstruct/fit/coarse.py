@@ -157,7 +157,7 @@ class _Loop:
                 return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
             if looks and self._is_behind(iteration):
                 return finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
-            if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
+            if looks and self._stalled(iteration):
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
         if not self._judged:
@@ -168,6 +168,11 @@ class _Loop:
     def _is_behind(self, iteration: int) -> bool:
         """Tell whether another fit is so far ahead at the last look that this one should stop."""
         return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
+
+    def _stalled(self, iteration: int) -> bool:
+        """Tell whether the residual has not improved for long, or has risen clearly."""
+        waits = self.fit.awaits_surfaces
+        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not waits)
 
     def _step(self, iteration: int, total: int) -> None:
         share, since = iteration / total, iteration - self._began + 1

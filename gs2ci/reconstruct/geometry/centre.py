@@ -31,6 +31,9 @@ _INSIDE: Final = (0.05, 0.95)
 _LEAST_SHIFT_PX: Final = 0.25
 # If the two models differ by more than this in the corners of views, the fit tells them apart: the cameras did turn.
 _TOLD_APART_PX: Final = 1.0
+# Cameras whose principal point moves are shifted within a common plane. A camera that mostly goes forwards drifts
+# aside, and turns, along one straight line, too.
+_MOST_AHEAD: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Turning:
         in_step: Share of the turns' squares that the travel explains.
         wobble_px: The rest of the turns, root mean square.
         apart_px: Largest difference, in a corner, from views whose principal point moves instead.
+        ahead: Travel along the line of sight relative to travel across it, each root mean square.
     """
 
     shift_px: float
@@ -50,6 +54,7 @@ class Turning:
     in_step: float
     wobble_px: float
     apart_px: float
+    ahead: float
 
 
 def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], reference: int) -> Turning | None:
@@ -82,6 +87,7 @@ def turning(world_to_camera: F64, intrinsics: F64, size: tuple[int, int], refere
         in_step=1 - rest / turned,
         wobble_px=focal * float(np.sqrt(rest / len(travel))),
         apart_px=focal * abs(inverse_depth) * farthest * float(np.prod(np.array(corner) / focal)),
+        ahead=float(np.sqrt((relative[:, 2, 3] ** 2).sum() / aside)),
     )
 
 
@@ -101,7 +107,7 @@ def doubts_about_centre(
         return ()
     size = (inverse_depth.shape[0], inverse_depth.shape[1])
     found = turning(world_to_camera, intrinsics, size, reference)
-    if found is None or found.in_step < _IN_STEP or found.wobble_px > _WOBBLE_PX:
+    if found is None or found.in_step < _IN_STEP or found.wobble_px > _WOBBLE_PX or found.ahead > _MOST_AHEAD:
         return ()
     far, near = np.quantile(known, _INSIDE)
     inside = far < found.inverse_depth < near

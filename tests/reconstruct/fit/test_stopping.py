@@ -80,6 +80,22 @@ def test_a_new_beginning_forgets_the_best_state_too():
     assert not watch.note(0.95, 200)
 
 
+def test_a_residual_that_has_risen_for_as_long_as_patience_lasts_will_not_fall_again():
+    watch = Watch(HoldOut(patience=100))
+    looks = [(50, 0.5), (100, 0.6), (150, 0.51), (200, 0.53), (250, 0.49), (300, 0.6)]
+    risen = []
+    for iteration, residual in looks:
+        watch.note(residual, iteration)
+        risen.append(watch.has_risen(iteration))
+    assert risen == [False, False, False, True, False, False]
+    watch.begin_again(350)
+    assert watch.note(0.6, 350)
+    assert watch.has_risen(350)
+    watch.set_back(400)
+    watch.note(0.9, 500)
+    assert not watch.has_risen(500)
+
+
 def test_patience_lasts_for_as_many_looks_whatever_lies_between_them():
     few, many = HoldOut(share=0.1).looking(10), HoldOut().looking(50)
     assert (few.look_every, few.patience, few.growth_patience, few.share) == (10, 30, 10, 0.1)

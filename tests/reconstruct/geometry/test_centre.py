@@ -69,6 +69,14 @@ def test_nor_one_of_a_hand_that_turns_about_a_point_of_the_scene_but_not_in_step
     assert said(path(1.0, wobble_px=0.3), intrinsics) == []
 
 
+def test_nor_one_of_a_camera_that_mostly_goes_forwards_and_drifts_aside(intrinsics):
+    poses = path(1.0)
+    poses[:, 2, 3] = -3 * np.linspace(-0.04, 0.04, VIEWS)
+    poses[:, 2, 3] -= poses[REFERENCE, 2, 3]
+    assert turning(poses, intrinsics, SIZE, REFERENCE).ahead == pytest.approx(3)
+    assert said(poses, intrinsics) == []
+
+
 def test_where_the_field_of_view_is_wide_views_tell_a_turn_from_a_shift(intrinsics):
     wide = replace_focal(intrinsics, 100.0)
     poses = path(1.0, towards=(1.0, 0.0))
