@@ -3,10 +3,10 @@
 A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). A uniform motion that
 tracks do not confirm competes with a camera at rest: if the scene shows only a periodic pattern or a gradient, any
 motion explains the measurement, and a fit from rest ends several dB better. Both further fits are stopped if they are
-far behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does not
-raise the held-out residual: fits along two paths differ at least as much as two along one. If the fits' residual looks
-like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of
-(`fits.py`).
+far behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does
+not raise the held-out residual: fits along two paths differ at least as much as two along one. If the fits' residual
+looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made
+of (`fits.py`).
 """
 
 import math
