@@ -68,7 +68,7 @@ class Rival:
 
 # A rise of the held-out residual by this factor does not pass: on the real fan it had risen by 9 % after 250 iterations
 # of a still scene, and by 12 % after 400. Fits of simulated scenes at rest were never above their least by so much
-# before 350 iterations of 400; with noise of 5 % of the brightest reading they were after 125 of 200, and had best ended.
+# before 350 iterations of 400. With noise of 5 % of the brightest reading they were after 125 of 250.
 _RISEN: Final = 1.05
 
 
