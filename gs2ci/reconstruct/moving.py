@@ -203,6 +203,7 @@ def released(fit: CoarseSettings) -> CoarseSettings:
         iterations=iterations,
         densify_until=0.0,
         warm_up=iterations // 10,
+        mask_moments_from=0.0,
         surfaces=None,
         relief=None,
         steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),

@@ -113,11 +113,19 @@ class Fits:
             return self
         fit = self.settings.fit
         looking = fit.hold_out.looking(_TIMED_ITERATIONS)
-        brief = replace(fit, iterations=_TIMED_ITERATIONS, densify_from=1.0, surfaces=None, hold_out=looking)
+        brief = replace(
+            fit,
+            iterations=_TIMED_ITERATIONS,
+            densify_from=1.0,
+            mask_moments_from=0.0,
+            surfaces=None,
+            hold_out=looking,
+        )
         geometry, start = self.beginning(first, first.decoded)
         timed = Timed(_TIMED_ITERATIONS)
         self._trying(brief).fit_one(geometry)(Member(start, fit.density, self.settings.seed), Silent(), timed)
-        settings, pace, said = budget.fit(self.settings, timed)
+        moments_per_mask = 1.0 if self.mask_moments is None else self.mask_moments.per_mask
+        settings, pace, said = budget.fit(self.settings, timed, moments_per_mask)
         self.progress.say(said)
         self.clock.lap("fit")
         return replace(self, settings=settings, pace=pace)

@@ -133,6 +133,7 @@ class _Loop:
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
+            self.fit.split_masks(iteration / total)
             if self.fit.find_surfaces(iteration / total, self._looks.refine):
                 # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
                 # one may predict the held-out pixels as well, but its depth is worse.

@@ -4,9 +4,9 @@ Here: `CoarseSettings` and its check. Not here: the stage (`coarse.py`), presets
 """
 
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Annotated, Final, Self
 
-from pydantic import NonNegativeInt, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
@@ -42,6 +42,8 @@ class CoarseSettings(Bounded):
             unbounded.
         most_gaussians: Population at which the fit ends with an error, before memory runs out; None: no such guard.
         cap_from: Share of the schedule from which on the population may no longer grow; None: never.
+        mask_moments_from: Share of the schedule from which on masks have their moments. Before, each has one: the
+            scene is coarser then than the blur within a mask, and an iteration costs as much as it has moments.
         surfaces: How light is drawn to surfaces that the views show; None: only the measurement places it.
         relief: How turning of the cameras is exchanged for travel if neither a stage nor a file gave the path; None:
             never.
@@ -59,6 +61,7 @@ class CoarseSettings(Bounded):
     gaussians_per_pixel: float | None = 0.25
     most_gaussians: int | None = None
     cap_from: float | None = None
+    mask_moments_from: Annotated[float, Field(ge=0, le=1)] = 0.5
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
     relief: ReliefSettings | None = field(default_factory=ReliefSettings)
     per_open_share: bool = True

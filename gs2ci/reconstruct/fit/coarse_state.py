@@ -79,7 +79,8 @@ class FitState:
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = renderer
+        self._renderer = renderer if settings.mask_moments_from == 0 else renderer.with_one_moment()
+        self._with_moments = renderer
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         # At depth 1, which is the scene's median depth.
@@ -100,6 +101,16 @@ class FitState:
     def views(self) -> F32:
         """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""
         return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
+
+    def split_masks(self, share: float) -> None:
+        """Give masks their moments if that is due after this share of the schedule."""
+        if self._renderer is self._with_moments or share < self.settings.mask_moments_from:
+            return
+        self._renderer = self._with_moments
+        self._gathering = Gathering(
+            self._renderer, len(self.optimiser.scene), per_open_share=self.settings.per_open_share
+        )
+        self._reuse = self._renderer.reuse()
 
     def backward(self, share: float, iteration: int) -> float:
         """Accumulate gradients of the objective.

@@ -118,6 +118,11 @@ class MaskMoments:
         """Get the number of moments of all masks, V."""
         return sum(self.moments)
 
+    @property
+    def per_mask(self) -> float:
+        """Get how many moments a mask has on average."""
+        return self.count / len(self.moments)
+
     def offsets(self) -> Tensor:
         """Return the time of each moment, from the middle of its mask, in intervals between masks, [V] float64.
 

@@ -39,6 +39,7 @@ class ShotRenderer:
         lens: Lens | None = None,
         mask_moments: MaskMoments | None = None,
     ) -> None:
+        self.shot = shot
         self.size = shot.size
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
@@ -57,7 +58,13 @@ class ShotRenderer:
     @property
     def moments_per_mask(self) -> float:
         """Get how many moments a mask has on average."""
-        return 1.0 if self._mask_moments is None else self._mask_moments.count / len(self.transmissions)
+        return 1.0 if self._mask_moments is None else self._mask_moments.per_mask
+
+    def with_one_moment(self) -> "ShotRenderer":
+        """Return a renderer of the same shot that gives each mask one moment."""
+        if self._mask_moments is None:
+            return self
+        return ShotRenderer(self.shot, self.intrinsics.double().numpy(), self._backend, self.lens)
 
     def reuse(self) -> Reuse:
         """Return a new object that holds what renderings of the same Gaussians may share."""

@@ -1,3 +1,5 @@
+"""The fit of a plane: its loop, its density rule, its looks and its end."""
+
 import itertools
 from dataclasses import replace
 
@@ -5,112 +7,31 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.errors import InputError, NumericsError, ResourceError
+from gs2ci.core.errors import InputError, ResourceError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.choices import RULE_NAMES
-from gs2ci.reconstruct.fit import coarse_state
-from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Rival
-from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
+from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
+from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
+from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, run
 
 pytestmark = pytest.mark.slow
-
-# Surfaces have tests of their own: those of the loop count its renderings.
-FIELD = DepthFieldSettings()
-QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=HoldOut(share=0.05, look_every=10))
-UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
-
-
-def run(
-    moving_plane,
-    settings=QUICK,
-    *,
-    backend=None,
-    seed=0,
-    listener=None,
-    score=None,
-    shot=None,
-    pace=None,
-    refine=lambda views: views,
-    rival=None,
-):
-    given, geometry = moving_plane
-    shot = shot or given
-    holdout = Holdout.of(shot, settings.hold_out.share, seed)
-    grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
-    fit = fit_coarse(
-        holdout=holdout,
-        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
-        start=first_gaussians(seed_points(geometry, grey, 2)),
-        geometry=geometry,
-        settings=settings,
-        seed=seed,
-        monitoring=Monitoring(refine, listener or Silent(), score),
-        pace=pace,
-        rival=rival,
-    )
-    return fit, holdout
-
-
-class FaultyBackend(CpuBackend):
-    """Gives gradients that are NaN in the renderings that `when` tells by their number."""
-
-    def __init__(self, when):
-        super().__init__()
-        self._when = when
-        self._calls = itertools.count()
-
-    def coded_with_pull(self, *arguments):
-        image, pull = super().coded_with_pull(*arguments)
-        faulty = self._when(next(self._calls))
-        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
-
-
-class Watching(CpuBackend):
-    """Keeps lists, and remembers which population was rendered with which of them."""
-
-    def __init__(self, every, when_faulty=lambda call: False):
-        super().__init__(RasterSettings(relist_every=every))
-        self.given = []
-        self.populations = {}
-        self._when_faulty = when_faulty
-        self._calls = itertools.count()
-
-    def coded_with_pull(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
-        if reuse not in self.given:
-            self.given.append(reuse)
-        self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
-        image, pull = super().coded_with_pull(scene, world_to_camera, intrinsics, coding, screen, reuse)
-        faulty = self._when_faulty(next(self._calls))
-        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
-
-
-class Listener(Silent):
-    def __init__(self):
-        super().__init__()
-        self.steps = []
-
-    def step(self, done, **figures):
-        self.steps.append((done, figures))
 
 
 def test_the_loss_and_the_held_out_residual_fall(moving_plane):
@@ -138,6 +59,14 @@ def test_a_fit_that_stops_improving_ends_early_and_says_so(moving_plane):
     settings = replace(QUICK, hold_out=replace(QUICK.hold_out, patience=20, improvement=0.9))
     fit, _ = run(moving_plane, settings)
     assert fit.curve[-1].iteration < settings.iterations
+    assert fit.stopped.code is Code.FIT_STALLED
+
+
+def test_a_fit_that_only_gets_worse_ends_though_surfaces_are_still_to_come(moving_plane, monkeypatch):
+    monkeypatch.setattr(Watch, "has_risen", lambda _, iteration: iteration >= 30)
+    settings = replace(QUICK, surfaces=SurfaceSettings(searches=(Search(0.9, 1e-3, 1e-3),)))
+    fit, _ = run(moving_plane, settings)
+    assert fit.curve[-1].iteration == 30
     assert fit.stopped.code is Code.FIT_STALLED
 
 
@@ -307,117 +236,6 @@ def test_the_same_seed_gives_the_same_bits_twice_and_on_any_number_of_threads(mo
         assert [p.loss for p in other.curve] == [p.loss for p in fits[0].curve]
 
 
-def test_surfaces_have_a_say_once_they_are_sought_and_the_measurement_has_the_last_word(moving_plane):
-    plain, _ = run(moving_plane)
-    drawn, _ = run(
-        moving_plane, replace(QUICK, surfaces=SurfaceSettings((Search(0.5, 1e-2, 2e-4), Search(0.8, 1e-2, 2e-4))))
-    )
-    # Up to iteration 30 both are the same.
-    assert [point.loss for point in drawn.curve[:3]] == [point.loss for point in plain.curve[:3]]
-    assert drawn.curve[3].loss != plain.curve[3].loss
-    assert drawn.curve[-1].heldout < 1.2 * plain.curve[-1].heldout
-
-
-def test_regions_move_together_from_the_first_search_on(moving_plane):
-    surfaces = SurfaceSettings((Search(0.5, 1e-2, 2e-4),))
-    fits = [run(moving_plane, replace(QUICK, surfaces=replace(surfaces, depth_field=one)))[0] for one in (None, FIELD)]
-    losses = [[point.loss for point in fit.curve] for fit in fits]
-    assert losses[0][:3] == losses[1][:3]
-    assert losses[0][3] != losses[1][3]
-    assert fits[1].curve[-1].heldout < 1.2 * fits[0].curve[-1].heldout
-
-
-def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_worse(moving_plane, monkeypatch):
-    def wrong(*arguments):
-        found = find_surfaces(*arguments)
-        return replace(found, inverse_depth=3 * found.inverse_depth)
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", wrong)
-    settings = SurfaceSettings((Search(0.5, 3.0, 3.0),), every=1)
-    fit, holdout = run(moving_plane, replace(QUICK, surfaces=settings))
-    before = [point.heldout for point in fit.curve if point.iteration <= 30]
-    after = {point.iteration: point.heldout for point in fit.curve if point.iteration > 30}
-    assert min(before) < min(after.values())
-    assert holdout.residual_rms(fit.views) == pytest.approx(min(after.values()), rel=1e-6)
-    assert fit.stopped.figures["best"] in after
-
-
-def test_turning_is_exchanged_for_travel_unless_the_path_was_told_or_the_scene_moves(moving_plane):
-    shot, geometry = moving_plane
-    without = replace(QUICK, relief=None)
-    free, _ = run(moving_plane)
-    kept, _ = run(moving_plane, without)
-    # The first tenth of the schedule is the same, up to iteration 6: the first look is past it.
-    assert not np.array_equal(free.world_to_camera, kept.world_to_camera)
-    for given in (replace(geometry, source="stage"), replace(geometry, source="file")):
-        told, _ = run((shot, given))
-        assert np.array_equal(told.world_to_camera, kept.world_to_camera)
-        assert np.array_equal(told.views, kept.views)
-    fixed = PoseSettings(refine=False)
-    one, two = (run(moving_plane, replace(settings, poses=fixed))[0] for settings in (QUICK, without))
-    assert np.array_equal(one.views, two.views)
-
-
-def test_poses_that_step_seldom_cannot_exchange_turning_for_travel():
-    seldom = replace(QUICK, poses=PoseSettings(every=5))
-    with pytest.raises(InputError, match="every 5 iterations"):
-        seldom.check()
-    replace(seldom, relief=None).check()
-
-
-def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
-    swept = []
-
-    def watched(renderer, scene, poses, views, settings, seed, search, readings):
-        swept.append((search, views.copy()))
-        return find_surfaces(renderer, scene, poses, views, settings, seed, search, readings)
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
-    searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
-    run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)), refine=lambda views: 0 * views + 0.25)
-    assert [search for search, _ in swept] == list(searches)
-    assert all((views == 0.25).all() for _, views in swept)
-
-
-def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, monkeypatch):
-    given = SurfaceSettings((Search(0.3, 1e-2, 1e-2), Search(0.6, 3e-2, 1e-3)))
-    once = replace(given, searches=given.searches[:1])
-    found, _ = run(moving_plane, replace(QUICK, surfaces=once))
-
-    def first_only(*arguments):
-        return find_surfaces(*arguments) if arguments[6] == given.searches[0] else None
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", first_only)
-    kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
-    assert np.array_equal(kept.views, found.views)
-
-
-def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_held_out(moving_plane, monkeypatch):
-    shot, _ = moving_plane
-    given = []
-
-    def watched(*arguments):
-        given.append(arguments[7])
-        return find_surfaces(*arguments)
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
-    searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3, asks_measurement=True))
-    _, holdout = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
-    assert given[0] is None
-    assert not (given[1].usable & holdout.pixels).any()
-    assert given[1].usable.sum() > 0.9 * shot.lit.sum()
-    assert np.array_equal(given[1].open_share, shot.masks * shot.weights[:, None, None])
-
-
-def test_without_parallax_no_surface_is_sought(moving_plane):
-    shot, geometry = moving_plane
-    still = replace(geometry, verdict="rotation_only")
-    settings = replace(QUICK, surfaces=SurfaceSettings())
-    plain, _ = run((shot, still), QUICK)
-    fit, _ = run((shot, still), settings)
-    assert np.array_equal(fit.views, plain.views)
-
-
 def test_a_mono_measurement_gives_mono_views(moving_plane):
     shot, _ = moving_plane
     mono = replace(shot, measurement=shot.measurement.mean(axis=2, keepdims=True)).check()
@@ -454,13 +272,6 @@ def test_every_population_has_lists_of_its_own(moving_plane):
     assert fit.curve[-1].iteration == 60
 
 
-def test_a_roll_back_makes_lists_anew(moving_plane):
-    backend = Watching(1000, when_faulty=lambda call: call == 10)
-    fit, _ = run(moving_plane, replace(QUICK, densify_every=1000), backend=backend)
-    assert len(fit.notes) == 1
-    assert [reuse.listings for reuse in backend.given] == [1, 1]
-
-
 def test_kept_lists_lead_to_as_low_a_loss(moving_plane, threads):
     fresh, _ = run(moving_plane)
     results = []
@@ -469,85 +280,6 @@ def test_kept_lists_lead_to_as_low_a_loss(moving_plane, threads):
             results.append(run(moving_plane, backend=CpuBackend(RasterSettings(relist_every=4)))[0])
     assert results[0].curve[-1].loss == pytest.approx(fresh.curve[-1].loss, rel=0.05)
     np.testing.assert_array_equal(results[0].views, results[1].views)
-
-
-def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
-    listener = Listener()
-    fit, _ = run(moving_plane, backend=FaultyBackend(lambda call: call == 25), listener=listener)
-    assert fit.notes == (finding(Code.ROLLED_BACK_NOT_FINITE, iteration=25, best=20),)
-    assert listener.sentences == [note.sentence for note in fit.notes]
-    assert fit.curve[-1].iteration == 60
-    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
-    assert np.isfinite(fit.views).all()
-
-
-@pytest.mark.parametrize(("name", "factor"), [("colours", 1e3), ("means", 1e5)])
-def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch, name, factor):
-    whole, calls = GaussianOptimiser.step, itertools.count()
-
-    def step(optimiser, *arguments):
-        whole(optimiser, *arguments)
-        if next(calls) == 25:
-            with torch.no_grad():
-                optimiser.scene.parameters()[name].mul_(factor)
-
-    monkeypatch.setattr(GaussianOptimiser, "step", step)
-    fit, _ = run(moving_plane)
-    (note,) = fit.notes
-    assert note.code is Code.ROLLED_BACK_EXPLODED
-    assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
-    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
-    fit.scene.check()
-
-
-def continued(moving_plane, warm_up, backend=None):
-    """Continue a fit of the plane from its scene and its path, for twelve iterations."""
-    shot, geometry = moving_plane
-    done, holdout = run(moving_plane)
-    settings = replace(
-        QUICK, iterations=12, densify_until=0.0, warm_up=warm_up, hold_out=HoldOut(share=0.05, look_every=1)
-    )
-    return fit_coarse(
-        holdout=holdout,
-        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
-        start=done.scene,
-        geometry=replace(geometry, world_to_camera=done.world_to_camera),
-        settings=settings,
-        seed=0,
-        monitoring=Monitoring(lambda views: views, Silent()),
-    )
-
-
-def test_a_fitted_scene_bears_to_be_fitted_on_if_the_steps_grow_slowly(moving_plane):
-    cold, warm = ([point.loss for point in continued(moving_plane, steps).curve] for steps in (0, 10))
-    assert warm[0] == cold[0]
-    assert max(warm) < 1.1 * cold[0] < max(cold)
-
-
-def test_steps_grow_anew_after_a_roll_back(moving_plane, monkeypatch):
-    whole, dampings = FitState.step, []
-
-    def step(state, share, damping):
-        dampings.append(damping)
-        whole(state, share, damping)
-
-    monkeypatch.setattr(FitState, "step", step)
-    continued(moving_plane, 4, FaultyBackend(lambda call: call == 6))
-    dampings = dampings[-12:]
-    assert dampings == pytest.approx([0.25, 0.5, 0.75, 1, 1, 1, 0.125, 0.25, 0.375, 0.5, 0.5, 0.5])
-
-
-def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):
-    fit, holdout = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
-    assert fit.stopped == finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=20)
-    assert len(fit.notes) == MAX_ROLLBACKS
-    assert holdout.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
-    fit.scene.check()
-
-
-def test_a_first_iteration_that_is_not_finite_is_an_error(moving_plane):
-    with pytest.raises(NumericsError, match="first iteration"):
-        run(moving_plane, backend=FaultyBackend(lambda call: call == 0))
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
+from tests.reconstruct.fit.plane_fits import QUICK, run
 
 MASKS = 4
 
@@ -182,3 +183,36 @@ def test_settings_name_a_known_motion_within_masks():
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(InputError, match=f"{next(iter(wrong))} = .* in MaskMomentSettings"):
         MaskMomentSettings(**wrong).check()
+
+
+class Counting(CpuBackend):
+    """Remembers how many moments each iteration rendered."""
+
+    def __init__(self):
+        super().__init__()
+        self.moments = []
+
+    def coded_with_pull(self, scene, world_to_camera, *others):
+        self.moments.append(len(world_to_camera))
+        return super().coded_with_pull(scene, world_to_camera, *others)
+
+
+@pytest.mark.parametrize(("begin", "plain"), [(0.0, 0), (0.5, 30), (1.0, 60)])
+def test_masks_have_their_moments_from_a_share_of_the_schedule_on(moving_plane, begin, plain):
+    backend = Counting()
+    settings = replace(QUICK, densify_every=1000, mask_moments_from=begin)
+    fit, _ = run(moving_plane, settings, backend=backend, mask_moments=moments_of(2, 1, 3, 2))
+    assert backend.moments == [MASKS] * plain + [8] * (60 - plain)
+    assert np.isfinite(fit.views).all()
+
+
+def test_until_then_a_fit_has_the_bits_of_one_without_moments(moving_plane):
+    plain, _ = run(moving_plane)
+    never, _ = run(moving_plane, replace(QUICK, mask_moments_from=1.0), mask_moments=moments_of(2, 1, 3, 2))
+    np.testing.assert_array_equal(never.views, plain.views)
+
+
+@pytest.mark.parametrize("begin", [-0.1, 1.1, float("nan")])
+def test_a_share_outside_of_the_schedule_is_refused(begin):
+    with pytest.raises(InputError, match="mask_moments_from"):
+        replace(QUICK, mask_moments_from=begin).check()

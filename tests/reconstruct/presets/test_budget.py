@@ -30,6 +30,14 @@ def chosen(seconds, spent_s=5.0, adapt=lambda settings: settings):
     return Budget(seconds, 500.0 - spent_s, adapt, clock=lambda: 500.0).fit(STANDARD, timed())
 
 
+def test_iterations_with_one_moment_per_mask_cost_less_than_the_timed_ones():
+    within = Budget(60.0, 495.0, clock=lambda: 500.0)
+    plain, split = (within.fit(STANDARD, timed(), moments)[1] for moments in (1.0, 4.0))
+    assert [split._costs(share) / plain._costs(share) for share in (0.0, 0.49, 0.5, 1.0)] == pytest.approx(
+        [0.25, 0.25, 1, 1]
+    )
+
+
 def rung_of(settings):
     return next(rung for rung in LADDER if PRESETS[rung.preset].fits == settings.fits)
 

@@ -1,0 +1,95 @@
+"""Brief fits of a plane seen by a moving camera, and backends and listeners that watch or disturb them."""
+
+import itertools
+
+import numpy as np
+
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.looks import Monitoring
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.settings import RasterSettings
+
+# Surfaces have tests of their own: those of the loop count its renderings.
+QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=HoldOut(share=0.05, look_every=10))
+UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
+
+
+def run(
+    moving_plane,
+    settings=QUICK,
+    *,
+    backend=None,
+    seed=0,
+    listener=None,
+    score=None,
+    shot=None,
+    pace=None,
+    refine=lambda views: views,
+    rival=None,
+    mask_moments=None,
+):
+    given, geometry = moving_plane
+    shot = shot or given
+    holdout = Holdout.of(shot, settings.hold_out.share, seed)
+    grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
+    fit = fit_coarse(
+        holdout=holdout,
+        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend(), mask_moments=mask_moments),
+        start=first_gaussians(seed_points(geometry, grey, 2)),
+        geometry=geometry,
+        settings=settings,
+        seed=seed,
+        monitoring=Monitoring(refine, listener or Silent(), score),
+        pace=pace,
+        rival=rival,
+    )
+    return fit, holdout
+
+
+class FaultyBackend(CpuBackend):
+    """Gives gradients that are NaN in the renderings that `when` tells by their number."""
+
+    def __init__(self, when):
+        super().__init__()
+        self._when = when
+        self._calls = itertools.count()
+
+    def coded_with_pull(self, *arguments):
+        image, pull = super().coded_with_pull(*arguments)
+        faulty = self._when(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
+
+
+class Watching(CpuBackend):
+    """Keeps lists, and remembers which population was rendered with which of them."""
+
+    def __init__(self, every, when_faulty=lambda call: False):
+        super().__init__(RasterSettings(relist_every=every))
+        self.given = []
+        self.populations = {}
+        self._when_faulty = when_faulty
+        self._calls = itertools.count()
+
+    def coded_with_pull(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
+        if reuse not in self.given:
+            self.given.append(reuse)
+        self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
+        image, pull = super().coded_with_pull(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        faulty = self._when_faulty(next(self._calls))
+        return image, lambda gradient: pull(gradient * np.float32("nan") if faulty else gradient)
+
+
+class Listener(Silent):
+    def __init__(self):
+        super().__init__()
+        self.steps = []
+
+    def step(self, done, **figures):
+        self.steps.append((done, figures))

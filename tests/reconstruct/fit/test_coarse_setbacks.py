@@ -1,0 +1,108 @@
+"""Fits that go wrong or go on: roll-backs, steps that grow again, and errors."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code, finding
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
+from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.looks import Monitoring
+from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.render.cpu.backend import CpuBackend
+from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, run
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_roll_back_makes_lists_anew(moving_plane):
+    backend = Watching(1000, when_faulty=lambda call: call == 10)
+    fit, _ = run(moving_plane, replace(QUICK, densify_every=1000), backend=backend)
+    assert len(fit.notes) == 1
+    assert [reuse.listings for reuse in backend.given] == [1, 1]
+
+
+def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
+    listener = Listener()
+    fit, _ = run(moving_plane, backend=FaultyBackend(lambda call: call == 25), listener=listener)
+    assert fit.notes == (finding(Code.ROLLED_BACK_NOT_FINITE, iteration=25, best=20),)
+    assert listener.sentences == [note.sentence for note in fit.notes]
+    assert fit.curve[-1].iteration == 60
+    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
+    assert np.isfinite(fit.views).all()
+
+
+@pytest.mark.parametrize(("name", "factor"), [("colours", 1e3), ("means", 1e5)])
+def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch, name, factor):
+    whole, calls = GaussianOptimiser.step, itertools.count()
+
+    def step(optimiser, *arguments):
+        whole(optimiser, *arguments)
+        if next(calls) == 25:
+            with torch.no_grad():
+                optimiser.scene.parameters()[name].mul_(factor)
+
+    monkeypatch.setattr(GaussianOptimiser, "step", step)
+    fit, _ = run(moving_plane)
+    (note,) = fit.notes
+    assert note.code is Code.ROLLED_BACK_EXPLODED
+    assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
+    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
+    fit.scene.check()
+
+
+def continued(moving_plane, warm_up, backend=None):
+    """Continue a fit of the plane from its scene and its path, for twelve iterations."""
+    shot, geometry = moving_plane
+    done, holdout = run(moving_plane)
+    settings = replace(
+        QUICK, iterations=12, densify_until=0.0, warm_up=warm_up, hold_out=HoldOut(share=0.05, look_every=1)
+    )
+    return fit_coarse(
+        holdout=holdout,
+        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
+        start=done.scene,
+        geometry=replace(geometry, world_to_camera=done.world_to_camera),
+        settings=settings,
+        seed=0,
+        monitoring=Monitoring(lambda views: views, Silent()),
+    )
+
+
+def test_a_fitted_scene_bears_to_be_fitted_on_if_the_steps_grow_slowly(moving_plane):
+    cold, warm = ([point.loss for point in continued(moving_plane, steps).curve] for steps in (0, 10))
+    assert warm[0] == cold[0]
+    assert max(warm) < 1.1 * cold[0] < max(cold)
+
+
+def test_steps_grow_anew_after_a_roll_back(moving_plane, monkeypatch):
+    whole, dampings = FitState.step, []
+
+    def step(state, share, damping):
+        dampings.append(damping)
+        whole(state, share, damping)
+
+    monkeypatch.setattr(FitState, "step", step)
+    continued(moving_plane, 4, FaultyBackend(lambda call: call == 6))
+    dampings = dampings[-12:]
+    assert dampings == pytest.approx([0.25, 0.5, 0.75, 1, 1, 1, 0.125, 0.25, 0.375, 0.5, 0.5, 0.5])
+
+
+def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):
+    fit, holdout = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
+    assert fit.stopped == finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=20)
+    assert len(fit.notes) == MAX_ROLLBACKS
+    assert holdout.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
+    fit.scene.check()
+
+
+def test_a_first_iteration_that_is_not_finite_is_an_error(moving_plane):
+    with pytest.raises(NumericsError, match="first iteration"):
+        run(moving_plane, backend=FaultyBackend(lambda call: call == 0))
