@@ -122,13 +122,13 @@ def look(
         lap("decode")
         views, proxy_notes = geometry_views(holdout.seen, decoded, settings.proxy, masks_of or holdout.shot)
         geometry = find_geometry(prior, Request.of(holdout.seen, views, settings.geometry, lens), progress)
-        told = estimate(holdout, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
+        light = estimate(holdout, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
         lap("geometry")
         known_wrong = holdout.shot.weights is not weights
-        first = first or told
-        if told is None or not (told.gain > 0 if known_wrong else told.is_sure(settings.brightness)):
+        first = first or light
+        if light is None or not (light.gain > 0 if known_wrong else light.is_sure(settings.brightness)):
             break
-        holdout = relit(holdout, told)
+        holdout = relit(holdout, light)
     factors = None if holdout.shot.weights is weights else _ratio(holdout.shot.weights, weights)
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
     patches = patch_settings(settings.first_look, settings.decode)

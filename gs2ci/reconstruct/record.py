@@ -20,7 +20,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import TOLD
+from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -157,7 +157,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
 
 def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
     """Report that the principal point may move, if a path that neither stage nor file gave turns as if it did."""
-    if geometry.verdict != "full" or geometry.source in TOLD:
+    if geometry.verdict != "full" or geometry.source in GIVEN:
         return ()
     depth = light.surface()[geometry.reference].numpy()
     inverse = np.divide(1.0, depth, out=np.zeros_like(depth), where=depth > 0)
@@ -166,7 +166,7 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
 
 def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) -> tuple[Finding, ...]:
     """Report that a depth without given poses is unreliable if the views hardly explain the measurement."""
-    if geometry.verdict != "full" or geometry.source in TOLD or geometry.order_told:
+    if geometry.verdict != "full" or geometry.source in GIVEN or geometry.order_given:
         return ()
     rms, grey = recovered.heldout_rms[recovered.verdict], holdout.grey_rms()
     if rms is None or not grey or rms <= _NOISY * grey:

@@ -356,7 +356,7 @@ class _Recorder:
         if plan.settings.mode is Mode.PER_MASK:
             origin["mask_index"] = i
         if self._carriage is not None:
-            origin["telemetry"] = dict(self._carriage.told)
+            origin["telemetry"] = dict(self._carriage.provenance)
         bench = None if plan.settings.continuous else self._rig.bench
         exposure = self._exposure_of(bench, frame) if bench else None
         if bench and bench.light and exposure:

@@ -251,9 +251,9 @@ def _rest_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
     """Return each axis's true position in the rest pose: counted in the middle of its travel, else at its start."""
     capture = rig.capture
     rest = _start_mm(rig, table) | ({capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {})
-    for axis, told in table.mechanics.items():
+    for axis, one in table.mechanics.items():
         if axis in rest:
-            rest[axis] *= -told.scale if told.reversed_sign else told.scale
+            rest[axis] *= -one.scale if one.reversed_sign else one.scale
     return rest
 
 
@@ -268,7 +268,7 @@ def _start_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
 
 
 def _grbl(table: WorldTable) -> GrblMachine:
-    machine = GrblMachine(mechanics={axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()})
+    machine = GrblMachine(mechanics={axis: Mechanics(**one.model_dump()) for axis, one in table.mechanics.items()})
     start_mm = table.stage_start_mm
     return machine if start_mm is None else replace(machine, start_mm=(start_mm, start_mm, -10.0))
 
@@ -295,7 +295,7 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
     if plugged is not None:
         return plugged  # type: ignore[no-any-return]
     if isinstance(rig.stage, ZaberOptions):
-        mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
+        mechanics = {axis: Mechanics(**one.model_dump()) for axis, one in table.mechanics.items()}
         start_mm = _start_mm(rig, table)
         axes = {
             axis: ZaberAxis(

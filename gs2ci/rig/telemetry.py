@@ -28,13 +28,13 @@ class Carriage:
         ahead_mm: True minus counted position of the swept axis while it moves, counted mm: the distance travelled
             during the delay of a position query, less half the backlash, by which it lags behind the mean of both
             directions.
-        told: The source of these figures, for the shot's provenance.
+        provenance: The source of these figures, for the shot's provenance.
     """
 
     travel: Travel
     per_mm: Mapping[str, F64]
     swept_per_mm: F64
-    told: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     ahead_mm: float = 0.0
 
     def world_to_camera(self, stage_mm: F64, axes: tuple[str, ...]) -> F64:
@@ -84,14 +84,16 @@ def carriage_of(
     swept = measured.get(travel.axis)
     # Counted positions in a sweep are commanded speed times time: the error of the true speed scales them.
     swept_per_mm = per_mm[travel.axis] * (1.0 if swept is None else 1.0 + swept.speed_error)
-    told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
+    provenance: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _axis_record(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
-        told["position_error"] = unit * mount.error_mm
+        provenance["position_error"] = unit * mount.error_mm
     ahead_mm = 0.0
     if swept is not None and calibrated is not None:
         ahead_mm, error_mm = _ahead_of_count(swept, calibrated, travel, speed_mm_s)
-        told |= {"ahead_mm": round(ahead_mm, 6), "ahead_error_mm": round(error_mm, 6)}
-    return Carriage(travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, told, ahead_mm)
+        provenance |= {"ahead_mm": round(ahead_mm, 6), "ahead_error_mm": round(error_mm, 6)}
+    return Carriage(
+        travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, provenance, ahead_mm
+    )
 
 
 def _ahead_of_count(

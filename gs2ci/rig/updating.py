@@ -110,17 +110,17 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
     """
     bundle = read_bundle(path)
     section = bundle.need("masks", STEP)
-    told, silent = [], []
+    answered, silent = [], []
     for file, shot in shots:
         _check_same_masks(file, shot, section)
         found = _registered(shot)
         _check_order(file, found)
         values = values_of(found)
         if values:
-            told.append(values)
+            answered.append(values)
         else:
             silent.append(file)
-    if not told:
+    if not answered:
         raise CalibrationError(
             STEP,
             Reason.NOT_REGISTERED,
@@ -128,18 +128,18 @@ def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
             allowed="a shot in which the pattern of the masks' sum can be found",
             remedy="take shots of a lit scene that are neither dark nor clipped, or run `gs2ci calibrate masks`",
         )
-    parameters = {name: _weighted_mean(name, [values[name] for values in told if name in values]) for name in UNITS}
+    parameters = {name: _weighted_mean(name, [values[name] for values in answered if name in values]) for name in UNITS}
     known = {name: estimate for name, estimate in parameters.items() if estimate is not None}
     taken = _significant(known, section.array("masks").shape[1:])
     if not taken:
-        return Update(known, (), 0.0, len(told), tuple(silent), None)
+        return Update(known, (), 0.0, len(answered), tuple(silent), None)
     misfit = _misfit({name: float(known[name]) for name in taken})
     moved = _moved(section, misfit, {name: known[name] for name in taken}, [file for file, _ in shots])
     kept = _keep(path)
     write_bundle(path, replace(bundle.with_section(moved), path=path))
     size: tuple[int, int] = section.array("masks").shape[1:]
     largest = float(np.linalg.norm(misfit.placement.displacement_px(size), axis=1).max())
-    return Update(known, taken, largest, len(told), tuple(silent), kept)
+    return Update(known, taken, largest, len(answered), tuple(silent), kept)
 
 
 @dataclass(frozen=True)
@@ -313,13 +313,13 @@ def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], fi
     error = np.sqrt(before.standard_error.astype(np.float64) ** 2 + more)
     size: tuple[int, int] = masks.shape[1:]
     known = misfit.placement.known(size) & _valid_moved(section, misfit)
-    told = "; ".join(f"{name} {estimate}" for name, estimate in taken.items())
+    listed = "; ".join(f"{name} {estimate}" for name, estimate in taken.items())
     return replace(
         section,
         estimates={**section.estimates, "masks": Estimate(masks, error, before.unit)},
         arrays={**section.arrays, "valid": known.astype(np.uint8)},
         facts={**section.facts, "updated_from": [str(file) for file in files]},
-        notes=(*section.notes, f"displaced as estimated from coded shots: {told}"),
+        notes=(*section.notes, f"displaced as estimated from coded shots: {listed}"),
         measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
     )
 

@@ -43,7 +43,7 @@ BENCHMARKS = (
     "no_motion",
     "stage_poses",
     "wide_motion",
-    "told_poses",
+    "given_poses",
     "depth",
     "lengths",
     "direct",

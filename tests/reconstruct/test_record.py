@@ -32,9 +32,11 @@ def test_one_behind_views_that_explain_it_or_that_nobody_judged_is_not(rms):
     assert _depth_in_noise(FOUND, GREY, left(rms)) == ()
 
 
-@pytest.mark.parametrize("told", [{"verdict": "static"}, {"source": "stage"}, {"source": "file"}, {"order_told": True}])
-def test_nor_one_that_is_none_or_whose_path_was_told(told):
-    assert _depth_in_noise(replace(FOUND, **told), GREY, left(0.12)) == ()
+@pytest.mark.parametrize(
+    "given", [{"verdict": "static"}, {"source": "stage"}, {"source": "file"}, {"order_given": True}]
+)
+def test_nor_one_that_is_none_or_whose_path_was_given(given):
+    assert _depth_in_noise(replace(FOUND, **given), GREY, left(0.12)) == ()
 
 
 def test_where_a_grey_leaves_nothing_there_is_nothing_to_compare_with():

@@ -150,7 +150,7 @@ def test_the_unit_of_a_simulated_scene_holds_for_measured_axes_too():
 
 def test_an_axis_that_was_not_measured_is_taken_from_the_rig_file_and_it_says_so():
     carriage = carriage_of(table({"mount": {"x": [0.0, 0.0, 1.0]}}), TRAVEL, measured("y", (0.0, 1.0, 0.0), 3.0))
-    assert carriage.told == {"axes_from": "[stage.mount]"}
+    assert carriage.provenance == {"axes_from": "[stage.mount]"}
     poses = carriage.world_to_camera(np.array([[13.0, 5.0], [13.0, 6.0]]), ("x", "y"))
     assert poses[:, :3, 3] == pytest.approx(np.array([[0, 0, -1.0], [0, -3.0, -1.0]]))
 
@@ -160,7 +160,7 @@ def test_a_sweep_that_runs_too_fast_goes_further_than_is_counted():
         carriage = carriage_of(table({}), TRAVEL, measured(velocity_error=error))
         poses = carriage.world_to_camera(np.array([[12.0], [14.0]]), ("x",))
         assert np.linalg.norm(poses[1, :3, 3] - poses[0, :3, 3]) == pytest.approx(gone_mm)
-    assert carriage_of(table({}), TRAVEL, measured()).told["velocity_error_x"] == 0.0
+    assert carriage_of(table({}), TRAVEL, measured()).provenance["velocity_error_x"] == 0.0
 
 
 def test_without_a_word_on_the_swept_axis_there_are_no_poses():
@@ -178,6 +178,6 @@ def test_a_position_that_was_counted_late_lies_ahead_and_one_with_play_behind():
         carriage = carriage_of(table({}), travel, found, 10.0)
         poses = carriage.world_to_camera(np.array([[12.0]]), ("x",))
         assert -poses[0, 0, 3] == pytest.approx(ahead_mm)
-        assert carriage.told["ahead_mm"] == pytest.approx(ahead_mm)
-        assert carriage.told["ahead_error_mm"] == pytest.approx(np.hypot(10.0 * 1e-4, 0.5e-4), abs=1e-6)
+        assert carriage.provenance["ahead_mm"] == pytest.approx(ahead_mm)
+        assert carriage.provenance["ahead_error_mm"] == pytest.approx(np.hypot(10.0 * 1e-4, 0.5e-4), abs=1e-6)
     assert carriage_of(table({"mount": {}}), TRAVEL, None, 10.0).ahead_mm == 0.0

@@ -93,10 +93,10 @@ class Fits:
             return replace(self._trying(how), mask_moments=None).fit_one(at)
 
         fits = OrderFits(self.fitted, settings, begin, fit_one)
-        told = geometry.source not in ("tracks", "wide", "uniform")
+        given = geometry.source not in ("tracks", "wide", "uniform")
         if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-            geometry = settle(geometry, fits.brief, self.progress, told=told)
-        elif not told:
+            geometry = settle(geometry, fits.brief, self.progress, given=given)
+        elif not given:
             geometry = unsettled(geometry)
         for note in geometry.notes:
             if note not in first.geometry.notes:

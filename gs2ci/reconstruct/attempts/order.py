@@ -34,7 +34,7 @@ _ITERATIONS: Final = 60
 # Pairs of short fits at most: one for each of the two solutions of the tracks, since more pairs add little if these
 # leave the order open. A given path has no second solution, and short fits are the only evidence against its sign.
 _MOST_PAIRS: Final = 2
-_MOST_PAIRS_OF_TOLD: Final = 4
+_MOST_PAIRS_OF_GIVEN: Final = 4
 # The standard deviation of a pair's log ratio by chance, measured on pictures of this many pixels and larger in smaller
 # ones; and how many standard errors count as sure (`python -m tests.benchmarks depth_order`).
 _LUCK: Final = 0.08
@@ -45,7 +45,7 @@ _SURE: Final = 2.0
 _ONE_FINDING_COUNTS: Final = 1 / 2
 # A given path (from a file) is reversed only by at least so many errors and by several pairs that all agree: short fits
 # of tiny pictures reversed exact paths.
-_SURE_AGAINST_TOLD: Final = 5.0
+_SURE_AGAINST_GIVEN: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # The tracks' preference counts a third, since their errors are correlated (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
@@ -72,7 +72,7 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
 
     It is not if a stage gave the order: points in front of its cameras would lie behind those of the reversed path.
     """
-    if geometry.order_told:
+    if geometry.order_given:
         return False
     surely = geometry.order_errors is not None and geometry.order_errors >= criteria.order_errors
     return geometry.verdict == "full" and not surely
@@ -88,14 +88,14 @@ def shortened(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
 
 
-def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, told: bool) -> Geometry:
+def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, given: bool) -> Geometry:
     """Choose the order of depth by short fits of both.
 
     Args:
         geometry: The first estimate.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
         progress: Receives what is done.
-        told: Whether a file or a model gave the path: its sign is kept unless pixels clearly contradict it.
+        given: Whether a file or a model gave the path: its sign is kept unless pixels clearly contradict it.
 
     Returns:
         The geometry in the preferred order, with a note if it was reversed or if the order is open. Its `order_errors`
@@ -104,14 +104,14 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     progress.say("Near and far may be exchanged: short fits compare both orders of depth.")
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
-    travel = 0.0 if told else _travel_errors(geometry)
-    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, told=told)
+    travel = 0.0 if given else _travel_errors(geometry)
+    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, given=given)
     if geometry.source == _UNTRACKED and errors < 0:
         return _contested(geometry, -errors)
-    if told:
+    if given:
         agreed = len(found) >= _LEAST_PAIRS_AGAINST_TOLD and all(ratio < 0 for ratio in found)
-        return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_TOLD, _less(found), told=True)
-    return _taken(geometry, errors, errors < 0, _less(found), told=False)
+        return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_GIVEN, _less(found), given=True)
+    return _taken(geometry, errors, errors < 0, _less(found), given=False)
 
 
 def _contested(geometry: Geometry, errors: float) -> Geometry:
@@ -145,7 +145,7 @@ def _with_travel(seen: float, travel: float) -> float:
 
 
 def _of_pairs(
-    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, travel: float, *, told: bool
+    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, travel: float, *, given: bool
 ) -> tuple[list[float], float]:
     """Compare orders by pairs of short fits, until they are sure.
 
@@ -155,7 +155,7 @@ def _of_pairs(
         luck: The standard deviation of a pair's log ratio by chance.
         tracks: By how many errors tracks prefer the geometry's own order.
         travel: By how many errors it is preferred because it turns less.
-        told: Whether a file or a model gave the path.
+        given: Whether a file or a model gave the path.
 
     Returns:
         The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred in all.
@@ -164,23 +164,23 @@ def _of_pairs(
     pairs = [(one, reversed_geometry(one)) for one in beginnings]
     found: list[float] = []
     errors, sure = 0.0, False
-    while not sure and len(found) < (_MOST_PAIRS_OF_TOLD if told else _MOST_PAIRS):
+    while not sure and len(found) < (_MOST_PAIRS_OF_GIVEN if given else _MOST_PAIRS):
         one, turned = pairs[len(found) % len(pairs)]
         number = len(found)
         ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         both = len(pairs) > 1 and len(found) % len(pairs) == 0
-        seen = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
+        seen = _errors(found, luck) * (1.0 if given or both else _ONE_FINDING_COUNTS) + tracks
         errors = _with_travel(seen, travel)
-        if told:
-            doubted = errors <= -_SURE_AGAINST_TOLD and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
+        if given:
+            doubted = errors <= -_SURE_AGAINST_GIVEN and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
             sure = errors >= _SURE or doubted
         else:
             sure = abs(errors) >= _SURE
     return found, errors
 
 
-def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, told: bool) -> Geometry:
+def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, given: bool) -> Geometry:
     """Return a geometry in the order that was found, with the notes on it."""
     taken = geometry if not backwards else geometry.reverse or reversed_geometry(geometry)
     return replace(
@@ -188,17 +188,17 @@ def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, t
         source=geometry.source,
         order_errors=abs(errors) if backwards else errors,
         reverse=None,
-        notes=(*geometry.notes, *_said(geometry.source, abs(errors), less, backwards=backwards, told=told)),
+        notes=(*geometry.notes, *_said(geometry.source, abs(errors), less, backwards=backwards, given=given)),
     )
 
 
-def _said(source: str, errors: float, less: float, *, backwards: bool, told: bool) -> tuple[Finding, ...]:
+def _said(source: str, errors: float, less: float, *, backwards: bool, given: bool) -> tuple[Finding, ...]:
     """Return the findings on the order that was found and how sure it is."""
-    if errors < _SURE and not told:
+    if errors < _SURE and not given:
         return (finding(Code.DEPTH_ORDER_OPEN, errors=errors),)
     if not backwards:
         return ()
-    if told:
+    if given:
         return (finding(Code.POSES_SIGN_CONTRADICTED, source=source, less=less),)
     return (finding(Code.DEPTH_ORDER_TURNED, errors=errors),)
 

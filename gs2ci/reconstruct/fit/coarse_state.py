@@ -28,7 +28,7 @@ from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
-from gs2ci.reconstruct.geometry.sources import TOLD
+from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
@@ -76,7 +76,7 @@ class FitState:
         self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
         # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
-        free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
+        free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._renderer = renderer if settings.mask_moments_from == 0 else renderer.with_one_moment()

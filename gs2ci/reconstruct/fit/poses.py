@@ -40,10 +40,10 @@ class PoseSettings:
         rate: Initial step size of Adam, in radians and in `unit`.
         final_rate: Step size at the end; exponential in between.
         unit: Of translations.
-        told_weight: Cost of a correction by one standard error of poses that were given with an error, in the unit of
+        given_weight: Cost of a correction by one standard error of poses that were given with an error, in the unit of
             the loss, mean over views and components: the penalty of a normal prior; 0 for none. With half of it and an
             error of 1 % of the path, exact poses of four scenes moved by 0.1 to 0.5 % of the path, with a twentieth of
-            it by 0.6 % in one, without it by 1 to 6 % (`python -m tests.benchmarks told_poses`).
+            it by 0.6 % in one, without it by 1 to 6 % (`python -m tests.benchmarks given_poses`).
     """
 
     refine: bool = True
@@ -51,7 +51,7 @@ class PoseSettings:
     rate: float = 3e-3
     final_rate: float = 6e-6
     unit: LengthUnit = "median depth"
-    told_weight: float = 2e-3
+    given_weight: float = 2e-3
 
 
 def path_extent(world_to_camera: F64) -> float:
@@ -73,18 +73,18 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
 class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
-    def __init__(self, world_to_camera: F64, settings: PoseSettings, told: PoseErrors | None = None) -> None:
-        """Start at given poses, [N, 4, 4]; `told` gives their standard errors, None if these are unknown."""
+    def __init__(self, world_to_camera: F64, settings: PoseSettings, errors: PoseErrors | None = None) -> None:
+        """Start at given poses, [N, 4, 4]; `errors` are standard errors, None if they are unknown."""
         self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
         self._units = torch.tensor([length] * 3 + [1.0] * 3)
         self._errors: Tensor | None = None
-        if told is not None and settings.told_weight > 0:
-            errors = torch.tensor([told.position] * 3 + [told.rotation] * 3, dtype=torch.float32)
+        if errors is not None and settings.given_weight > 0:
+            spread = torch.tensor([errors.position] * 3 + [errors.rotation] * 3, dtype=torch.float32)
             # Steps are small compared with the errors; otherwise poses would scatter further than the prior allows.
-            self._units = torch.minimum(self._units, errors * (_STEP_IN_ERRORS / settings.rate))
-            self._errors = errors / self._units
+            self._units = torch.minimum(self._units, spread * (_STEP_IN_ERRORS / settings.rate))
+            self._errors = spread / self._units
         self._settings = settings
         self._twists = torch.zeros(len(world_to_camera), 6, requires_grad=settings.refine)
         self._adam = Adam() if settings.refine else None
@@ -117,10 +117,10 @@ class PoseCorrections:
         return self._twists.detach().numpy(), self._units.numpy()
 
     def penalty(self) -> Tensor | float:
-        """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.told_weight`)."""
+        """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.given_weight`)."""
         if self._errors is None or self._adam is None:
             return 0.0
-        return self._settings.told_weight * ((self._twists / self._errors) ** 2).mean()
+        return self._settings.given_weight * ((self._twists / self._errors) ** 2).mean()
 
     def step(self, progress: float, damping: float = 1.0) -> None:
         """Count one more accumulated gradient, and step if a step is due.

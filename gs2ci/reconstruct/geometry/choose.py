@@ -172,11 +172,11 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 
     A stage whose positions are too inaccurate to be used still reports the right direction of travel.
     """
-    if stage is None or not stage.order_told or chosen.verdict != "full":
+    if stage is None or not stage.order_given or chosen.verdict != "full":
         return chosen
     if float(np.corrcoef(stage.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1]) < -_CLEARLY_REVERSED:
         chosen = chosen.reverse or reversed_geometry(chosen)
-    return replace(chosen, order_told=True, reverse=None)
+    return replace(chosen, order_given=True, reverse=None)
 
 
 def _lies_in_its_sign(request: Request) -> bool:

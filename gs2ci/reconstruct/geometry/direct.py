@@ -211,7 +211,7 @@ def at_rest(found: Geometry) -> Geometry:
         order_errors=None,
         reverse=None,
         pose_errors=None,
-        order_told=False,
+        order_given=False,
     )
 
 

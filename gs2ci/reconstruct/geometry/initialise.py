@@ -33,7 +33,7 @@ from gs2ci.reconstruct.geometry.motion import (
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors, errors_of_told, place_points
+from gs2ci.reconstruct.geometry.telemetry import PoseErrors, errors_of_given, place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
@@ -90,7 +90,7 @@ class Geometry:
         reverse: The tracks' solution in the reverse order of depth; None if there is none, or poses were given.
         pose_errors: Standard errors of the poses, for a prior on them; None if they were not given, or the tracks
             contradict them.
-        order_told: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
+        order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
     """
 
     world_to_camera: F64
@@ -109,7 +109,7 @@ class Geometry:
     order_errors: float | None = None
     reverse: "Geometry | None" = None
     pose_errors: PoseErrors | None = None
-    order_told: bool = False
+    order_given: bool = False
 
 
 def initialise(
@@ -400,7 +400,7 @@ def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, pose
     geometry, how = found.geometry, settings.motion
     here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
     if posed and _borne_out(found.motion, here, settings.criteria):
-        geometry = replace(geometry, pose_errors=errors_of_told(geometry.world_to_camera, geometry.intrinsics))
+        geometry = replace(geometry, pose_errors=errors_of_given(geometry.world_to_camera, geometry.intrinsics))
     there = adjust(found.tracks, geometry.intrinsics, how, start=reversed_depth(here))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
         return geometry  # the reversal is no minimum of its own
@@ -417,13 +417,13 @@ def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, pose
     return replace(known, reverse=reverse)
 
 
-def _borne_out(told: CameraMotion, adjusted: CameraMotion, criteria: Criteria) -> bool:
+def _borne_out(given: CameraMotion, adjusted: CameraMotion, criteria: Criteria) -> bool:
     """Tell whether tracks contradict given poses no more than their own noise explains.
 
     Positions off by 5 % of the path are contradicted in two scenes of four; if tracks are few or the camera moves
-    forward, they are not (`python -m tests.benchmarks told_poses`: the fit is free where both columns agree).
+    forward, they are not (`python -m tests.benchmarks given_poses`: the fit is free where both columns agree).
     """
-    return wander_px(told.errors_px, unknowns=1) <= criteria.unexplained * wander_px(adjusted.errors_px, unknowns=1)
+    return wander_px(given.errors_px, unknowns=1) <= criteria.unexplained * wander_px(adjusted.errors_px, unknowns=1)
 
 
 def measured(geometry: Geometry, known_poses: F64) -> Geometry:

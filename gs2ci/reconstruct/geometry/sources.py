@@ -20,7 +20,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
-from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
+from gs2ci.reconstruct.geometry.telemetry import errors_of_given, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.wide import wide_motion
 
 # From this relative difference on, the report mentions that two focal lengths differ.
@@ -50,10 +50,10 @@ class FromStage:
         found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
         if not found.tracks:
             found = _without_tracks(request, poses, found)
-        return replace(_told(found, stated_error(request.shot)), source=self.name)
+        return replace(_with_errors(found, stated_error(request.shot)), source=self.name)
 
 
-def _told(found: Geometry, error: float | None) -> Geometry:
+def _with_errors(found: Geometry, error: float | None) -> Geometry:
     """Add what a stage's poses settle: the order of depth, and the positions within their stated error.
 
     Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
@@ -64,11 +64,11 @@ def _told(found: Geometry, error: float | None) -> Geometry:
     contradicted = found.tracks > 0 and found.pose_errors is None
     if contradicted:
         # If tracks contradict the poses, they contradict the stage's stated error too.
-        errors = errors_of_told(found.world_to_camera, found.intrinsics).loosened()
-        return replace(found, order_told=True, pose_errors=errors)
+        errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
+        return replace(found, order_given=True, pose_errors=errors)
     position = None if error is None or found.unit is None else error / found.unit
-    errors = errors_of_told(found.world_to_camera, found.intrinsics, position)
-    return replace(found, order_told=True, pose_errors=errors)
+    errors = errors_of_given(found.world_to_camera, found.intrinsics, position)
+    return replace(found, order_given=True, pose_errors=errors)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class FromFile:
         return replace(found, source=self.name, pose_errors=None, notes=(*notes, *found.notes))
 
 
-TOLD: Final = (FromStage.name, FromFile.name)
+GIVEN: Final = (FromStage.name, FromFile.name)
 """Sources that give the turns of the camera, which pictures of a small motion determine poorly."""
 
 

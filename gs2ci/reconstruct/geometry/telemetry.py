@@ -19,7 +19,7 @@ from gs2ci.reconstruct.geometry.tracks import Tracks
 
 UNSTATED_SHARE: Final = 0.01
 """Standard error of given positions, as a share of the path's extent, if none is stated: tracks of decoded views cannot
-detect an error of this size (`python -m tests.benchmarks told_poses`)."""
+detect an error of this size (`python -m tests.benchmarks given_poses`)."""
 # Standard error of a given orientation, px: a turn that moves the picture by less is not visible.
 _TURN_PX: Final = 0.1
 # Least error of a position: the resolution of float32 for depths of about 1.
@@ -76,8 +76,8 @@ def stated_error(shot: Shot) -> float | None:
     Raises:
         InputError: It is not a finite number above 0.
     """
-    told = shot.provenance.get("telemetry")
-    error = told.get("position_error") if isinstance(told, dict) else None
+    telemetry = shot.provenance.get("telemetry")
+    error = telemetry.get("position_error") if isinstance(telemetry, dict) else None
     if error is None:
         return None
     if isinstance(error, bool) or not isinstance(error, (int, float)) or not 0 < error < np.inf:
@@ -88,7 +88,7 @@ def stated_error(shot: Shot) -> float | None:
     return float(error)
 
 
-def errors_of_told(world_to_camera: F64, intrinsics: F64, position_error: float | None = None) -> PoseErrors:
+def errors_of_given(world_to_camera: F64, intrinsics: F64, position_error: float | None = None) -> PoseErrors:
     """Return the standard errors of given poses that the views confirm.
 
     A stage reports positions. It does not report its turns; these are smaller than what tracks can see.

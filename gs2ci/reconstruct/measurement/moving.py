@@ -68,18 +68,18 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     gram += np.eye(2) * np.maximum(1e-9 * np.trace(gram, axis1=2, axis2=3), 1e-12)[..., None, None]
     velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
     gained = (velocity * moment).sum(axis=-1)
-    told = (pixels >= _LEAST_PIXELS) & (power > 0)
-    if not told.any():
+    testable = (pixels >= _LEAST_PIXELS) & (power > 0)
+    if not testable.any():
         return LeftByMotion(0.0, 0.0, np.zeros_like(velocity))
     left = np.maximum(power - gained, 1e-12 * power)
     freedom = np.maximum(pixels - 2, 1)
-    ratio = np.where(told, gained / 2 / np.where(told, left / freedom, 1), 0)
-    sure = told & (fdtrc(2, freedom, ratio) < _CHANCE)
-    by_chance = 2 * (power / np.maximum(pixels, 1))[told].sum()
-    explained = (gained[told].sum() - by_chance) / power[told].sum()
+    ratio = np.where(testable, gained / 2 / np.where(testable, left / freedom, 1), 0)
+    sure = testable & (fdtrc(2, freedom, ratio) < _CHANCE)
+    by_chance = 2 * (power / np.maximum(pixels, 1))[testable].sum()
+    explained = (gained[testable].sum() - by_chance) / power[testable].sum()
     return LeftByMotion(
         explained=max(float(explained), 0.0),
-        surely=float(sure.sum() / told.sum()),
+        surely=float(sure.sum() / testable.sum()),
         velocity_px=np.where(sure[..., None], velocity, 0),
     )
 

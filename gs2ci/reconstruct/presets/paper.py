@@ -46,7 +46,7 @@ def paper_settings() -> Settings:
         per_open_share=False,
         loss=LossWeights(similarity=0.1, opacity=0.01),
         steps=steps,
-        poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5, unit="path cube", told_weight=0.0),
+        poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5, unit="path cube", given_weight=0.0),
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr.of_the_paper(),
         # nerfstudio's splatfacto: sh_degree 3, sh_degree_interval 1,000.

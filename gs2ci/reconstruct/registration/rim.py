@@ -60,13 +60,13 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
     left = {name: _squares(shot, guess, unknown) for name, guess in guesses.items()}
     name = min(left, key=lambda one: float(left[one].mean()))
     if surely_larger(_squares(shot, flat, unknown), left[name]):
-        return _with(shot, guesses[name]), _told(unknown, f"according to the readings, the pattern {name} there")
+        return _with(shot, guesses[name]), _guessed(unknown, f"according to the readings, the pattern {name} there")
     averaged = _averaged(shot, unknown)
     made = "the masks are not known there, and readings were averaged over some elements"
-    return _with(replace(shot, measurement=averaged), flat), _told(unknown, made)
+    return _with(replace(shot, measurement=averaged), flat), _guessed(unknown, made)
 
 
-def _told(unknown: Bool, made: str) -> Rim:
+def _guessed(unknown: Bool, made: str) -> Rim:
     return Rim(unknown, (finding(Code.RIM_GUESSED, share=float(unknown.mean()), made=made),))
 
 

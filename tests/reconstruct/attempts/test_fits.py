@@ -55,8 +55,8 @@ def asked(monkeypatch):
     """Record what `settle` is asked instead of fitting."""
     calls = []
 
-    def record(geometry, _fit_briefly, _progress, *, told):
-        calls.append(told)
+    def record(geometry, _fit_briefly, _progress, *, given):
+        calls.append(given)
         return replace(geometry, order_errors=3.0)
 
     monkeypatch.setattr(fits, "settle", record)
@@ -74,16 +74,16 @@ def test_a_file_is_told_from_tracks(first, asked):
 
 
 def test_a_stage_is_not_asked_for_its_order(first, asked):
-    told = replace(first, geometry=replace(first.geometry, source="stage", order_told=True))
-    assert settled(told, LONG) is told
+    given = replace(first, geometry=replace(first.geometry, source="stage", order_given=True))
+    assert settled(given, LONG) is given
     assert asked == []
 
 
 @pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=100)), False), (LONG, True)])
-def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_told(first, asked, settings, hurried):
+def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_given(first, asked, settings, hurried):
     assert codes(settled(first, settings, hurried=hurried)) == [Code.DEPTH_ORDER_UNTRIED]
-    told = replace(first, geometry=replace(first.geometry, source="file"))
-    assert codes(settled(told, settings, hurried=hurried)) == []
+    given = replace(first, geometry=replace(first.geometry, source="file"))
+    assert codes(settled(given, settings, hurried=hurried)) == []
     assert asked == []
 
 

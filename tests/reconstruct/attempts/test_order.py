@@ -49,8 +49,8 @@ class Fits:
         return self.left[0 if near_left else 1] * (self.luck[number] if near_left and self.luck else 1.0)
 
 
-def settled(geometry, fits, *, told=False):
-    return settle(geometry, fits, Silent(), told=told)
+def settled(geometry, fits, *, given=False):
+    return settle(geometry, fits, Silent(), given=given)
 
 
 def codes(geometry):
@@ -161,25 +161,25 @@ def test_short_fits_overrule_a_camera_that_need_not_turn_and_are_sure_by_twice_a
 
 def test_how_a_told_path_turns_says_nothing_of_its_sign(carried):
     told, turned = (replace(one, source="file") for one in (carried, reversed_geometry(carried)))
-    assert settled(told, Fits(1.0, 1.0), told=True).order_errors == pytest.approx(0.0)
-    assert settled(turned, Fits(1.0, 1.0), told=True).order_errors == pytest.approx(0.0)
+    assert settled(told, Fits(1.0, 1.0), given=True).order_errors == pytest.approx(0.0)
+    assert settled(turned, Fits(1.0, 1.0), given=True).order_errors == pytest.approx(0.0)
 
 
 def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
-    taken = settled(replace(found, source="file"), Fits(1.02, 1.0), told=True)
+    taken = settled(replace(found, source="file"), Fits(1.02, 1.0), given=True)
     assert near_is_left(taken)
     assert codes(taken) == []
 
 
 def test_a_told_path_is_not_turned_over_by_what_would_turn_an_untold_one(found):
-    assert near_is_left(settled(replace(found, source="file"), Fits(1.18, 1.0), told=True))
+    assert near_is_left(settled(replace(found, source="file"), Fits(1.18, 1.0), given=True))
     assert not near_is_left(settled(replace(found, reverse=reversed_geometry(found)), Fits(1.18, 1.0)))
 
 
 def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
     """The first pair speaks for the reverse by ten standard errors; the others, near to nothing, do not all agree."""
     fits = Fits(1.0, 1.0, luck=(2.3, 2.2, 0.99, 2.3))
-    taken = settled(replace(found, source="file"), fits, told=True)
+    taken = settled(replace(found, source="file"), fits, given=True)
     assert near_is_left(taken)
     assert codes(taken) == []
     assert len(fits.tried) == 2 * 4
@@ -193,7 +193,7 @@ def test_in_a_smaller_picture_more_is_luck(found):
 
 def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
     fits = Fits(1.5, 1.0)
-    taken = settled(replace(found, source="file"), fits, told=True)
+    taken = settled(replace(found, source="file"), fits, given=True)
     assert not near_is_left(taken)
     assert codes(taken) == [Code.POSES_SIGN_CONTRADICTED]
     assert "of the file" in taken.notes[0].sentence
@@ -223,7 +223,7 @@ def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
     assert is_open(replace(found, order_errors=sure - 0.1), Criteria())
     assert not is_open(replace(found, order_errors=sure), Criteria())
     assert not is_open(replace(found, verdict="static"), Criteria())
-    assert not is_open(replace(found, order_told=True, order_errors=-9.0), Criteria())
+    assert not is_open(replace(found, order_given=True, order_errors=-9.0), Criteria())
 
 
 def test_an_order_that_nobody_looked_at_is_doubted(found):

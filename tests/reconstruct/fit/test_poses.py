@@ -120,13 +120,13 @@ def test_the_step_size_falls_from_the_first_to_the_final_rate(path):
 def test_told_poses_settle_where_the_measurement_and_their_errors_balance(path):
     """A quadratic objective with its minimum one unit off: the posterior's mode is a weighted mean."""
     told = PoseErrors(position=0.02, rotation=0.005)
-    settings = PoseSettings(rate=3e-3, final_rate=3e-6, told_weight=1e-3)
+    settings = PoseSettings(rate=3e-3, final_rate=3e-6, given_weight=1e-3)
     poses = PoseCorrections(path, settings, told)
     errors = torch.tensor([0.02] * 3 + [0.005] * 3)
 
     def data(moved):
         twists = se3.log(moved @ torch.linalg.inv(torch.from_numpy(path).float()))
-        return settings.told_weight * (((twists - 0.01) / errors) ** 2).mean()
+        return settings.given_weight * (((twists - 0.01) / errors) ** 2).mean()
 
     for i in range(600):
         poses.penalty().backward()
@@ -148,7 +148,7 @@ def test_the_first_step_of_a_told_pose_is_short_beside_its_error(path):
 @pytest.mark.parametrize("case", ["untold", "weightless", "fixed"])
 def test_without_errors_a_weight_or_refinement_nothing_is_unlikely(path, case):
     told = None if case == "untold" else PoseErrors(1e-3, 1e-3)
-    settings = PoseSettings(refine=case != "fixed", told_weight=0.0 if case == "weightless" else 1e-3)
+    settings = PoseSettings(refine=case != "fixed", given_weight=0.0 if case == "weightless" else 1e-3)
     assert PoseCorrections(path, settings, told).penalty() == 0.0
 
 

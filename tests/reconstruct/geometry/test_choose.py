@@ -17,7 +17,7 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.telemetry import errors_of_told
+from gs2ci.reconstruct.geometry.telemetry import errors_of_given
 from gs2ci.reconstruct.geometry.validity import Criteria
 
 # A coarse sweep: these tests are about poses.
@@ -98,7 +98,7 @@ def test_a_stage_gives_its_poses(request_for, scene):
     assert same_path(found, scene.poses, 1e-6)
     centres, told = (np.linalg.inv(poses)[:, :3, 3] for poses in (found.world_to_camera, moved(scene.poses)))
     assert found.unit == pytest.approx(np.linalg.norm(told[-1] - told[0]) / np.linalg.norm(centres[-1] - centres[0]))
-    assert found.order_told
+    assert found.order_given
     # Nobody stated how exact it is: a hundredth of the path.
     assert found.pose_errors.position == pytest.approx(0.01 * np.linalg.norm(np.ptp(centres, axis=0)), rel=1e-6)
 
@@ -114,13 +114,13 @@ def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_s
     late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
     stated = {"telemetry": {"position_error": 0.003}}
     found = find("stage", request_for(telemetry_world_to_camera=late, provenance=stated))
-    assert (found.verdict, found.order_told) == ("full", True)
-    assert found.pose_errors == errors_of_told(found.world_to_camera, found.intrinsics).loosened()
+    assert (found.verdict, found.order_given) == ("full", True)
+    assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics).loosened()
 
 
 def test_how_exact_a_file_is_nobody_knows(request_for, camera_file):
     found = find(camera_file(), request_for())
-    assert (found.pose_errors, found.order_told) == (None, False)
+    assert (found.pose_errors, found.order_given) == (None, False)
 
 
 def test_a_stage_that_reported_nothing_is_an_error(request_for):
@@ -217,7 +217,7 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     assert found.source == "tracks"
     assert found.notes[1].code is Code.STAGE_NOT_TAKEN
     # Which way it went it knows all the same.
-    assert found.order_told
+    assert found.order_given
 
 
 def test_tracks_inside_out_are_turned_by_a_stage_that_is_not_taken_for_its_places(request_for, scene, monkeypatch):
@@ -263,7 +263,7 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     assert found.source == "tracks"
     assert "the stage failed (the known poses put most tracked points" in found.notes[0].sentence
     assert found.notes[1].code is Code.STAGE_SIGN_CONTRADICTED
-    assert not found.order_told
+    assert not found.order_given
 
 
 @pytest.fixture

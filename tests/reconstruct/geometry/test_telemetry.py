@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.telemetry import errors_of_told, movement, place_points, poses_of_stage, stated_error
+from gs2ci.reconstruct.geometry.telemetry import errors_of_given, movement, place_points, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 INTRINSICS = np.array([[300.0, 0, 160], [0, 310.0, 120], [0, 0, 1]])
@@ -113,10 +113,10 @@ def test_an_error_of_places_that_is_none_is_refused(error):
 
 def test_unstated_errors_are_a_share_of_the_path_and_turns_a_part_of_a_pixel():
     poses = stage_poses(turn_deg=0.0)
-    assert errors_of_told(poses, INTRINSICS).position == pytest.approx(0.01 * np.hypot(24, 0.6))
-    assert errors_of_told(poses, INTRINSICS, 0.3).position == 0.3
-    assert errors_of_told(poses, INTRINSICS).rotation == pytest.approx(0.1 / 300)
-    assert errors_of_told(np.tile(np.eye(4), (3, 1, 1)), INTRINSICS).position > 0
+    assert errors_of_given(poses, INTRINSICS).position == pytest.approx(0.01 * np.hypot(24, 0.6))
+    assert errors_of_given(poses, INTRINSICS, 0.3).position == 0.3
+    assert errors_of_given(poses, INTRINSICS).rotation == pytest.approx(0.1 / 300)
+    assert errors_of_given(np.tile(np.eye(4), (3, 1, 1)), INTRINSICS).position > 0
 
 
 def test_a_camera_at_rest_has_no_path_to_share():

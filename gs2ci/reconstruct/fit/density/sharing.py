@@ -25,7 +25,7 @@ from torch import Tensor
 _STEP: Final = 0.05
 _REACH: Final = 7.0  # exp(−s²) is 5e-22 there: for Np < 100 the integrand is below the resolution of float64
 _NODES: Final = round(_REACH / _STEP) + 1
-_OPACITY_TOLD: Final = 1e-200
+_OPACITY_KNOWN: Final = 1e-200
 """Below this the limit of small opacities holds to the last digit: p = α / N, and the size stays."""
 
 
@@ -42,10 +42,10 @@ def share_out(opacity_logits: Tensor, log_scales: Tensor, copies: Tensor) -> tup
     log_through = torch.nn.functional.logsigmoid(-logits)  # ln(1 − α), exact where α is near 0 or 1
     log_rest = log_through / n  # ln(1 − p)
     opacity, part = -torch.expm1(log_through), -torch.expm1(log_rest)
-    told = (n > 1) & (opacity > _OPACITY_TOLD)
-    share = torch.where(told, torch.log(torch.where(told, part, 1.0)) - log_rest, logits - torch.log(n))
-    stopped = _light_stopped(torch.where(told, part, 0.5), n)
-    shrink = torch.where(told, torch.log(0.5 * math.sqrt(math.pi) * opacity / stopped), 0.0)
+    known = (n > 1) & (opacity > _OPACITY_KNOWN)
+    share = torch.where(known, torch.log(torch.where(known, part, 1.0)) - log_rest, logits - torch.log(n))
+    stopped = _light_stopped(torch.where(known, part, 0.5), n)
+    shrink = torch.where(known, torch.log(0.5 * math.sqrt(math.pi) * opacity / stopped), 0.0)
     return share.to(opacity_logits.dtype), (log_scales.double() + shrink[:, None]).to(log_scales.dtype)
 
 

@@ -1,6 +1,6 @@
 """How does a fit change the poses of a stage? Exact ones should stay, poor ones should be improved.
 
-    python -m tests.benchmarks told_poses
+    python -m tests.benchmarks given_poses
 
 Scenes of the simulator's library, 128 × 96 px, one fit each. For places that err by a share of the path: how far the
 fit moved them; the error of the path as told and after, as a share of its extent after a similarity; the mean PSNR.
@@ -47,7 +47,7 @@ def judge(wanted: tuple[str, float]) -> str:
     scene, off = wanted
     shot = Case(scene, scene=scene, size=SIZE, stage_off=off).shot(SEED)
     settings = Settings(poses="stage", fits=1, motion="off", try_orders=False, look_again=False, seed=SEED)
-    free = replace(settings, fit=replace(settings.fit, poses=replace(settings.fit.poses, told_weight=0.0)))
+    free = replace(settings, fit=replace(settings.fit, poses=replace(settings.fit.poses, given_weight=0.0)))
     results = [reconstruct(shot, one).result for one in (settings, free)]
     moved = " ".join(f"{100 * _moved(result):7.2f}" for result in results)
     errors = " ".join(f"{100 * _error(result.world_to_camera, shot):6.2f}" for result in results)
