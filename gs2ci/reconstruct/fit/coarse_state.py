@@ -169,12 +169,17 @@ class FitState:
     def _readings(self) -> Readings | None:
         """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
         shot, renderer = self._holdout.shot, self._renderer
-        if renderer.lens is not None or renderer.moments_per_mask > 1 or self.optimiser.scene.motion is not None:
+        if renderer.lens is not None or self.optimiser.scene.motion is not None:
             return None
         usable = shot.usable & ~self._holdout.pixels
         channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
         return Readings(
-            shot.measurement.mean(axis=2), renderer.transmissions.numpy(), usable, pixel_rays(renderer), channels
+            light=shot.measurement.mean(axis=2),
+            open_share=renderer.split_transmissions.numpy(),
+            world_to_camera=renderer.moment_poses(self.poses.world_to_camera().detach()).double().numpy(),
+            usable=usable,
+            rays=pixel_rays(renderer),
+            channels=channels,
         )
 
     def is_finite(self, loss: float) -> bool:

@@ -49,9 +49,7 @@ class ShotRenderer:
         self.lens = lens
         self._sampling = None if lens is None else lens.sampling
         self._mask_moments = mask_moments
-        self._mask_set = self.code(
-            self.transmissions if mask_moments is None else mask_moments.split(self.transmissions)
-        )
+        self._mask_set = self.code(self.split_transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
@@ -59,6 +57,15 @@ class ShotRenderer:
     def moments_per_mask(self) -> float:
         """Get how many moments a mask has on average."""
         return 1.0 if self._mask_moments is None else self._mask_moments.per_mask
+
+    @property
+    def split_transmissions(self) -> Tensor:
+        """Get the masks' light shared among all moments, [V, H, W]."""
+        return self.transmissions if self._mask_moments is None else self._mask_moments.split(self.transmissions)
+
+    def moment_poses(self, world_to_camera: Tensor) -> Tensor:
+        """Return the poses at all moments, [V, 4, 4], from those under the masks, [N, 4, 4]."""
+        return self._moments(world_to_camera)[0]
 
     def with_one_moment(self) -> "ShotRenderer":
         """Return a renderer of the same shot that gives each mask one moment."""

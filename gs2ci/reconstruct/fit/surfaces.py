@@ -313,7 +313,8 @@ def _with_planes(
     middle = len(swept) // 2
     reference = swept[middle][0]
     from_reference = world_to_camera @ np.linalg.inv(world_to_camera[reference])
-    for found in found_planes(readings, views, from_reference, intrinsics, reference, maps[middle], *range_of):
+    pose = world_to_camera[reference]
+    for found in found_planes(readings, views, pose, intrinsics, reference, maps[middle], *range_of):
         for k, order in enumerate(swept):
             from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[order[0]])
             to_reference = np.linalg.inv(from_reference[order[0]])

@@ -69,7 +69,8 @@ class Readings:
 
     Args:
         light: Mean over the channels, [H, W]; for a mosaic, its readings.
-        open_share: Transmission of each pixel in each view, with the views' weights, [N, H, W].
+        open_share: Transmission of each pixel at each moment, with the views' weights, [V, H, W].
+        world_to_camera: Poses at these moments, [V, 4, 4]: those of the views, or several within each mask.
         usable: Pixels whose readings may be used, [H, W].
         rays: Of the pixels, at z = 1, [H, W, 2].
         channels: For a mosaic, which channel each pixel sees, [H, W]; None: the mean of all.
@@ -77,6 +78,7 @@ class Readings:
 
     light: F32
     open_share: F32
+    world_to_camera: F64
     usable: Bool
     rays: F32
     channels: NDArray[np.int64] | None = None
@@ -109,18 +111,18 @@ class PlaneEvidence:
 
     Args:
         readings: The measurement.
-        views: Of a fit, [N, H, W, C] in full scales: what varies slowly is taken from them.
-        from_reference: The views' poses relative to the reference view, [N, 4, 4].
+        view: The view in whose picture the texture lies, of a fit, [H, W, C] in full scales: what varies slowly is
+            taken from it.
+        world_to_camera: Its pose, [4, 4].
         intrinsics: [3, 3], px.
-        reference: The view in whose picture the texture lies.
     """
 
-    def __init__(self, readings: Readings, views: F32, from_reference: F64, intrinsics: F64, reference: int) -> None:
+    def __init__(self, readings: Readings, view: F32, world_to_camera: F64, intrinsics: F64) -> None:
         self.smooth = _FIRST_SMOOTH
         self._readings = readings
-        self._poses = from_reference
+        self._poses = readings.world_to_camera @ np.linalg.inv(world_to_camera)
         self._intrinsics = intrinsics
-        slow = cv2.GaussianBlur(views[reference], (0, 0), _SLOW_PX).reshape(views.shape[1:])
+        slow = cv2.GaussianBlur(view, (0, 0), _SLOW_PX).reshape(view.shape)
         self._slow = slow if readings.channels is not None else slow.mean(axis=2, keepdims=True)
 
     def of_plane(self, asked: _Asked, plane: F64, *, hurried: bool = False) -> F64:
@@ -143,7 +145,7 @@ class PlaneEvidence:
         self.smooth = min(left, key=lambda smooth: left[smooth])
 
     def places_on_plane(self, asked: _Asked, plane: F64) -> F64:
-        """Return the points of a plane that readings see, in the reference view's array: column and row, [K, N, 2]."""
+        """Return the points of a plane that readings see, in the reference view's array: column and row, [K, V, 2]."""
         places = np.empty((len(asked.rays), len(self._poses), 2))
         for view, pose in enumerate(self._poses):
             back = asked.rays @ pose[:3, :3]
@@ -214,7 +216,7 @@ class FoundPlane:
 def found_planes(
     readings: Readings,
     views: F32,
-    from_reference: F64,
+    world_to_camera: F64,
     intrinsics: F64,
     reference: int,
     inverse_depth: F32,
@@ -226,16 +228,16 @@ def found_planes(
     Args:
         readings: The measurement.
         views: [N, H, W, C] in full scales.
-        from_reference: Poses relative to the reference view, [N, 4, 4].
+        world_to_camera: Pose of the reference view, [4, 4].
         intrinsics: [3, 3], px.
-        reference: One of the views.
+        reference: Which of the views it is.
         inverse_depth: The map of the reference view, [H, W].
         span: Farthest and nearest inverse depth.
         parallax_px: Parallax along the whole path at an inverse depth of 1, px.
     """
     plain = readings.usable & np.all([_away_from_edges(view) for view in views], axis=0)
     waiting, found = _areas(plain), []
-    evidence = PlaneEvidence(readings, views, from_reference, intrinsics, reference)
+    evidence = PlaneEvidence(readings, views[reference], world_to_camera, intrinsics)
     asked_for = 0
     while waiting and asked_for < _MOST_ASKED:
         area = waiting.pop(0)

@@ -8,6 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit import coarse_state
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from tests.reconstruct.fit.plane_fits import QUICK, run
@@ -95,6 +96,25 @@ def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_hel
     assert not (given[1].usable & holdout.pixels).any()
     assert given[1].usable.sum() > 0.9 * shot.lit.sum()
     assert np.array_equal(given[1].open_share, shot.masks * shot.weights[:, None, None])
+    assert len(given[1].world_to_camera) == shot.views
+
+
+def test_a_search_is_given_every_moment_of_the_masks(moving_plane, monkeypatch):
+    given = []
+
+    def watched(*arguments):
+        given.append(arguments[7])
+        return find_surfaces(*arguments)
+
+    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
+    settings = replace(QUICK, surfaces=SurfaceSettings((Search(0.6, 3e-2, 1e-3, asks_measurement=True),)))
+    run(moving_plane, settings, mask_moments=MaskMoments((2, 1, 3, 1), (1.0,) * 4))
+    shot, _ = moving_plane
+    (readings,) = given
+    assert len(readings.world_to_camera) == len(readings.open_share) == 7
+    np.testing.assert_allclose(readings.open_share[:2].sum(axis=0), shot.masks[0] * shot.weights[0], rtol=1e-6)
+    steps = np.linalg.norm(np.diff(readings.world_to_camera[:, :3, 3], axis=0), axis=1)
+    assert (steps > 0).all()
 
 
 def test_without_parallax_no_surface_is_sought(moving_plane):

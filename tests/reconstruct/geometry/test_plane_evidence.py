@@ -55,13 +55,13 @@ def readings(views, noise=0.01, seed=1):
     light = (masks * views[..., 0]).sum(axis=0) + noise * rng.normal(size=SIZE)
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
     rays = np.stack([(columns - SIZE[1] / 2) / FOCAL, (rows - SIZE[0] / 2) / FOCAL], axis=-1).astype(np.float32)
-    return Readings(light.astype(np.float32), masks, masks.any(axis=0), rays)
+    return Readings(light.astype(np.float32), masks, poses(), masks.any(axis=0), rays)
 
 
 def ask(taken, inverse_depth, views=None, span=SPAN):
     # What a fit shows: nothing of the texture, which noise has drowned.
     shown = np.full((VIEWS, *SIZE, 1), 0.5, np.float32) if views is None else views
-    return found_planes(taken, shown, poses(), INTRINSICS, REFERENCE, inverse_depth, span, PARALLAX_PX)
+    return found_planes(taken, shown, poses()[REFERENCE], INTRINSICS, REFERENCE, inverse_depth, span, PARALLAX_PX)
 
 
 def flat(depth):
@@ -179,7 +179,7 @@ def test_no_plain_area_keeps_a_map():
 def test_places_through_a_plane_are_those_of_its_homography():
     """The sweep's homographies, the other way round."""
     taken, plane = readings(wall()), np.array([0.0, 0.0, WALL])
-    evidence = plane_evidence.PlaneEvidence(taken, wall(), poses(), INTRINSICS, REFERENCE)
+    evidence = plane_evidence.PlaneEvidence(taken, wall()[REFERENCE], poses()[REFERENCE], INTRINSICS)
     asked = plane_evidence._Asked.of(taken, taken.usable)
     places = evidence.places_on_plane(asked, plane)
     forward = plane_homographies(poses(), INTRINSICS, np.array([WALL]))[0]
@@ -236,7 +236,7 @@ def test_of_nothing_that_is_seen_everything_is_left():
 
 def test_a_plane_that_is_seen_from_its_edge_gives_numbers():
     taken = readings(wall())
-    evidence = plane_evidence.PlaneEvidence(taken, wall(), poses(), INTRINSICS, REFERENCE)
+    evidence = plane_evidence.PlaneEvidence(taken, wall()[REFERENCE], poses()[REFERENCE], INTRINSICS)
     asked = plane_evidence._Asked.of(taken, taken.usable)
     assert np.isfinite(evidence.of_plane(asked, np.array([1.0, 0.0, 0.0]))).all()
     assert np.isfinite(evidence.of_plane(asked, np.zeros(3))).all()
