@@ -3,7 +3,7 @@
     python -m tests.benchmarks given_poses
 
 Scenes of the simulator's library, 128 × 96 px, one fit each. For places that err by a share of the path: how far the
-fit moved them; the error of the path as told and after, as a share of its extent after a similarity; the mean PSNR.
+fit moved them; the error of the path as given and after, as a share of its extent after a similarity; the mean PSNR.
 Each with the prior, where tracks do not contradict the poses, and without any.
 """
 
@@ -31,7 +31,7 @@ SEED = 0
 def run() -> None:
     """Fit every scene with every report of a stage."""
     print(f"{'':28} {'moved, %':>15} {'path error, %':>22} {'PSNR, dB':>15}")
-    print(f"{'':28} {'prior':>7} {'free':>7} {'told':>8} {'prior':>6} {'free':>6} {'prior':>7} {'free':>7}")
+    print(f"{'':28} {'prior':>7} {'free':>7} {'given':>8} {'prior':>6} {'free':>6} {'prior':>7} {'free':>7}")
     for line in side_by_side(judge, list(_wanted())):
         print(line, flush=True)
 

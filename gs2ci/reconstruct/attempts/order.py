@@ -46,7 +46,7 @@ _ONE_FINDING_COUNTS: Final = 1 / 2
 # A given path (from a file) is reversed only by at least so many errors and by several pairs that all agree: short fits
 # of tiny pictures reversed exact paths.
 _SURE_AGAINST_GIVEN: Final = 5.0
-_LEAST_PAIRS_AGAINST_TOLD: Final = 3
+_LEAST_PAIRS_AGAINST_GIVEN: Final = 3
 # The tracks' preference counts a third, since their errors are correlated (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 # By how many errors a camera that does not turn is preferred to its reversal, which does. This is a prior, not seen in
@@ -109,7 +109,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, giv
     if geometry.source == _UNTRACKED and errors < 0:
         return _contested(geometry, -errors)
     if given:
-        agreed = len(found) >= _LEAST_PAIRS_AGAINST_TOLD and all(ratio < 0 for ratio in found)
+        agreed = len(found) >= _LEAST_PAIRS_AGAINST_GIVEN and all(ratio < 0 for ratio in found)
         return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_GIVEN, _less(found), given=True)
     return _taken(geometry, errors, errors < 0, _less(found), given=False)
 
@@ -173,7 +173,7 @@ def _of_pairs(
         seen = _errors(found, luck) * (1.0 if given or both else _ONE_FINDING_COUNTS) + tracks
         errors = _with_travel(seen, travel)
         if given:
-            doubted = errors <= -_SURE_AGAINST_GIVEN and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
+            doubted = errors <= -_SURE_AGAINST_GIVEN and len(found) >= _LEAST_PAIRS_AGAINST_GIVEN
             sure = errors >= _SURE or doubted
         else:
             sure = abs(errors) >= _SURE

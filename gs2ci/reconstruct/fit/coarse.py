@@ -171,9 +171,10 @@ class _Loop:
         return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _stalled(self, iteration: int) -> bool:
-        """Tell whether the residual has not improved for long, or has risen clearly."""
-        waits = self.fit.awaits_surfaces
-        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not waits)
+        """Tell whether the residual has not improved for long, or has risen clearly, and nothing to come helps."""
+        if self.fit.awaits_moments:
+            return False
+        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not self.fit.awaits_surfaces)
 
     def _step(self, iteration: int, total: int) -> None:
         share, since = iteration / total, iteration - self._began + 1

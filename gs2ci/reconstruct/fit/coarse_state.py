@@ -79,7 +79,7 @@ class FitState:
         free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = renderer if settings.mask_moments_from == 0 else renderer.with_one_moment()
+        self._renderer = renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer
         self._with_moments = renderer
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
@@ -104,7 +104,7 @@ class FitState:
 
     def split_masks(self, share: float) -> None:
         """Give masks their moments if that is due after this share of the schedule."""
-        if self._renderer is self._with_moments or share < self.settings.mask_moments_from:
+        if not self.awaits_moments or share < self.settings.mask_moments_from:
             return
         self._renderer = self._with_moments
         self._gathering = Gathering(
@@ -148,6 +148,11 @@ class FitState:
     def awaits_surfaces(self) -> bool:
         """Get whether a search for surfaces is still to come."""
         return bool(self._searches)
+
+    @property
+    def awaits_moments(self) -> bool:
+        """Get whether masks get their moments only later."""
+        return self._renderer is not self._with_moments
 
     def find_surfaces(self, share: float, refine: Refine) -> bool:
         """Search for surfaces if a search is due, and tell whether some were found now.

@@ -9,6 +9,7 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, MaskMomentSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.stopping import Watch
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
@@ -204,6 +205,14 @@ def test_masks_have_their_moments_from_a_share_of_the_schedule_on(moving_plane, 
     fit, _ = run(moving_plane, settings, backend=backend, mask_moments=moments_of(2, 1, 3, 2))
     assert backend.moments == [MASKS] * plain + [8] * (60 - plain)
     assert np.isfinite(fit.views).all()
+
+
+def test_a_fit_does_not_end_before_masks_have_their_moments(moving_plane, monkeypatch):
+    monkeypatch.setattr(Watch, "has_risen", lambda *_: True)
+    fit, _ = run(moving_plane, QUICK, mask_moments=moments_of(2, 1, 3, 2))
+    assert fit.curve[-1].iteration == 40
+    other, _ = run(moving_plane, QUICK)
+    assert other.curve[-1].iteration == 10
 
 
 def test_until_then_a_fit_has_the_bits_of_one_without_moments(moving_plane):
