@@ -123,6 +123,7 @@ class Code(StrEnum):
     LIGHT_AS_SEEN = auto()
 
     MASKS_HAVE_MOMENTS = auto()
+    MASKS_BLUR = auto()
     VIEWS_SMEARED = auto()
 
     # The masks.
@@ -130,6 +131,7 @@ class Code(StrEnum):
     UNLIT_VIEWS = auto()
     FAINT_VIEWS = auto()
     SAME_MASKS = auto()
+    MASKS_DIFFER_LITTLE = auto()
     UNOPENED_PIXELS = auto()
     MOSTLY_UNOPENED = auto()
 

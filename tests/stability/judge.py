@@ -35,7 +35,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.core.findings import Code, Finding
+from gs2ci.core.findings import Code, Finding, Weight
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
@@ -254,7 +254,7 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
         problems.append(f"{decode_db - psnr_db:.1f} dB worse than the decode alone")
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
-    heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
+    heard = [note for note in beyond if note.code not in ABOUT_DEPTH and is_a_warning(note)]
     if grade != "holds" and not heard and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a warning")
     grade = "breaks" if order else grade
@@ -390,6 +390,11 @@ class Easy:
     def knows_order(self) -> bool:
         """Tell whether the order of depth is known here, and could be lost."""
         return not self.order and self.depth is not None and self.depth.rank >= KNOWN_RANK
+
+
+def is_a_warning(note: Finding) -> bool:
+    """Tell whether a note warns of a loss: a remark does not, but for that of things that move."""
+    return note.code.weight is not Weight.REMARK or note.code is Code.SCENE_MOVES
 
 
 def beyond_easy(notes: tuple[Finding, ...], easy: Easy) -> tuple[Finding, ...]:

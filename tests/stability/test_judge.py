@@ -10,7 +10,17 @@ from tests.stability import __main__ as suite
 from tests.stability import judge
 from tests.stability.benches import Scale, build, turning
 from tests.stability.cases import CASES, EASY
-from tests.stability.judge import DepthScore, Easy, Outcome, appraise, depth_score, easy_at, grade_of_depth, run
+from tests.stability.judge import (
+    DepthScore,
+    Easy,
+    Outcome,
+    appraise,
+    depth_score,
+    easy_at,
+    grade_of_depth,
+    is_a_warning,
+    run,
+)
 
 SMALL = Scale((40, 48), 40)
 GOOD = DepthScore(0.05, 0.9)
@@ -192,3 +202,15 @@ def test_suite_goes_on_from_its_record(tmp_path, monkeypatch):
     assert set(suite.kept_in(record)) == {3, 5, 7}
     assert list(again) == [5, 7, 3]
     assert {number: again[number] for number in (3, 5)} == first
+
+
+@pytest.mark.parametrize(
+    ("note", "warns"),
+    [
+        (finding(Code.MASKS_BLUR, motion_px=4.0, most=2), True),
+        (finding(Code.SCENE_MOVES, share=0.1, median_px=1.0, most_px=2.0), True),
+        (finding(Code.MASKS_HAVE_MOMENTS, motion_px=1.0, most=2), False),
+    ],
+)
+def test_a_remark_is_no_warning_of_a_loss_but_for_that_of_things_that_move(note, warns):
+    assert is_a_warning(note) == warns

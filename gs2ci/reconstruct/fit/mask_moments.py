@@ -37,6 +37,9 @@ LEAST_POSES: Final = 2
 # If the image moves by more than this share of its shorter side while one mask is displayed, neighbouring views share
 # too little for any path to be estimated from them: such a path is an error, and one pose for each mask does less harm.
 _FARTHEST: Final = 0.5
+# With more motion within a mask, px, moments recover only part of the detail along it: 2.8 px cost 2.7 dB, 5.6 px 4.4
+# (`python -m tests.stability --only motion:`). From here on smeared views can be recognised, too (`smear.py`).
+_BLURS_PX: Final = 3.0
 # The mean of |offset| over an interval of length d about its middle is d / 4.
 _MEAN_OFFSET: Final = 0.25
 
@@ -168,7 +171,9 @@ class MaskMoments:
     @property
     def note(self) -> Finding:
         """Get the finding about the moments."""
-        return finding(Code.MASKS_HAVE_MOMENTS, motion_px=max(self.motion_px, default=0.0), most=max(self.moments))
+        motion_px = max(self.motion_px, default=0.0)
+        code = Code.MASKS_BLUR if motion_px >= _BLURS_PX else Code.MASKS_HAVE_MOMENTS
+        return finding(code, motion_px=motion_px, most=max(self.moments))
 
     def summary(self) -> dict[str, Any]:
         """Return the figures for the report."""

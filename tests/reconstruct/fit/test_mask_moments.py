@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, MaskMomentSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import Watch
@@ -128,6 +129,13 @@ def test_masks_get_as_many_moments_as_their_bound_calls_for(moving_plane):
     assert mask_moments.summary()["motion_px"] == pytest.approx([4, 4, 2, 0], abs=1e-6)
     assert needed(geometry, views, share, replace(settings, most=2)).moments == (2, 2, 2, 1)
     assert mask_moments.note.sentence.startswith("The image moved by up to 4.0 px")
+
+
+@pytest.mark.parametrize(("px", "code"), [(2.9, Code.MASKS_HAVE_MOMENTS), (3.0, Code.MASKS_BLUR)])
+def test_much_motion_within_a_mask_is_a_doubt_about_the_views(px, code):
+    note = replace(moments_of(4, 4), motion_px=(1.0, px)).note
+    assert note.code is code
+    assert note.figures == {"motion_px": px, "most": 4}
 
 
 def test_where_nothing_is_at_stake_there_is_one_pose_for_each_mask(moving_plane):

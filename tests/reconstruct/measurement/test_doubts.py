@@ -57,6 +57,15 @@ def test_brightness_is_not_compared_behind_masks_that_do_not_tell_views_apart(sm
     assert Code.UNEVEN_VIEWS not in found
 
 
+@pytest.mark.parametrize(("open_share", "named"), [(0.1, False), (0.5, False), (0.75, False), (0.98, True)])
+def test_masks_that_differ_little_from_view_to_view_are_named(smooth_shot, open_share, named):
+    masks = (np.random.default_rng(0).random(smooth_shot.masks.shape) < open_share).astype(np.float32)
+    found = found_in(replace(smooth_shot, masks=masks))
+    assert (Code.MASKS_DIFFER_LITTLE in found) == named
+    if named:
+        assert found[Code.MASKS_DIFFER_LITTLE].figures["share"] == pytest.approx(0.12, abs=0.03)
+
+
 def test_a_view_that_hardly_any_light_reached_is_named(smooth_shot):
     weights = np.array([1, 1, 1e-4, 1], np.float32)
     assert found_in(replace(smooth_shot, weights=weights))[Code.FAINT_VIEWS].figures["views"] == [2]
