@@ -28,8 +28,8 @@ _BRIGHTER: Final = 0.1
 _STANDARD_ERRORS: Final = 4.0
 _MOSTLY_DARK: Final = 0.5
 # Root mean square difference of the masks from their mean over the views, as a share of their mean: 1.7 if a quarter is
-# open; 0.33 if 90 % is, which loses 3 dB, and 0.14 if 98 % is, which loses 4 dB, and neither leaves much of the readings
-# unexplained (`python -m tests.stability --only "mask ratio"`).
+# open; 0.33 if 90 % is, which loses 3 dB, and 0.14 if 98 % is, which loses 4 dB, though either fits the readings well
+# (`python -m tests.stability --only "mask ratio"`).
 _DIFFER_LITTLE: Final = 0.35
 # Share of the residual of even grey views. With right masks and little noise it is 0.1 to 0.4.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
