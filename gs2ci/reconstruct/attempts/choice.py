@@ -22,7 +22,7 @@ from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
-from gs2ci.reconstruct.fit.stopping import Rival
+from gs2ci.reconstruct.fit.stopping import RISEN, Rival
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
@@ -76,8 +76,9 @@ class Attempts:
             asked = self._question(again)
         still = again
         if self.fits.halt.asked or not (self._wanted or asked.speaks_for_motion):
-            # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV.
-            worth_decoding = asked.behind_decode and not self.fits.halt.asked
+            # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV, or if
+            # its fits only got worse.
+            worth_decoding = (asked.behind_decode or _got_worse(still)) and not self.fits.halt.asked
             first = self._decoded_better(first) if worth_decoding else first
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
@@ -204,6 +205,12 @@ class Attempts:
 
 def _name_of(taken: Attempt, attempts: dict[str, Attempt]) -> str:
     return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+
+
+def _got_worse(still: Attempt) -> bool:
+    """Tell whether the held-out residual of the best fit rose so much that the fit ended."""
+    left = [point.heldout for point in still.ensemble.best.curve if point.heldout is not None]
+    return bool(left) and left[-1] > RISEN * min(left)
 
 
 def _or_infinite(rms: float | None) -> float:

@@ -69,7 +69,7 @@ class Rival:
 # A rise of the held-out residual by this factor does not pass: on the real fan it had risen by 9 % after 250 iterations
 # of a still scene, and by 12 % after 400. Fits of simulated scenes at rest were never above their least by so much
 # before 350 iterations of 400. With noise of 5 % of the brightest reading they were after 125 of 250.
-_RISEN: Final = 1.05
+RISEN: Final = 1.05
 
 
 class Watch:
@@ -118,7 +118,7 @@ class Watch:
 
         A new beginning does not make that value forgotten, a set-back does.
         """
-        return self._last > _RISEN * self._least and iteration - self._least_iteration >= self._settings.patience
+        return self._last > RISEN * self._least and iteration - self._least_iteration >= self._settings.patience
 
     def stalled(self, iteration: int) -> bool:
         """Tell whether the residual has not improved for as long as patience lasts."""

@@ -118,7 +118,7 @@ def test_further_fits_have_to_keep_up_with_those_along_the_first_path(monkeypatc
 def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, moving, same_path, gain, asked):
     look, other = (SimpleNamespace(**vars(moving), name="first") for _ in range(2))
     tries, seen = Tries({"first": 0.03}), []
-    mean = SimpleNamespace(views=0.02, best=SimpleNamespace(scene=SimpleNamespace(motion=None)))
+    mean = SimpleNamespace(views=0.02, best=SimpleNamespace(scene=SimpleNamespace(motion=None), curve=()))
     again = replace(tries.attempt(look if same_path else other, None, How()), ensemble=mean)
 
     def question(_, still):
@@ -152,3 +152,12 @@ def test_a_decode_at_length_is_sparse_and_has_to_be_better():
     assert asked == [sparse, sparse]
     assert sparse.iterations == dense.iterations // 2
     assert sparse.lattice.step_px == sparse.lattice.patch_px > dense.lattice.step_px
+
+
+@pytest.mark.parametrize(
+    ("left", "worse"), [((0.3, 0.2, 0.22), True), ((0.3, 0.2, 0.205), False), ((None, None), False), ((), False)]
+)
+def test_a_fit_got_worse_if_its_residual_ends_clearly_above_its_least(left, worse):
+    curve = tuple(CurvePoint(1.0, 50 * (k + 1), 0.1, one, None, 5) for k, one in enumerate(left))
+    still = SimpleNamespace(ensemble=SimpleNamespace(best=SimpleNamespace(curve=curve)))
+    assert choice._got_worse(still) == worse
