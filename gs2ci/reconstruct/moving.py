@@ -32,6 +32,7 @@ from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.sources import ESTIMATED
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
@@ -186,7 +187,7 @@ def rested(first: FirstLook) -> FirstLook:
 
     A given path is kept, and so is a camera that was found to stand still or only to turn.
     """
-    found = first.geometry.verdict == "full" and first.geometry.source in ("tracks", "wide", "uniform")
+    found = first.geometry.verdict == "full" and first.geometry.source in ESTIMATED
     return from_rest(first) if found else first
 
 

@@ -34,6 +34,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.sources import ESTIMATED
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released
@@ -93,7 +94,7 @@ class Fits:
             return replace(self._trying(how), mask_moments=None).fit_one(at)
 
         fits = OrderFits(self.fitted, settings, begin, fit_one)
-        given = geometry.source not in ("tracks", "wide", "uniform")
+        given = geometry.source not in ESTIMATED
         if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
             geometry = settle(geometry, fits.brief, self.progress, given=given)
         elif not given:
@@ -122,10 +123,9 @@ class Fits:
             hold_out=looking,
         )
         geometry, start = self.beginning(first, first.decoded)
-        timed = Timed(_TIMED_ITERATIONS)
+        timed = Timed(_TIMED_ITERATIONS, 1.0 if self.mask_moments is None else self.mask_moments.per_mask)
         self._trying(brief).fit_one(geometry)(Member(start, fit.density, self.settings.seed), Silent(), timed)
-        moments_per_mask = 1.0 if self.mask_moments is None else self.mask_moments.per_mask
-        settings, pace, said = budget.fit(self.settings, timed, moments_per_mask)
+        settings, pace, said = budget.fit(self.settings, timed)
         self.progress.say(said)
         self.clock.lap("fit")
         return replace(self, settings=settings, pace=pace)

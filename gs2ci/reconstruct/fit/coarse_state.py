@@ -79,10 +79,8 @@ class FitState:
         free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer
         self._with_moments = renderer
-        self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
-        self._reuse = self._renderer.reuse()
+        self._render_by(renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer, len(start))
         # At depth 1, which is the scene's median depth.
         self._px_per_length = float(geometry.intrinsics[0, 0])
         self._pixels = shot.size[0] * shot.size[1]
@@ -104,13 +102,14 @@ class FitState:
 
     def split_masks(self, share: float) -> None:
         """Give masks their moments if that is due after this share of the schedule."""
-        if not self.awaits_moments or share < self.settings.mask_moments_from:
-            return
-        self._renderer = self._with_moments
-        self._gathering = Gathering(
-            self._renderer, len(self.optimiser.scene), per_open_share=self.settings.per_open_share
-        )
-        self._reuse = self._renderer.reuse()
+        if self.awaits_moments and share >= self.settings.mask_moments_from:
+            self._render_by(self._with_moments, len(self.optimiser.scene))
+
+    def _render_by(self, renderer: ShotRenderer, count: int) -> None:
+        """Render by this from now on, and gather new statistics of so many Gaussians."""
+        self._renderer = renderer
+        self._gathering = Gathering(renderer, count, per_open_share=self.settings.per_open_share)
+        self._reuse = renderer.reuse()
 
     def backward(self, share: float, iteration: int) -> float:
         """Accumulate gradients of the objective.

@@ -65,12 +65,17 @@ class Fixed:
 class Timed:
     """A few iterations, to time them.
 
+    Args:
+        iterations: How many.
+        moments_per_mask: How many moments a mask has in them on average.
+
     Attributes:
         look_s: Seconds of the latest look.
     """
 
-    def __init__(self, iterations: int) -> None:
+    def __init__(self, iterations: int, moments_per_mask: float = 1.0) -> None:
         self._iterations = iterations
+        self.moments_per_mask = moments_per_mask
         self._moments_s: list[float] = []
         self._processor_s: list[float] = []
         self.look_s = 0.0
@@ -101,7 +106,7 @@ class Timed:
 
     def beside(self) -> "Timed":
         """Return another one."""
-        return Timed(self._iterations)
+        return Timed(self._iterations, self.moments_per_mask)
 
 
 def slower_beside(fits: int, threads: int) -> float:

@@ -69,7 +69,12 @@ class Rival:
 # A rise of the held-out residual by this factor does not pass: on the real fan it had risen by 9 % after 250 iterations
 # of a still scene, and by 12 % after 400. Fits of simulated scenes at rest were never above their least by so much
 # before 350 iterations of 400. With noise of 5 % of the brightest reading they were after 125 of 250.
-RISEN: Final = 1.05
+_RISEN: Final = 1.05
+
+
+def has_clearly_risen(least: float, last: float) -> bool:
+    """Tell whether the last held-out residual of a fit is so far above its least that the rise will not pass."""
+    return last > _RISEN * least
 
 
 class Watch:
@@ -118,7 +123,8 @@ class Watch:
 
         A new beginning does not make that value forgotten, a set-back does.
         """
-        return self._last > RISEN * self._least and iteration - self._least_iteration >= self._settings.patience
+        long_ago = iteration - self._least_iteration >= self._settings.patience
+        return long_ago and has_clearly_risen(self._least, self._last)
 
     def stalled(self, iteration: int) -> bool:
         """Tell whether the residual has not improved for as long as patience lasts."""

@@ -133,6 +133,8 @@ class FromFile:
 
 GIVEN: Final = (FromStage.name, FromFile.name)
 """Sources that give the turns of the camera, which pictures of a small motion determine poorly."""
+ESTIMATED: Final = (FromTracks.name, FromWide.name, FromUniform.name)
+"""Sources that estimate the path from this measurement alone."""
 
 
 def matched_motion(request: Request, tracks: Geometry) -> Geometry:

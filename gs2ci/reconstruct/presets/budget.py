@@ -65,14 +65,13 @@ class Budget:
     adapt: Callable[[Settings], Settings] = lambda settings: settings
     clock: Callable[[], float] = time.monotonic
 
-    def fit(self, settings: Settings, timed: Timed, moments_per_mask: float = 1.0) -> tuple[Settings, Deadline, str]:
+    def fit(self, settings: Settings, timed: Timed) -> tuple[Settings, Deadline, str]:
         """Choose the fits for which the time suffices.
 
         Args:
             settings: Of the stages that are done.
             timed: How long the iterations and a look of one fit of `settings` took, with all threads
                 and all moments of the masks.
-            moments_per_mask: How many moments a mask has on average, from some share of the schedule on.
 
         Returns:
             The settings of the fits, the pace that ends them in time, and a sentence for the user.
@@ -90,7 +89,7 @@ class Budget:
                 settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=None
             )
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
-                iterations = self._pace(rung.most, until_s, timed, moments_per_mask, settings, chosen).total(0)
+                iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))
             if iterations >= rung.least:
                 break
@@ -101,17 +100,15 @@ class Budget:
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
             f"{iterations} iterations, and {spoken_duration(afterwards_s)} to finish and report."
         )
-        return chosen, self._pace(rung.most, until_s, timed, moments_per_mask, settings, chosen), sentence
+        return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
 
-    def _pace(
-        self, most: int, until_s: float, timed: Timed, moments_per_mask: float, of: Settings, chosen: Settings
-    ) -> Deadline:
+    def _pace(self, most: int, until_s: float, timed: Timed, of: Settings, chosen: Settings) -> Deadline:
         threads = numba.get_num_threads()
         dearer = slower_beside(chosen.fits, threads) * _population(chosen) / _population(of)
 
         def costs(share: float) -> float:
-            moments = 1.0 if share < chosen.fit.mask_moments_from else moments_per_mask
-            return timed.iteration_s * dearer * (1 + _GROWS_BY * share) * moments / moments_per_mask
+            moments = 1.0 if share < chosen.fit.mask_moments_from else timed.moments_per_mask
+            return timed.iteration_s * dearer * (1 + _GROWS_BY * share) * moments / timed.moments_per_mask
 
         return Deadline(
             most=most,

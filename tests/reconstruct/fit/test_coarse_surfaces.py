@@ -81,15 +81,21 @@ def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, 
     assert np.array_equal(kept.views, found.views)
 
 
-def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_held_out(moving_plane, monkeypatch):
-    shot, _ = moving_plane
-    given = []
+@pytest.fixture
+def given(monkeypatch):
+    """The readings that each search for surfaces is given."""
+    seen = []
 
     def watched(*arguments):
-        given.append(arguments[7])
+        seen.append(arguments[7])
         return find_surfaces(*arguments)
 
     monkeypatch.setattr(coarse_state, "find_surfaces", watched)
+    return seen
+
+
+def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_held_out(moving_plane, given):
+    shot, _ = moving_plane
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3, asks_measurement=True))
     _, holdout = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
     assert given[0] is None
@@ -99,14 +105,7 @@ def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_hel
     assert len(given[1].world_to_camera) == shot.views
 
 
-def test_a_search_is_given_every_moment_of_the_masks(moving_plane, monkeypatch):
-    given = []
-
-    def watched(*arguments):
-        given.append(arguments[7])
-        return find_surfaces(*arguments)
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
+def test_a_search_is_given_every_moment_of_the_masks(moving_plane, given):
     settings = replace(QUICK, surfaces=SurfaceSettings((Search(0.6, 3e-2, 1e-3, asks_measurement=True),)))
     run(moving_plane, settings, mask_moments=MaskMoments((2, 1, 3, 1), (1.0,) * 4))
     shot, _ = moving_plane

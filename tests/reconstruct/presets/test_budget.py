@@ -18,8 +18,8 @@ from gs2ci.reconstruct.presets.named import PRESETS
 STANDARD = PRESETS["standard"]
 
 
-def timed(iteration_s=0.05, look_s=0.2):
-    found = Timed(4)
+def timed(iteration_s=0.05, look_s=0.2, moments_per_mask=1.0):
+    found = Timed(4, moments_per_mask)
     found._moments_s = [0.0, *(7.0 + iteration_s * np.arange(4))]  # the first one took 7 s
     found._processor_s = list(found._moments_s)
     found.looked(look_s)
@@ -32,7 +32,7 @@ def chosen(seconds, spent_s=5.0, adapt=lambda settings: settings):
 
 def test_iterations_with_one_moment_per_mask_cost_less_than_the_timed_ones():
     within = Budget(60.0, 495.0, clock=lambda: 500.0)
-    plain, split = (within.fit(STANDARD, timed(), moments)[1] for moments in (1.0, 4.0))
+    plain, split = (within.fit(STANDARD, timed(moments_per_mask=moments))[1] for moments in (1.0, 4.0))
     assert [split._costs(share) / plain._costs(share) for share in (0.0, 0.49, 0.5, 1.0)] == pytest.approx(
         [0.25, 0.25, 1, 1]
     )
