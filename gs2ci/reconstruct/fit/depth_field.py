@@ -21,7 +21,6 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaussians, move_map
-from gs2ci.reconstruct.fit.relief_kernels import MOST_GROWTH
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
@@ -72,7 +71,7 @@ class FieldStep:
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
         moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
-        move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values, MOST_GROWTH)
+        move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values)
 
     def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
         """Move the given pixels of a view's map, [H, W], in place.

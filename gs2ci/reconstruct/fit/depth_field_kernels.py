@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
 from gs2ci.reconstruct.fit.jit import JIT
 from gs2ci.reconstruct.fit.relief_kernels import seen_from
 
@@ -89,14 +90,14 @@ def gather_gradient(
 
 @njit(**JIT)
 def move_gaussians(
-    means: Numbers, log_scales: Numbers, pose: F64, near: float, low: F64, step: F64, field: F64, most: float
+    means: Numbers, log_scales: Numbers, pose: F64, near: float, low: F64, step: F64, field: F64
 ) -> None:
-    """Add a field, [A, B, C], to the inverse depths of Gaussians, in place; none grows by more than a share `most`."""
+    """Add a field, [A, B, C], to the inverse depths of Gaussians, in place, within the bounds of `distances`."""
     for g in range(len(means)):
         x, y, z = seen_from(means, pose, g)
         if z < near:
             continue
-        growth = min(max(-z * _value(field, x / z, y / z, 1 / z, low, step), -most), most)
+        growth = min(max(-z * _value(field, x / z, y / z, 1 / z, low, step), -MOST_GROWTH), most_growth(z))
         for j in range(3):
             means[g, j] += growth * (x * pose[0, j] + y * pose[1, j] + z * pose[2, j])
             log_scales[g, j] += growth

@@ -31,7 +31,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.adam import Adam
-from gs2ci.reconstruct.fit.relief_kernels import MOST_GROWTH, derivative_along, step_of_gaussians, take_step
+from gs2ci.reconstruct.fit.relief_kernels import derivative_along, step_of_gaussians, take_step
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
@@ -162,7 +162,7 @@ class Exchange:
         """Move Gaussians, in place."""
         moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
         along = self.along
-        take_step(*moved, along.means.numpy(), along.log_sizes.numpy(), self.beta, MOST_GROWTH)
+        take_step(*moved, along.means.numpy(), along.log_sizes.numpy(), self.beta)
 
     @property
     def twists(self) -> Tensor:

@@ -1,23 +1,20 @@
 """The effect of an exchange of turning for travel on each Gaussian, and the derivative along it, in two passes.
 
-Here: the kernels, which take float32 and float64, and the bound on a step. Not here: the direction of the cameras, its
-steps (`relief.py`).
+Here: the kernels, which take float32 and float64. Not here: the direction of the cameras, its steps (`relief.py`), the
+bounds on a step (`distances.py`).
 """
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
 from gs2ci.reconstruct.fit.jit import JIT
 
 Numbers = NDArray[Any]
-
-MOST_GROWTH: Final = 0.25
-"""The largest relative change of a distance in one step of a fit, whatever makes the step: far away, where inverse
-depth is nearly 0, the first order no longer holds, and a step of constant length would pass through infinity."""
 
 
 @njit(**JIT)
@@ -78,10 +75,8 @@ def derivative_along(gradient: Numbers, step: Numbers) -> float:
 
 
 @njit(**JIT)
-def take_step(
-    means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: Numbers, beta: float, most: float
-) -> None:
-    """Move Gaussians by `beta`, in place, but none by more than a share `most` of its distance.
+def take_step(means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: Numbers, beta: float) -> None:
+    """Move Gaussians by `beta`, in place, within the bounds of `distances`.
 
     Args:
         means: [G, 3].
@@ -89,12 +84,14 @@ def take_step(
         by_means: Derivatives by beta, [G, 3].
         by_sizes: Of the log sizes, [G].
         beta: The step.
-        most: See above.
     """
     for g in range(len(means)):
         if by_sizes[g] == 0:
             continue
-        growth = min(max(beta * by_sizes[g], -most), most)
+        # A mean moves along its line of sight, in proportion to its distance.
+        along = np.sqrt(by_means[g, 0] ** 2 + by_means[g, 1] ** 2 + by_means[g, 2] ** 2)
+        most = most_growth(along / abs(by_sizes[g]))
+        growth = min(max(beta * by_sizes[g], -MOST_GROWTH), most)
         share = growth / by_sizes[g]
         for j in range(3):
             means[g, j] += share * by_means[g, j]

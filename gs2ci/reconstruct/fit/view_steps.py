@@ -24,8 +24,9 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
 from gs2ci.reconstruct.fit.jit import JIT
-from gs2ci.reconstruct.fit.relief_kernels import MOST_GROWTH, seen_from
+from gs2ci.reconstruct.fit.relief_kernels import seen_from
 from gs2ci.render.conventions import NEAR
 
 Numbers = NDArray[Any]
@@ -103,7 +104,7 @@ class ViewAdam:
         gradient, moved = np.empty_like(places), np.zeros_like(places)
         gradient_in_view(places, by_places, by_sizes, self._view.pose, NEAR, gradient)
         self._moments.move(moved, gradient, damping)
-        move_in_view(places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress), MOST_GROWTH)
+        move_in_view(places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
 
 
 @njit(**JIT)
@@ -142,9 +143,8 @@ def move_in_view(
     near: float,
     across: float,
     inverse: float,
-    most_growth: float,
 ) -> None:
-    """Add steps to the coordinates of `gradient_in_view`, in place.
+    """Add steps to the coordinates of `gradient_in_view`, in place, within the bounds of `distances`.
 
     Args:
         means: [G, 3].
@@ -154,7 +154,6 @@ def move_in_view(
         near: The least depth.
         across: Unit of x/z and y/z, and of camera coordinates behind the view.
         inverse: Unit of 1/z.
-        most_growth: Bound on the relative change of a distance.
     """
     for g in range(len(means)):
         x, y, z = seen_from(means, pose, g)
@@ -162,7 +161,8 @@ def move_in_view(
             moved = (across * steps[g, 0], across * steps[g, 1], across * steps[g, 2])
         else:
             # z' = z / (1 + z s): differences, so that small steps are not lost in rounding.
-            change = min(max(z * inverse * steps[g, 2], -most_growth / (1 + most_growth)), most_growth)
+            most = most_growth(z)
+            change = min(max(z * inverse * steps[g, 2], -most / (1 + most)), MOST_GROWTH)
             farther = 1 / (1 + change)
             growth = farther - 1
             moved = (

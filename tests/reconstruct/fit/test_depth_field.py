@@ -10,6 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.depth_field import DepthField, DepthFieldSettings, FieldStep
+from gs2ci.reconstruct.fit.distances import FARTHEST
 from gs2ci.render import se3
 from gs2ci.render.gaussians import Gaussians
 
@@ -163,6 +164,15 @@ def test_what_stands_far_off_or_behind_stays_finite(scene):
         assert torch.isfinite(moved.means).all()
         assert (reference_view(moved)[1][2:] > 0).all()
         np.testing.assert_array_equal(moved.means[1], scene.means[1])
+
+
+def test_a_field_drives_nothing_farther_than_the_bound(scene):
+    """Half a thousand steps of a quarter each would leave float32."""
+    moved = scene.map(lambda tensor: tensor.float())
+    for _ in range(500):
+        field(np.full((6, 5, 4), -1e3)).of_scene(moved)
+    assert 1 / reference_view(moved)[1] == pytest.approx(FARTHEST, rel=1e-3)
+    assert torch.isfinite(moved.log_scales).all()
 
 
 @pytest.mark.parametrize(

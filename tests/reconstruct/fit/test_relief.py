@@ -8,6 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.distances import FARTHEST
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings, relief_step
 from gs2ci.render import se3
 from gs2ci.render.gaussians import Gaussians
@@ -184,6 +185,13 @@ def test_what_stands_far_off_or_behind_stays_finite(path):
     moved, poses = exchanged(scene, still, 0.05)
     assert torch.isfinite(moved.means).all()
     np.testing.assert_array_equal(poses, still)
+
+
+@pytest.mark.parametrize(("distance", "most"), [(0.9, 1.0), (3.0, 3.0)])
+def test_an_exchange_drives_nothing_farther_than_the_bound(path, distance, most):
+    scene = points_at(np.array([[0.0, 0.0], [0.0, 0.0], [0.1, 0.0]]), np.array([1.0, distance * FARTHEST, 1.2]))
+    moved, _ = exchanged(scene, path, -0.05)
+    assert moved.means[1, 2] == pytest.approx(most * FARTHEST)
 
 
 @pytest.mark.parametrize("wrong", [{"rate": 0.0}, {"rate": float("nan")}, {"final_rate": -1.0}, {"begins": 1.0}])

@@ -5,13 +5,13 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.distances import FARTHEST
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.view_steps import ReferenceView, ViewAdam, ViewSteps, gradient_in_view, move_in_view
 from gs2ci.render.conventions import NEAR
 
 FOCAL_PX, PATH = 200.0, 0.05
 STEPS = ViewSteps(across_px=0.3, parallax_px=0.06, across_final_share=0.2, parallax_final_share=0.1)
-GROWTH = 0.25
 
 
 def turned_view():
@@ -96,7 +96,7 @@ def test_float32_moves_as_float64_does():
     found = []
     for dtype in (np.float32, np.float64):
         at, scaled = means.astype(dtype), sizes.astype(dtype)
-        move_in_view(at, scaled, steps.astype(dtype), view.pose, NEAR, 1e-3, 5e-3, GROWTH)
+        move_in_view(at, scaled, steps.astype(dtype), view.pose, NEAR, 1e-3, 5e-3)
         found.append((at, scaled))
     np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-6)
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-6)
@@ -108,7 +108,7 @@ def test_small_steps_are_not_lost_in_rounding():
     means, sizes = scattered_ahead(view)
     at, scaled = means.astype(np.float32), sizes.astype(np.float32)
     for _ in range(100):
-        move_in_view(at, scaled, np.ones_like(at), view.pose, NEAR, 1e-3 / FOCAL_PX, 0.0, GROWTH)
+        move_in_view(at, scaled, np.ones_like(at), view.pose, NEAR, 1e-3 / FOCAL_PX, 0.0)
     change = FOCAL_PX * (coordinates(at, view) - coordinates(means, view))[:, :2]
     assert change == pytest.approx(0.1, rel=0.05)
 
@@ -119,10 +119,30 @@ def test_a_distance_changes_by_at_most_a_quarter_in_one_step(sign):
     means, sizes = scattered_ahead(view)
     far = means + 1e4 * view.pose[2, :3]
     at, scaled = far.copy(), sizes.copy()
-    move_in_view(at, scaled, np.full(far.shape, float(sign)), view.pose, NEAR, 0.0, 1e3, GROWTH)
+    move_in_view(at, scaled, np.full(far.shape, float(sign)), view.pose, NEAR, 0.0, 1e3)
     ratio = coordinates(far, view)[:, 2] / coordinates(at, view)[:, 2]
     assert ratio == pytest.approx(1.25 if sign < 0 else 0.8)
     assert np.isfinite(scaled).all()
+
+
+def test_what_is_drawn_towards_infinity_stops_at_the_bound():
+    """Four hundred steps of a quarter each used to leave float32."""
+    view = turned_view()
+    means, sizes = (each.astype(np.float32) for each in scattered_ahead(view))
+    for _ in range(1000):
+        move_in_view(means, sizes, np.full(means.shape, -1.0, np.float32), view.pose, NEAR, 0.0, 1e3)
+    assert 1 / coordinates(means, view)[:, 2] == pytest.approx(FARTHEST, rel=1e-3)
+    assert np.isfinite(sizes).all()
+
+
+def test_what_is_beyond_the_bound_stays_there_or_comes_nearer():
+    view = turned_view()
+    means, sizes = scattered_ahead(view)
+    beyond = means + 3 * FARTHEST * view.pose[2, :3]
+    for sign, ratio in ((-1.0, 1.0), (1.0, 0.8)):
+        at, scaled = beyond.copy(), sizes.copy()
+        move_in_view(at, scaled, np.full(at.shape, sign), view.pose, NEAR, 0.0, 1e3)
+        assert coordinates(beyond, view)[:, 2] / coordinates(at, view)[:, 2] == pytest.approx(ratio)
 
 
 def test_behind_the_view_and_at_its_centre_a_step_has_the_length_of_one_at_depth_one():
