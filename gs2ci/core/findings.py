@@ -160,6 +160,7 @@ class Code(StrEnum):
     POINTS_BEHIND_CAMERA = auto()
     TURN_TOO_LARGE = auto()
     PATH_UNCERTAIN = auto()
+    PATH_UNCONFIRMED = auto()
     CENTRE_MAY_MOVE = auto()
     POSES_INTERPOLATED = auto()
     DEPTH_STARTS_AS_PLANE = auto()

@@ -32,6 +32,10 @@ from gs2ci.render.stopping import StoppedLight
 # The held-out residual, as a share of that of even grey views, above which depth is in doubt. At 0.64 to 0.72 the rank
 # correlation of depth with the truth was -0.04 to 0.13; at 0.32 and less it was 0.46 and more.
 _NOISY: Final = 0.5
+# The held-out residual of the scene, as a multiple of that of the decode, above which its path is in doubt. Views far
+# apart along a wrong path left 1.32 times as much as the decode; along right ones 0.63 to 0.71 times (three drawn sets)
+# and 1.02 times (photographs, beside a decode by patches). 28 hard cases with a path left 0.53 to 0.96 times as much.
+_BEHIND: Final = 1.15
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
         *_depth_in_noise(geometry, left.look.holdout, left.recovered),
+        *_path_unconfirmed(geometry, left.recovered),
         *_smeared(left),
         *_about_centre(geometry, ensemble.best.world_to_camera, left.light),
     )
@@ -172,6 +177,14 @@ def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) 
     if rms is None or not grey or rms <= _NOISY * grey:
         return ()
     return (finding(Code.DEPTH_IN_NOISE, share=rms / grey),)
+
+
+def _path_unconfirmed(geometry: Geometry, recovered: Recovered) -> tuple[Finding, ...]:
+    """Report that the scene along a path predicts the held-out pixels worse than the decode does."""
+    scene, decode = recovered.heldout_rms["scene"], recovered.heldout_rms["decode"]
+    if geometry.verdict != "full" or scene is None or not decode or scene <= _BEHIND * decode:
+        return ()
+    return (finding(Code.PATH_UNCONFIRMED, more=scene / decode - 1),)
 
 
 def _smeared(left: Left) -> tuple[Finding, ...]:

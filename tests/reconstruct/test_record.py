@@ -8,7 +8,7 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.record import Recovered, _depth_in_noise
+from gs2ci.reconstruct.record import Recovered, _depth_in_noise, _path_unconfirmed
 
 GREY = SimpleNamespace(grey_rms=lambda: 0.2)
 FOUND = Geometry(
@@ -41,3 +41,22 @@ def test_nor_one_that_is_none_or_whose_path_was_given(given):
 
 def test_where_a_grey_leaves_nothing_there_is_nothing_to_compare_with():
     assert _depth_in_noise(FOUND, SimpleNamespace(grey_rms=lambda: 0.0), left(0.12)) == ()
+
+
+def beside_decode(scene, decode):
+    return replace(left(0.1), heldout_rms={"refined": 0.1, "scene": scene, "decode": decode})
+
+
+def test_a_path_along_which_the_scene_explains_less_than_the_decode_is_doubted():
+    (note,) = _path_unconfirmed(FOUND, beside_decode(0.13, 0.1))
+    assert note.code is Code.PATH_UNCONFIRMED
+    assert "30% larger" in note.sentence
+
+
+@pytest.mark.parametrize(("scene", "decode"), [(0.1, 0.1), (0.07, 0.1), (None, None), (0.1, None), (0.1, 0.0)])
+def test_one_along_which_it_explains_as_much_or_that_nobody_judged_is_not(scene, decode):
+    assert _path_unconfirmed(FOUND, beside_decode(scene, decode)) == ()
+
+
+def test_where_there_is_no_path_none_is_doubted():
+    assert _path_unconfirmed(replace(FOUND, verdict="static"), beside_decode(0.13, 0.1)) == ()
