@@ -88,9 +88,11 @@ def take_step(means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: 
     for g in range(len(means)):
         if by_sizes[g] == 0:
             continue
-        # A mean moves along its line of sight, in proportion to its distance.
-        along = np.sqrt(by_means[g, 0] ** 2 + by_means[g, 1] ** 2 + by_means[g, 2] ** 2)
-        most = most_growth(along / abs(by_sizes[g]))
+        # A mean moves along its line of sight, in proportion to its distance; in float64, since squares leave float32.
+        square = 0.0
+        for j in range(3):
+            square += np.float64(by_means[g, j]) ** 2
+        most = most_growth(np.sqrt(square) / abs(by_sizes[g]))
         growth = min(max(beta * by_sizes[g], -MOST_GROWTH), most)
         share = growth / by_sizes[g]
         for j in range(3):

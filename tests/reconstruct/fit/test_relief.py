@@ -187,9 +187,11 @@ def test_what_stands_far_off_or_behind_stays_finite(path):
     np.testing.assert_array_equal(poses, still)
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize(("distance", "most"), [(0.9, 1.0), (3.0, 3.0)])
-def test_an_exchange_drives_nothing_farther_than_the_bound(path, distance, most):
+def test_an_exchange_drives_nothing_farther_than_the_bound(path, distance, most, dtype):
     scene = points_at(np.array([[0.0, 0.0], [0.0, 0.0], [0.1, 0.0]]), np.array([1.0, distance * FARTHEST, 1.2]))
+    scene = scene.map(lambda tensor: tensor.to(dtype))
     moved, _ = exchanged(scene, path, -0.05)
     assert moved.means[1, 2] == pytest.approx(most * FARTHEST)
 
