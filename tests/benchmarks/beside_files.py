@@ -63,7 +63,8 @@ def write_light_field(folder: Path, source: Path) -> Path:
     told = {"K": arrays["K"], "world_to_camera": arrays["world_to_camera"][coded]}
     np.savez_compressed(file, meas=measurement.astype(np.float32), masks=masks, truth=truth, **told)
     views = np.stack([between, arrays["truth"][7]])
-    # Disparity is inverse depth in an unknown unit; depth is scored up to a factor.
-    depth = np.where(disparity > 0, 1 / np.where(disparity > 0, disparity, 1), 0).astype(np.float32)
+    # Disparity of one step of the rail, px; poses are in steps of the rail.
+    focal_px = float(arrays["K"][0, 0])
+    depth = np.where(disparity > 0, focal_px / np.where(disparity > 0, disparity, 1), 0).astype(np.float32)
     np.savez_compressed(file.with_suffix(".beside.npz"), views=views, depth=depth)
     return file
