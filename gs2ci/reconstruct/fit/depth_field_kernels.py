@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
+from gs2ci.reconstruct.fit.distances import bounded
 from gs2ci.reconstruct.fit.jit import JIT
 from gs2ci.reconstruct.fit.relief_kernels import seen_from
 
@@ -97,7 +97,7 @@ def move_gaussians(
         x, y, z = seen_from(means, pose, g)
         if z < near:
             continue
-        growth = min(max(-z * _value(field, x / z, y / z, 1 / z, low, step), -MOST_GROWTH), most_growth(z))
+        growth = bounded(-z * _value(field, x / z, y / z, 1 / z, low, step), z)
         for j in range(3):
             means[g, j] += growth * (x * pose[0, j] + y * pose[1, j] + z * pose[2, j])
             log_scales[g, j] += growth

@@ -25,3 +25,10 @@ sees them by then, since their sizes are cut from 6.6e7 scene units on (`LOG_SCA
 def most_growth(distance: float) -> float:
     """Return the largest relative growth of a distance (scene units, positive) in one step."""
     return min(MOST_GROWTH, max(FARTHEST / distance - 1, 0.0))
+
+
+@njit(**JIT)
+def bounded(growth: float, distance: float) -> float:
+    """Return a relative growth of a distance (scene units, positive), cut to what one step may do."""
+    allowed: float = min(max(growth, -MOST_GROWTH), most_growth(distance))
+    return allowed

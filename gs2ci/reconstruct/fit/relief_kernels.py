@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
+from gs2ci.reconstruct.fit.distances import bounded
 from gs2ci.reconstruct.fit.jit import JIT
 
 Numbers = NDArray[Any]
@@ -92,8 +92,7 @@ def take_step(means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: 
         square = 0.0
         for j in range(3):
             square += np.float64(by_means[g, j]) ** 2
-        most = most_growth(np.sqrt(square) / abs(by_sizes[g]))
-        growth = min(max(beta * by_sizes[g], -MOST_GROWTH), most)
+        growth = bounded(beta * by_sizes[g], np.sqrt(square) / abs(by_sizes[g]))
         share = growth / by_sizes[g]
         for j in range(3):
             means[g, j] += share * by_means[g, j]
