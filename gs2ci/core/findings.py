@@ -194,6 +194,7 @@ class Code(StrEnum):
     UNIFORM_MOTION = auto()
     UNIFORM_TURN = auto()
     PATH_FOUND_AGAIN = auto()
+    PATH_FOUND_IN_FIT = auto()
     PROXIES_CHOSEN = auto()
 
     # VGGT, where the user has added it.

@@ -1,12 +1,12 @@
 """Attempts at one measurement: which fits are made, from which starts, and which attempt is chosen.
 
-A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). A uniform motion that
-tracks do not confirm competes with a camera at rest: if the scene shows only a periodic pattern or a gradient, any
-motion explains the measurement, and a fit from rest ends several dB better. Both further fits are stopped if they are
-far behind after a quarter of the schedule. The fits along the other paths replace companions in the mean if that does
-not raise the held-out residual: fits along two paths differ at least as much as two along one. If the fits' residual
-looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made
-of (`fits.py`).
+A doubtful path is fitted once, and estimated again from the views of that fit (`second_look`). So is one that was not
+found; a scene along it must be clearly better than one without. A uniform motion that tracks do not confirm competes
+with a camera at rest: if the scene shows only a periodic pattern or a gradient, any motion explains the measurement,
+and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
+schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
+fits along two paths differ at least as much as two along one. If the fits' residual looks like motion, moving scenes
+compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
@@ -18,7 +18,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
-from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
+from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
@@ -89,7 +89,7 @@ class Attempts:
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
         residuals = self._residuals({name: one.ensemble.views for name, one in attempts.items()})
-        tried = self._clearly_best(attempts, residuals)
+        tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 
     @property
@@ -106,6 +106,8 @@ class Attempts:
         views = self.fits.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
+        if again is not None and lacks_path(first.geometry) and not self.fits.halt.asked:
+            again = self._in_order(again, views)
         if again is not None and not self.fits.halt.asked:
             attempts["second look"] = self.fits.attempt(again, views, How(alone=True, rival=self._rival(tried)))
         if needs_rest(first) and not self.fits.halt.asked:
@@ -114,9 +116,15 @@ class Attempts:
         if len(attempts) == 1:
             return self.fits.completed(tried)
         residuals = self._residuals({name: one.fits[0].views for name, one in attempts.items()})
-        taken = self._best(attempts, residuals)
-        best, *others = sorted(attempts, key=lambda name: _or_infinite(residuals[name]))
-        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[best])
+        taken = self._best(attempts, residuals, first.geometry.source if lacks_path(first.geometry) else None)
+        chosen = _name_of(taken, attempts)
+        others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
+        return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
+
+    def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
+        """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""
+        settled = self.fits.settle_order(replace(again, decoded=views), hurried=False)
+        return replace(again, geometry=settled.geometry)
 
     def _rival(self, tried: Attempt) -> Rival:
         """Return the held-out residuals of an attempt's leader by iteration, to compare another leader with."""
@@ -168,23 +176,28 @@ class Attempts:
         after = self.fits.holdout.residual_rms(patch_decode_from(self.fits.holdout.seen, refined, steps))
         return 0.0 if not before or after is None else 1 - after / before
 
-    def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
-        """Choose the attempt that predicts the held-out pixels best, and report the residuals of all."""
-        tried = attempts[min(attempts, key=lambda name: _or_infinite(residuals[name]))]
-        notes = ranking({name: residuals[name] for name in attempts})
+    def _best(
+        self, attempts: dict[str, Attempt], residuals: dict[str, float | None], simple: str | None = None
+    ) -> Attempt:
+        """Choose the attempt that predicts the held-out pixels best, and report the residuals of all.
+
+        Args:
+            attempts: By name.
+            residuals: Of their held-out pixels.
+            simple: The one without a path, or without motion: another is chosen only if it is clearly better.
+        """
+        best = min(attempts, key=lambda name: _or_infinite(residuals[name]))
+        if simple is not None and best != simple and not _clearly_less(residuals[best], residuals[simple]):
+            return attempts[simple]
+        tried, notes = attempts[best], ranking({name: residuals[name] for name in attempts})
         return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
 
-    def _clearly_best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
-        """Choose as `_best` does, but a moving scene only if it is clearly better than the still one."""
-        if self._wanted:
-            moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
-            return self._best(moving or attempts, residuals)
-        best, still = self._best(attempts, residuals), attempts[STILL]
-        if best.ensemble is still.ensemble:
-            return best
-        moves, stays = residuals[_name_of(best, attempts)], residuals[STILL]
-        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
-        return best if better else still
+    def _moving_or_still(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
+        """Choose a moving scene if one is wanted and a fit moves, or else only if it is clearly better."""
+        if not self._wanted:
+            return self._best(attempts, residuals, STILL)
+        moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
+        return self._best(moving or attempts, residuals)
 
     def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
         """Return the held-out residual of each attempt's views, [N, H, W, C], once they are refined."""
@@ -205,6 +218,10 @@ class Attempts:
 
 def _name_of(taken: Attempt, attempts: dict[str, Attempt]) -> str:
     return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+
+
+def _clearly_less(one: float | None, other: float | None) -> bool:
+    return one is not None and other is not None and one < (1 - LEAST_GAIN) * other
 
 
 def _got_worse(still: Attempt) -> bool:

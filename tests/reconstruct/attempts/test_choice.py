@@ -1,6 +1,6 @@
 """Rest as a beginning, a doubtful path that is fitted alone, and the ranking of attempts."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,6 +50,13 @@ def test_one_attempt_alone_has_no_ranking(left):
     assert ranking(left) == ()
 
 
+@dataclass(frozen=True)
+class Named(FirstLook):
+    """A first look that tells its attempts apart."""
+
+    name: str = "first"
+
+
 class Tries:
     """Makes attempts whose views are the number that they leave of the held-out pixels; keeps how each was made."""
 
@@ -64,6 +71,10 @@ class Tries:
         fit = SimpleNamespace(views=self.leaves[name], curve=(CurvePoint(1.0, 100, 0.1, 0.03, None, 5),))
         return Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
 
+    def settle_order(self, look, *, hurried):
+        assert not hurried
+        return look
+
     def completed(self, tried, beside=(), left=None):
         assert left == tried.fits[0].views
         self.completions += 1
@@ -72,9 +83,7 @@ class Tries:
 
     def again(self, monkeypatch, moving):
         def named(look, name):
-            found = SimpleNamespace(**vars(look))
-            found.name = name
-            return found
+            return Named(look.holdout, look.decoded, look.geometry, look.brightness, name=name)
 
         first = named(moving, "first")
         seen = None if self.leaves["second"] is None else named(moving, "second")
@@ -99,6 +108,18 @@ def test_a_doubtful_path_is_fitted_alone_and_what_is_taken_is_completed(monkeypa
     assert (best.later, tries.completions) == ((), 1)
     assert all(how.alone for _, how in tries.made)
     assert tries.beside == sorted(left for name, left in leaves.items() if left is not None and name != taken)
+
+
+@pytest.mark.parametrize(
+    ("leaves", "taken"),
+    [({"first": 0.0300, "second": 0.0299}, "first"), ({"first": 0.0300, "second": 0.0290}, "second")],
+)
+def test_a_path_that_was_not_found_at_first_is_taken_only_if_it_is_clearly_better(monkeypatch, moving, leaves, taken):
+    rest = replace(moving, geometry=replace(moving.geometry, source="tracks", verdict="rotation_only", notes=()))
+    tries = Tries(leaves)
+    best = tries.again(monkeypatch, rest)
+    assert best.look.name == taken
+    assert tries.beside == [left for name, left in leaves.items() if name != taken]
 
 
 def test_further_fits_have_to_keep_up_with_those_along_the_first_path(monkeypatch, moving):

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
@@ -11,7 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.withheld import Withheld
-from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, GeometrySettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 
@@ -44,10 +46,12 @@ def geometry(**parts):
         ({"source": "uniform", "path_error_expected": None}, True),
         ({"source": "stage", "path_error_expected": None}, False),
         ({"verdict": "unsupported", "path_error_expected": None}, False),
-        ({"verdict": "rotation_only", "path_error_expected": 0.2}, False),
+        ({"verdict": "rotation_only", "path_error_expected": None}, True),
+        ({"verdict": "static", "path_error_expected": None}, True),
+        ({"verdict": "static", "source": "stage", "path_error_expected": None}, False),
     ],
 )
-def test_a_path_that_nothing_bears_out_is_worth_a_second_look(parts, wanted):
+def test_a_path_that_nothing_bears_out_or_that_was_not_found_is_worth_a_second_look(parts, wanted):
     assert is_wanted(geometry(**parts), GeometrySettings()) is wanted
 
 
@@ -95,3 +99,38 @@ def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
 
 def test_views_that_show_no_path_leave_the_first(first, panned):
     assert second_look(first, np.full_like(panned, 0.5), None, Settings(), Silent()) is None
+
+
+@pytest.mark.parametrize("verdict", ["rotation_only", "static"])
+def test_a_path_that_was_not_found_is_found_in_the_views_of_a_fit_with_both_orders_of_depth(first, panned, verdict):
+    without = replace(first, geometry=geometry(verdict=verdict, notes=(PLANE_NOTE,), path_error_expected=None))
+    again = second_look(without, panned, None, Settings(), Silent())
+    assert again is not None
+    found = again.geometry
+    assert found.verdict == "full"
+    assert np.linalg.norm(found.world_to_camera[-1, :3, 3]) > 0
+    # Its order is left to short fits of both.
+    assert found.order_errors is None
+    assert PLANE_NOTE not in found.notes
+    assert found.notes[-1] == finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
+
+
+def test_views_of_a_camera_that_only_turned_show_no_path(first, panned):
+    matrix, turned = geometry().intrinsics, []
+    picture = cv2.GaussianBlur(panned[2], (0, 0), 1.0)
+    for view in range(len(panned)):
+        turn = Rotation.from_euler("y", 0.5 * (view - 2), degrees=True).as_matrix()
+        seen = cv2.warpPerspective(
+            picture, matrix @ turn @ np.linalg.inv(matrix), (120, 90), borderMode=cv2.BORDER_REFLECT
+        )
+        turned.append(seen)
+    # Noise as of a fit, independent from view to view.
+    views = np.stack(turned) + 0.02 * np.random.default_rng(2).standard_normal(panned.shape).astype(np.float32)
+    shot = first.holdout.shot
+    coded = np.einsum("nhw,nhwc->hwc", shot.masks, views).astype(np.float32)
+    without = replace(
+        first,
+        holdout=Holdout.of(replace(shot, measurement=coded), 0.02, 0),
+        geometry=geometry(verdict="rotation_only", path_error_expected=None),
+    )
+    assert second_look(without, views, None, Settings(), Silent()) is None
