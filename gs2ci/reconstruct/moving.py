@@ -7,10 +7,11 @@ The fit of a still scene mistakes the motion of things for that of the camera, o
 regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
 scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
 may move, continues from the fits' views for a few steps. Moving Gaussians are fitted only if the decode explains
-clearly more of the measurement, or if the still scene is barely better than the decode. There are two attempts: the
-still fits are continued with motion allowed, along their camera path; and new fits start from the flow between the
-views, with the camera at rest. The held-out pixels choose between all of them; a moving scene has more freedom than a
-still one, and has to be clearly better.
+clearly more of the measurement, or if the still scene is barely better than the decode. There are two attempts: new
+fits start from the flow between the views, with the camera at rest; and the still fits are continued with motion
+allowed, along their camera path, or without one if the first attempt was not clearly better than the still scene. The
+held-out pixels choose between all of them; a moving scene has more freedom than a still one, and has to be clearly
+better.
 
 Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fits`), the choice
 (`attempts`).

@@ -85,10 +85,15 @@ class Attempts:
         still = self.fits.completed(still)
         first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.fits.holdout.residual_rms(shown) or 0.0)
-        attempts = {STILL: still, RELEASED: self.fits.release(still)}
+        attempts, residuals = {STILL: still}, self._residuals({STILL: still.ensemble.views})
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
-        residuals = self._residuals({name: one.ensemble.views for name, one in attempts.items()})
+            residuals |= self._residuals({MOVING: attempts[MOVING].ensemble.views})
+        # Without a path both moving scenes are of a camera at rest, and differ by their start alone.
+        alike = still.look.geometry.verdict != "full" and _clearly_less(residuals.get(MOVING), residuals[STILL])
+        if not (alike or self.fits.halt.asked):
+            attempts[RELEASED] = self.fits.release(still)
+            residuals |= self._residuals({RELEASED: attempts[RELEASED].ensemble.views})
         tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 

@@ -33,7 +33,7 @@ from gs2ci.reconstruct.settings import Settings
 # counts as one, how many times larger errors must be under pure rotations than along the path, and the largest expected
 # error of the path. Small motions had factors from 1.6 to 3.2 and errors from 0.02 to 0.12, cameras that turned or
 # stood still factors up to 1.55 (docs/decisions/0114-parallax-in-the-views-of-a-fit.md).
-_PARALLAX_PX: Final = 0.08
+_PARALLAX_PX: Final = 0.05
 _UNEXPLAINED: Final = 1.6
 _MOST_ERROR: Final = 0.12
 

@@ -154,6 +154,39 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
     assert (taken, report.question.gain) == (again, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "moves", "released"),
+    [("unsupported", 0.02, False), ("unsupported", 0.0299, True), ("full", 0.02, True)],
+)
+def test_still_fits_are_continued_along_a_path_or_where_new_moving_fits_are_not_clearly_better(
+    monkeypatch, moving, verdict, moves, released
+):
+    first = Named(None, 0.05, replace(moving.geometry, verdict=verdict), None)
+    tries, made = Tries({"first": 0.03}), []
+
+    def attempt(look, left):
+        mean = SimpleNamespace(views=left, best=SimpleNamespace(scene=SimpleNamespace(motion=None), curve=()))
+        return Attempt(look, look.geometry, (), mean)
+
+    def of(how):
+        made.append("moving" if how.moving else "still")
+        return attempt(first, moves if how.moving else 0.03)
+
+    def release(still):
+        made.append("released")
+        return attempt(first, 0.025)
+
+    tries.attempt = lambda look, views, how: of(how)
+    tries.completed, tries.release = (lambda tried: tried), release
+    monkeypatch.setattr(choice.Attempts, "_again", lambda _, __, tried: tried)
+    monkeypatch.setattr(choice.Attempts, "_question", lambda *_: MotionQuestion(gain=1.0))
+    monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: look)
+    _, taken, report = choice.Attempts(tries).all(first)
+    assert made == ["still", "moving", *(["released"] if released else [])]
+    assert len(report.heldout_rms) == len(made)
+    assert taken.ensemble.views == (min(moves, 0.025) if released else moves)
+
+
 def test_a_decode_at_length_is_sparse_and_has_to_be_better():
     tries = Tries({})
     tries.clock = SimpleNamespace(lap=lambda _: None)
