@@ -39,13 +39,13 @@ _MOST_ERROR: Final = 0.12
 
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
-    """Tell whether a first geometry is worth a second look: it has a path that nothing confirms, or tracks but none."""
+    """Tell whether a first geometry is worth a second look: it has a path that nothing confirms, or none."""
     return lacks_path(first) or (first.verdict == "full" and is_doubtful(first, settings.criteria))
 
 
 def lacks_path(first: Geometry) -> bool:
-    """Tell whether tracks showed no parallax, so that the scene began as a plane before a camera that only turned."""
-    return first.source in ESTIMATED and first.verdict in ("rotation_only", "static")
+    """Tell whether no path was found, so that a scene is fitted as a plane before a camera that at most turned."""
+    return first.source in ESTIMATED and first.verdict != "full"
 
 
 def second_look(
@@ -88,7 +88,7 @@ def second_look(
 def _found_in_fit(
     first: FirstLook, views: F32, lens: Lens | None, settings: Settings, progress: Progress
 ) -> FirstLook | None:
-    progress.say("The camera seems only to have turned: its path is sought in the views of the fit.")
+    progress.say("No camera path was found: it is sought in the views of the fit.")
     polished = patch_decode_from(first.holdout.seen, views, PatchSettings.polish_sparsely())
     # Tracks in polished views err little and alike: their preference for an order of depth proves nothing, so that both
     # orders are wanted, and halves of them may agree on a path that is none.

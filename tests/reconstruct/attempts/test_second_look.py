@@ -45,7 +45,7 @@ def geometry(**parts):
         ({"path_error_expected": 0.2}, True),
         ({"source": "uniform", "path_error_expected": None}, True),
         ({"source": "stage", "path_error_expected": None}, False),
-        ({"verdict": "unsupported", "path_error_expected": None}, False),
+        ({"verdict": "unsupported", "path_error_expected": None}, True),
         ({"verdict": "rotation_only", "path_error_expected": None}, True),
         ({"verdict": "static", "path_error_expected": None}, True),
         ({"verdict": "static", "source": "stage", "path_error_expected": None}, False),
@@ -101,7 +101,7 @@ def test_views_that_show_no_path_leave_the_first(first, panned):
     assert second_look(first, np.full_like(panned, 0.5), None, Settings(), Silent()) is None
 
 
-@pytest.mark.parametrize("verdict", ["rotation_only", "static"])
+@pytest.mark.parametrize("verdict", ["rotation_only", "static", "unsupported"])
 def test_a_path_that_was_not_found_is_found_in_the_views_of_a_fit_with_both_orders_of_depth(first, panned, verdict):
     without = replace(first, geometry=geometry(verdict=verdict, notes=(PLANE_NOTE,), path_error_expected=None))
     again = second_look(without, panned, None, Settings(), Silent())
