@@ -30,12 +30,11 @@ from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
 
 # In polished views, which err by 0.05 to 0.2 px along tracks (decoded views by 0.2 to 0.8): the least parallax that
-# counts as one, how many times larger errors must be under pure rotations than along the path, and the largest expected
-# error of the path. Small motions had factors from 1.6 to 3.2 and errors from 0.02 to 0.12, cameras that turned or
-# stood still factors up to 1.55 (docs/decisions/0114-parallax-in-the-views-of-a-fit.md).
+# counts as one, and how many times larger errors must be under pure rotations than along the path. Small motions had
+# factors from 1.6 to 3.2, cameras that turned or stood still up to 1.55
+# (docs/decisions/0114-parallax-in-the-views-of-a-fit.md).
 _PARALLAX_PX: Final = 0.05
 _UNEXPLAINED: Final = 1.6
-_MOST_ERROR: Final = 0.12
 
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
@@ -91,7 +90,7 @@ def _found_in_fit(
     progress.say("No camera path was found: it is sought in the views of the fit.")
     polished = patch_decode_from(first.holdout.seen, views, PatchSettings.polish_sparsely())
     # Tracks in polished views err little and alike: their preference for an order of depth proves nothing, so that both
-    # orders are wanted, and halves of them may agree on a path that is none.
+    # orders are wanted; and halves of them may agree on a path that is none, so that this is asked for but not enough.
     criteria = replace(
         settings.geometry.criteria,
         parallax_px=_PARALLAX_PX,
@@ -102,7 +101,7 @@ def _found_in_fit(
     seeking = replace(settings.geometry, criteria=criteria)
     found = from_tracks(Request.of(first.holdout.seen, polished, seeking, lens), progress)
     error = found.path_error_expected
-    if found.verdict != "full" or error is None or error > _MOST_ERROR:
+    if found.verdict != "full" or error is None or error > settings.geometry.criteria.agreement:
         return None
     note = finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
     return replace(first, geometry=replace(found, order_errors=None, notes=(*found.notes, note)))
