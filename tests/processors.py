@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 _CACHES = Path(__file__).resolve().parents[1] / "build" / "numba"
@@ -69,7 +70,7 @@ def environment(name: str) -> dict[str, str]:
         "MKL_ENABLE_INSTRUCTIONS": level.mkl,
         "ONEDNN_MAX_CPU_ISA": level.onednn,
         "OPENBLAS_CORETYPE": level.openblas,
-        "OPENCV_CPU_DISABLE": level.opencv,
+        "OPENCV_CPU_DISABLE": ",".join(_opencv_groups_here(level.opencv.split(","))),
         "OPENCV_IPP": level.ipp,
         "GLIBC_TUNABLES": f"glibc.cpu.hwcaps={level.libm}",
     }
@@ -84,6 +85,13 @@ def _numpy_groups_without(group: str | None) -> list[str]:
     above = groups[0 if group is None else groups.index(group) + 1 :]
     already = os.environ.get("NPY_DISABLE_CPU_FEATURES", "").split()
     return [name for name in above if _features()[name] or name in already]
+
+
+def _opencv_groups_here(groups: list[str]) -> list[str]:
+    """Return those of OpenCV's groups that are here, for it warns of any other, and those that are disabled already."""
+    missing = {word.strip("*?") for word in cv2.getCPUFeaturesLine().split() if word.endswith("?")}
+    already = os.environ.get("OPENCV_CPU_DISABLE", "").split(",")
+    return [name for name in groups if name not in missing or name in already]
 
 
 def _features() -> dict[str, bool]:

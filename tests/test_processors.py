@@ -55,6 +55,20 @@ def test_haswell_has_avx2_and_no_avx512():
     assert "*AVX2?" not in told["opencv"]
 
 
+@pytest.mark.parametrize(
+    ("here", "already", "disabled"),
+    [
+        ("SSE *AVX2 *AVX512-SKX", "", ["AVX512-SKX", "AVX2"]),
+        ("SSE *AVX2 *AVX512-SKX?", "", ["AVX2"]),
+        ("SSE *AVX2 *AVX512-SKX?", "AVX512-SKX", ["AVX512-SKX", "AVX2"]),
+    ],
+)
+def test_opencv_is_asked_to_disable_only_what_is_here_or_disabled_already(monkeypatch, here, already, disabled):
+    monkeypatch.setattr(processors.cv2, "getCPUFeaturesLine", lambda: here)
+    monkeypatch.setenv("OPENCV_CPU_DISABLE", already)
+    assert processors._opencv_groups_here(["AVX512-SKX", "AVX2"]) == disabled
+
+
 def test_a_processor_that_cannot_be_played_is_refused(monkeypatch):
     with pytest.raises(SystemExit, match=r"usage: .*haswell"):
         processors.main(["z80", "-m", "pytest"])
