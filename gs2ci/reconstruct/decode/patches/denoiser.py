@@ -74,7 +74,8 @@ def _within_noise(before: F32, views: F32, sigma: float) -> F32:
     opens, used by one call of four, the error grew by a factor of three each time, and left float32 in one decode.
     """
     most = np.float32(_MOST_LAG * sigma)
-    return views + np.clip(before - views, -most, most)
+    limited: F32 = views + np.clip(before - views, -most, most)
+    return limited
 
 
 def _opponent(views: F32) -> F32:
