@@ -62,7 +62,7 @@ class Settings(Bounded):
         raster: What the renderer may leave out for speed.
         brightness: Of the estimate of the views' brightness, which corrects wrong weights.
         mask_moments: Of the camera's motion while one mask is displayed.
-        look_again: Whether a doubtful first path is estimated again from the fitted views, and fitted once more
+        look_again: Whether a doubtful or missing first path is sought in the fitted views, and fitted once more
             (`attempts.second_look`). Not within a budget.
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
             residual, but not within a budget; "on": from the start; "off": never (`moving`).
