@@ -111,7 +111,7 @@ def reconstruct(
         score=_as_shown(score, first.brightness),
         halt=halt,
     )
-    first = fits.settle_order(first, hurried=budget is not None or not settings.try_orders)
+    first = fits.settle_order(first, hurried=budget is not None)
     mask_moments = _mask_moments(first, lens, settings, progress)
     halt.begin()
     fits = replace(fits, mask_moments=mask_moments).within(budget, first)

@@ -85,15 +85,15 @@ class Attempts:
         still = self.fits.completed(still)
         first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.fits.holdout.residual_rms(shown) or 0.0)
-        attempts, residuals = {STILL: still}, self._residuals({STILL: still.ensemble.views})
+        attempts, residuals = {STILL: still}, {STILL: self.fits.holdout.residual_rms(refined)}
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
-            residuals |= self._residuals({MOVING: attempts[MOVING].ensemble.views})
+            residuals[MOVING] = self._residual(attempts[MOVING].ensemble.views)
         # Without a path both moving scenes are of a camera at rest, and differ by their start alone.
         alike = still.look.geometry.verdict != "full" and _clearly_less(residuals.get(MOVING), residuals[STILL])
         if not (alike or self.fits.halt.asked):
             attempts[RELEASED] = self.fits.release(still)
-            residuals |= self._residuals({RELEASED: attempts[RELEASED].ensemble.views})
+            residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views)
         tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 
@@ -108,10 +108,10 @@ class Attempts:
         """
         if self.fits.halt.asked or not self._may_look_again(first):
             return tried
-        views = self.fits.refine(tried.ensemble.views)
+        views, pathless = self.fits.refine(tried.ensemble.views), lacks_path(first.geometry)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.fits.lens, self.fits.settings, self.fits.progress)
-        if again is not None and lacks_path(first.geometry) and not self.fits.halt.asked:
+        if again is not None and pathless and not self.fits.halt.asked:
             again = self._in_order(again, views)
         if again is not None and not self.fits.halt.asked:
             attempts["second look"] = self.fits.attempt(again, views, How(alone=True, rival=self._rival(tried)))
@@ -120,8 +120,8 @@ class Attempts:
             attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
         if len(attempts) == 1:
             return self.fits.completed(tried)
-        residuals = self._residuals({name: one.fits[0].views for name, one in attempts.items()})
-        taken = self._best(attempts, residuals, first.geometry.source if lacks_path(first.geometry) else None)
+        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
+        taken = self._best(attempts, residuals, first.geometry.source if pathless else None)
         chosen = _name_of(taken, attempts)
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
@@ -204,9 +204,9 @@ class Attempts:
         moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
         return self._best(moving or attempts, residuals)
 
-    def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
-        """Return the held-out residual of each attempt's views, [N, H, W, C], once they are refined."""
-        return {name: self.fits.holdout.residual_rms(self.fits.refine(one)) for name, one in views.items()}
+    def _residual(self, views: F32) -> float | None:
+        """Return the held-out residual of views, [N, H, W, C], once they are refined."""
+        return self.fits.holdout.residual_rms(self.fits.refine(views))
 
     def _report(
         self,

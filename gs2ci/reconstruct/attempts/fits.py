@@ -79,9 +79,10 @@ class Fits:
     pace: Pace | None = None
 
     def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
-        """Settle the order of depth by short fits if the first look leaves it open; if hurried, only report the doubt.
+        """Settle the order of depth by short fits if the first look leaves it open.
 
-        Poses given by a stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported.
+        If hurried, or if the settings say not to try both orders, the doubt is only reported. Poses given by a stage
+        are not tested. Poses from a file settle the sign themselves, so no doubt is reported.
         """
         geometry, settings = first.geometry, self.settings
         if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
@@ -95,7 +96,7 @@ class Fits:
 
         fits = OrderFits(self.fitted, settings, begin, fit_one)
         given = geometry.source not in ESTIMATED
-        if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
+        if settings.try_orders and not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
             geometry = settle(geometry, fits.brief, self.progress, given=given)
         elif not given:
             geometry = unsettled(geometry)

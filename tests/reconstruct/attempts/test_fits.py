@@ -79,7 +79,14 @@ def test_a_stage_is_not_asked_for_its_order(first, asked):
     assert asked == []
 
 
-@pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=100)), False), (LONG, True)])
+@pytest.mark.parametrize(
+    ("settings", "hurried"),
+    [
+        (Settings(fit=CoarseSettings(iterations=100)), False),
+        (replace(LONG, try_orders=False), False),
+        (LONG, True),
+    ],
+)
 def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_given(first, asked, settings, hurried):
     assert codes(settled(first, settings, hurried=hurried)) == [Code.DEPTH_ORDER_UNTRIED]
     given = replace(first, geometry=replace(first.geometry, source="file"))
