@@ -61,6 +61,8 @@ _FIRST_SMOOTH: Final = 2.0
 # What varies more slowly than this, px, is taken from the views, since it carries no information on depth.
 _SLOW_PX: Final = 6.0
 _ROUNDS_OF_LOOKING: Final = 5
+# OpenCV samples fewer than 2^15 places along one axis at once.
+_MOST_AT_ONCE: Final = 2**14
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,7 @@ class PlaneEvidence:
             wanted = self._at(asked.rays)
             place = wanted.copy()
             for _ in range(_ROUNDS_OF_LOOKING):
-                x, y = (place[:, axis].astype(np.float32)[None] for axis in (0, 1))
-                depth = cv2.remap(inverse_depth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+                depth = _sampled(inverse_depth, place[:, None])[:, 0]
                 rays = np.concatenate([place + 0.5, np.ones((len(place), 1))], axis=1) @ to_rays
                 place += wanted - self._at(rays @ pose[:3, :3].T + pose[:3, 3] * depth[:, None].astype(np.float64))
             places[:, view] = place
@@ -178,10 +179,8 @@ class PlaneEvidence:
         return found
 
     def _left(self, asked: _Asked, places: F64, *, hurried: bool) -> F64:
-        x, y = (places[..., axis].astype(np.float32) for axis in (0, 1))
-        slow = np.stack([cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-                         for one in np.ascontiguousarray(self._slow.transpose(2, 0, 1))])  # fmt: skip
-        shown = slow[asked.channel, np.arange(len(x))]
+        slow = np.stack([_sampled(one, places) for one in np.ascontiguousarray(self._slow.transpose(2, 0, 1))])
+        shown = slow[asked.channel, np.arange(len(places))]
         light = asked.light - (asked.open_share * shown).sum(axis=1)
         low = np.floor(places.reshape(-1, 2).min(axis=0)) - 1
         high = np.ceil(places.reshape(-1, 2).max(axis=0)) + 2
@@ -355,6 +354,17 @@ def _away_from_edges(view: F32) -> Bool:
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1))
     away: Bool = cv2.erode(plain.astype(np.uint8), window) > 0
     return away
+
+
+def _sampled(picture: F32, places: F64) -> F32:
+    """Interpolate a picture, [H, W], at places, [K, V, 2] (column and row); beyond its border it goes on as there."""
+    parts = np.array_split(places.astype(np.float32), max(1, -(-len(places) // _MOST_AT_ONCE)))
+    return np.concatenate(
+        [
+            cv2.remap(picture, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for part in parts
+        ]
+    )
 
 
 def _areas(where: Bool) -> list[Bool]:

@@ -85,6 +85,27 @@ def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
     assert found[0].where.mean() > 0.8
 
 
+def test_an_area_of_more_pixels_than_opencv_samples_at_once(monkeypatch):
+    """A wall that fills 182 x 190 px: OpenCV ends with an error from 2^15 places on."""
+    size = (182, 190)
+    assert size[0] * size[1] > 2**15
+    middle = np.array([[FOCAL, 0, size[1] / 2], [0, FOCAL, size[0] / 2], [0, 0, 1]])
+    monkeypatch.setitem(globals(), "SIZE", size)
+    monkeypatch.setitem(globals(), "INTRINSICS", middle)
+    found = ask(readings(wall()), flat(WRONG))
+    assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
+    assert found[0].where.mean() > 0.8
+
+
+def test_many_places_are_sampled_like_few():
+    rng = np.random.default_rng(0)
+    picture = rng.random((9, 11)).astype(np.float32)
+    places = rng.uniform(-3, 13, (2**15 + 5, 2, 2))
+    sampled = plane_evidence._sampled(picture, places)
+    assert (sampled[:100] == plane_evidence._sampled(picture, places[:100])).all()
+    assert (sampled[-100:] == plane_evidence._sampled(picture, places[-100:])).all()
+
+
 def test_a_plane_at_the_end_of_the_range_is_none():
     assert ask(readings(wall()), flat(WRONG), span=(WALL + 0.05, 1.4)) == []
 
