@@ -191,6 +191,7 @@ class Code(StrEnum):
     POSES_MOVED = auto()
     DEPTH_RANGE_FOUND = auto()
     WIDE_MOTION = auto()
+    VIEWS_JOIN_IN_PART = auto()
     UNIFORM_MOTION = auto()
     UNIFORM_TURN = auto()
     PATH_FOUND_AGAIN = auto()

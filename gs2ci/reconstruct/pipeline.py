@@ -20,6 +20,7 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts.choice import Attempts
 from gs2ci.reconstruct.attempts.fits import Fits
+from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -96,9 +97,12 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = (look_closer if budget is None and settings.may_look_again else look)(
+    again = budget is None and settings.may_look_again
+    first = (look_closer if again else look)(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
+    if again and joins_in_part(first):
+        first = look_far_apart(first, holdout, lens, settings, progress, clock.lap) or first
     holdout = first.holdout
     fits = Fits(
         holdout=holdout,

@@ -43,6 +43,7 @@ BENCHMARKS = (
     "no_motion",
     "stage_poses",
     "wide_motion",
+    "photograph_rings",
     "given_poses",
     "depth",
     "lengths",
@@ -75,6 +76,7 @@ BENCHMARKS = (
 )
 
 LONG = (
+    "photograph_rings",
     "motion_within_masks",
     "moving",
     "nonrigid",

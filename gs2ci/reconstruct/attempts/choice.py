@@ -20,9 +20,11 @@ from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
+from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
@@ -68,7 +70,7 @@ class Attempts:
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        again = still if self._wanted else self._again(first, still)
+        again = still if self._wanted else self._far_apart(first, self._again(first, still))
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -125,6 +127,24 @@ class Attempts:
         chosen = _name_of(taken, attempts)
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
+
+    def _far_apart(self, first: FirstLook, tried: Attempt) -> Attempt:
+        """Fit a still scene along a path from matched features, if the one so far is hardly better than a decode.
+
+        Tracks through views far apart may agree on a path that is wrong.
+        """
+        settings, source = self.fits.settings, first.geometry.source
+        tracked = source in ESTIMATED and source != FromWide.name and not joins_in_part(first)
+        if self.fits.halt.asked or not (tracked and settings.may_look_again and self._is_behind_decode(tried)):
+            return tried
+        found = look_far_apart(first, first.holdout, self.fits.lens, settings, self.fits.progress, self.fits.clock.lap)
+        if found is None or self.fits.halt.asked:
+            return tried
+        found = self.fits.settle_order(found, hurried=False)
+        how = How(alone=True, rival=self._rival(tried))
+        attempts = {source: tried, FromWide.name: self.fits.attempt(found, found.decoded, how)}
+        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
+        return self.fits.completed(self._best(attempts, residuals))
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.errors import Gs2ciError, InputError
-from gs2ci.core.findings import Code, finding
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.direct import at_rest
@@ -122,11 +122,13 @@ class _Answer:
         geometry: Its geometry; None if it failed.
         left: Its residual of the measurement (`unexplained`); infinite if it failed.
         said: The same in words.
+        notes: Findings that hold although the source failed.
     """
 
     geometry: Geometry | None
     left: float
     said: str
+    notes: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,7 @@ class Auto:
             chosen = _in_the_order_of(answers[0].geometry, chosen)
         answered = ", ".join(answer.said for answer in answers)
         notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
+        notes += [note for answer in answers for note in answer.notes]
         if _STAGE in names and standing is not None and standing.source != _STAGE:
             refused = answers[0].geometry is None or answers[0].geometry.verdict != "full"
             lies = refused and _lies_in_its_sign(request)
@@ -219,11 +222,22 @@ def _sources(request: Request) -> Iterator[str]:
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:
     """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
-    answer = _judged(request, _WIDE, matched_motion(request, tracks))
-    if answer.geometry is None or answer.geometry.verdict != "full":
-        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (not every view joins one scene)")
-    still = unexplained(request.shot, request.views, at_rest(tracks), request.lens)
-    return answer if answer.left < _CLEARLY * still else replace(answer, geometry=None)
+    found = matched_motion(request, tracks)
+    if found.verdict != "full":
+        partly = tuple(note for note in found.notes if note.code == Code.VIEWS_JOIN_IN_PART)
+        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (not every view joins one scene)", partly)
+    answer = _judged(request, _WIDE, found)
+    return answer if answer.left < _CLEARLY * _left_at_rest(request, found) else replace(answer, geometry=None)
+
+
+def explains_more_than_rest(request: Request, found: Geometry) -> bool:
+    """Tell whether a geometry explains the measurement clearly better than a camera at rest before a plane."""
+    left = unexplained(request.shot, request.views, found, request.lens)
+    return left < _CLEARLY * _left_at_rest(request, found)
+
+
+def _left_at_rest(request: Request, found: Geometry) -> float:
+    return unexplained(request.shot, request.views, at_rest(found), request.lens)
 
 
 def _asked(request: Request, name: str, progress: Progress) -> _Answer:

@@ -137,9 +137,9 @@ ESTIMATED: Final = (FromTracks.name, FromWide.name, FromUniform.name)
 """Sources that estimate the path from this measurement alone."""
 
 
-def matched_motion(request: Request, tracks: Geometry) -> Geometry:
+def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
     """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none."""
-    return replace(wide_motion(request, tracks), source=FromWide.name)
+    return replace(wide_motion(request, tracks, tilted=tilted), source=FromWide.name)
 
 
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:

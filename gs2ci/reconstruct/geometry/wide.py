@@ -3,8 +3,9 @@
 Corners can be tracked from view to view as long as patches look alike, over a few degrees. If a camera was put at
 separate positions in no order, scale-invariant features (SIFT, Lowe 2004) still match between views that see the same
 things; the matches that an essential matrix confirms are built into one scene, one view at a time (COLMAP's incremental
-mapper, Schönberger and Frahm 2016). Here: the features, the pairs, the scene and its geometry. Not here: when it is
-used (`choose`), the sweep (`sweep`).
+mapper, Schönberger and Frahm 2016). From about 15° on, surfaces look foreshortened: features are then also found in
+tilted pictures (ASIFT, Morel and Yu 2009), at ten times the time. Here: the features, the pairs, the scene and its
+geometry. Not here: when it is used (`choose`, `far_apart`), the sweep (`sweep`).
 """
 
 import itertools
@@ -31,6 +32,10 @@ from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 _ENLARGED: Final = 2
 _MOST_FEATURES: Final = 2000
 _LEAST_CONTRAST: Final = 0.01
+# Pictures are tilted so many times, each by √2 more (OpenCV's `maxTilt`); and how many of their features are kept,
+# which bounds the memory for matches.
+_STEEPEST: Final = 2
+_MOST_TILTED: Final = 8000
 # A match must be mutual, and nearer than this share of the distance to the second nearest feature (Lowe's test).
 _RATIO: Final = 0.8
 # For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
@@ -57,21 +62,23 @@ class _Scene:
     rms_px: float
 
 
-def wide_motion(request: Request, found: Geometry) -> Geometry:
+def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> Geometry:
     """Estimate poses and depth from features matched between all pairs of views.
 
     Args:
         request: Its views are used.
         found: The tracks' geometry, of which the camera matrix and the middle view are used.
+        tilted: Whether features are found in tilted pictures, too.
 
     Returns:
         A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene or too few
-        points confirm it.
+        points confirm it. A finding says how many views joined, if any did.
     """
-    scene = _grown(request.views, found.intrinsics)
+    scene, joined = _grown(request.views, found.intrinsics, tilted=tilted)
     still = at_rest(found)
     if scene is None:
-        return still
+        partly = (finding(Code.VIEWS_JOIN_IN_PART, joined=joined, views=len(request.views)),) if joined else ()
+        return replace(still, notes=(*still.notes, *partly))
     relative = scene.world_to_camera @ np.linalg.inv(scene.world_to_camera[found.reference])
     to_reference = scene.world_to_camera[found.reference]
     depths = scene.points @ to_reference[2, :3] + to_reference[2, 3]
@@ -99,9 +106,9 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
     return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
 
 
-def _grown(views: F32, intrinsics: F64) -> _Scene | None:
-    """Build one scene from all pairs; None unless every view joins it."""
-    features = [_features(view) for view in views]
+def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[_Scene | None, int]:
+    """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
+    features = [_features(view, tilted=tilted) for view in views]
     pairs = {
         (i, j): matches
         for i, j in itertools.combinations(range(len(views)), 2)
@@ -112,21 +119,27 @@ def _grown(views: F32, intrinsics: F64) -> _Scene | None:
         database = Path(folder) / "features.db"
         _write(database, [places for places, _ in features], pairs, intrinsics, size)
         models = pycolmap.incremental_mapping(database, Path(folder), Path(folder) / "models", _mapping())
+        joined = 0
         for model in models.values():
-            if model.num_reg_images() == len(views):
-                return _taken(model, len(views))
-    return None
+            joined = max(joined, model.num_reg_images())
+            if joined == len(views):
+                return _taken(model, len(views)), joined
+    return None, joined
 
 
-def _features(view: F32) -> tuple[F32, F32]:
+def _features(view: F32, *, tilted: bool) -> tuple[F32, F32]:
     """Find features of a view, [H, W, C]: positions, [F, 2] px, and RootSIFT descriptors, [F, 128]."""
     grey = (view.mean(axis=2).clip(0, 1) * 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     even = cv2.createCLAHE(2.0, (8, 8)).apply(large)
     sift = cv2.SIFT_create(nfeatures=_MOST_FEATURES, contrastThreshold=_LEAST_CONTRAST)  # type: ignore[attr-defined]
-    points, found = sift.detectAndCompute(even, None)
+    finder = cv2.AffineFeature_create(sift, _STEEPEST) if tilted else sift  # type: ignore[attr-defined]
+    points, found = finder.detectAndCompute(even, None)
     if found is None:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+    if len(points) > _MOST_TILTED:
+        strongest = np.argsort([-point.response for point in points], kind="stable")[:_MOST_TILTED]
+        points, found = [points[k] for k in strongest], found[strongest]
     places = np.array([point.pt for point in points], np.float32)
     # OpenCV has the first pixel's centre at 0, this project at 0.5.
     places = ((places + 0.5) / _ENLARGED).astype(np.float32)

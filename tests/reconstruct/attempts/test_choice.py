@@ -148,6 +148,7 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
         return MotionQuestion(gain=gain if name == "first" else 0.0)
 
     monkeypatch.setattr(choice.Attempts, "_again", lambda *_: again)
+    monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, __, tried: tried)
     monkeypatch.setattr(choice.Attempts, "_question", question)
     _, taken, report = choice.Attempts(tries).all(look)
     assert seen == asked
@@ -178,7 +179,8 @@ def test_still_fits_are_continued_along_a_path_or_where_new_moving_fits_are_not_
 
     tries.attempt = lambda look, views, how: of(how)
     tries.completed, tries.release = (lambda tried: tried), release
-    monkeypatch.setattr(choice.Attempts, "_again", lambda _, __, tried: tried)
+    for further in ("_again", "_far_apart"):
+        monkeypatch.setattr(choice.Attempts, further, lambda _, __, tried: tried)
     monkeypatch.setattr(choice.Attempts, "_question", lambda *_: MotionQuestion(gain=1.0))
     monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: look)
     _, taken, report = choice.Attempts(tries).all(first)
@@ -215,3 +217,55 @@ def test_a_fit_got_worse_if_its_residual_ends_clearly_above_its_least(left, wors
     curve = tuple(CurvePoint(1.0, 50 * (k + 1), 0.1, one, None, 5) for k, one in enumerate(left))
     still = SimpleNamespace(ensemble=SimpleNamespace(best=SimpleNamespace(curve=curve)))
     assert choice._got_worse(still) == worse
+
+
+class Apart(Tries):
+    """Attempts along a path of tracks and along one of matched features."""
+
+    def __init__(self, leaves, monkeypatch, moving, *, joins):
+        super().__init__(leaves)
+        self.clock, self.asked = SimpleNamespace(lap=lambda _: None), 0
+        geometry = replace(moving.geometry, source="tracks", notes=())
+        self.first = Named(None, None, geometry, None, name="first")
+        wide = Named(None, None, replace(geometry, source="wide"), None, name="wide")
+
+        def looked(*_):
+            self.asked += 1
+            return wide if joins else None
+
+        monkeypatch.setattr(choice, "look_far_apart", looked)
+        monkeypatch.setattr(choice.Attempts, "_is_behind_decode", lambda _, tried: tried.fits[0].views > 0.05)
+
+    def completed(self, tried):
+        self.completions += 1
+        return tried
+
+    def taken(self, first=None):
+        tried = self.attempt(self.first, None, How())
+        return choice.Attempts(self)._far_apart(first or self.first, tried).look.name
+
+
+@pytest.mark.parametrize(
+    ("leaves", "joins", "taken", "asked"),
+    [
+        ({"first": 0.04, "wide": 0.01}, True, "first", 0),
+        ({"first": 0.06, "wide": 0.01}, True, "wide", 1),
+        ({"first": 0.06, "wide": 0.07}, True, "first", 1),
+        ({"first": 0.06}, False, "first", 1),
+    ],
+)
+def test_a_scene_behind_the_decode_is_tried_along_matched_features(monkeypatch, moving, leaves, joins, taken, asked):
+    tries = Apart(leaves, monkeypatch, moving, joins=joins)
+    assert tries.taken() == taken
+    assert tries.asked == asked
+    assert tries.completions == (asked and joins)
+    assert all(how.rival.heldout == {100: 0.03} for name, how in tries.made if name == "wide")
+
+
+@pytest.mark.parametrize("source", ["wide", "stage", "file"])
+def test_paths_of_another_source_or_of_features_already_tried_are_not_tried_again(monkeypatch, moving, source):
+    tries = Apart({"first": 0.06}, monkeypatch, moving, joins=True)
+    partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=8)
+    tried_before = replace(tries.first, geometry=replace(tries.first.geometry, notes=(partly,)))
+    given = replace(tries.first, geometry=replace(tries.first.geometry, source=source))
+    assert (tries.taken(given), tries.taken(tried_before), tries.asked) == ("first", "first", 0)

@@ -10,6 +10,7 @@ from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.geometry import wide
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request
@@ -67,6 +68,8 @@ def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, w
     request = request_for(views)
     found = wide_motion(request, flat(request))
     assert found.verdict == "unsupported"
+    partly = [note for note in found.notes if note.code == Code.VIEWS_JOIN_IN_PART]
+    assert [note.figures for note in partly] == ([{"joined": 4, "views": 5}] if what.startswith("one") else [])
     np.testing.assert_array_equal(found.world_to_camera, np.tile(np.eye(4), (len(PLACES), 1, 1)))
     with pytest.raises(GeometryError, match="do not join"):
         load_geometry_prior("wide")(request, Silent())
@@ -75,3 +78,17 @@ def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, w
 def test_the_source_is_called_by_its_name(request_for):
     found = load_geometry_prior("wide")(request_for(), Silent())
     assert (found.source, found.verdict) == ("wide", "full")
+
+
+def test_tilted_pictures_give_more_points_and_the_same_path(request_for, scene):
+    request = request_for()
+    plain, tilted = (wide_motion(request, flat(request), tilted=also) for also in (False, True))
+    assert tilted.verdict == "full"
+    assert tilted.tracks > 1.5 * plain.tracks
+    assert trajectory_errors(tilted.world_to_camera, scene.poses).nate < 0.03
+
+
+def test_only_the_strongest_features_of_tilted_pictures_are_kept(scene, monkeypatch):
+    monkeypatch.setattr(wide, "_MOST_TILTED", 100)
+    places, descriptors = wide._features(scene.views[2], tilted=True)
+    assert (len(places), len(descriptors)) == (100, 100)

@@ -1,0 +1,77 @@
+"""Views far apart, whose path the first look does not find: features matched again in a longer decode.
+
+    first look (few views join one scene) ─► decode by similar patches ─► features in tilted pictures ─► path
+
+Views 15° apart, in any order, share hardly a corner that can be tracked, and in views decoded by GAP-TV few features
+match. Similar patches, sought within each view and its neighbours, need no path, and decode such views 3 to 6 dB
+better (docs/decisions/0115-matched-again-in-a-longer-decode.md).
+
+Here: when to match again, and the first look that results. Not here: the features and the scene that grows from them
+(`geometry.wide`), the first look itself (`first_look`), the fits (`attempts`).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from gs2ci.core.findings import Code
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
+from gs2ci.reconstruct.geometry.evidence import carried_views
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.sources import matched_motion
+from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.settings import Settings
+
+
+def joins_in_part(first: FirstLook) -> bool:
+    """Tell whether features joined some views of a first look to a scene, and no source found a path for all."""
+    return any(note.code == Code.VIEWS_JOIN_IN_PART for note in first.geometry.notes)
+
+
+def look_far_apart(
+    first: FirstLook,
+    holdout: Holdout,
+    lens: Lens | None,
+    settings: Settings,
+    progress: Progress,
+    lap: Callable[[str], None],
+) -> FirstLook | None:
+    """Decode longer, and estimate the path from features matched between all pairs of views.
+
+    Weights that were corrected along a path that is wrong are forgotten; the brightness of the views is only reported.
+
+    Args:
+        first: A first look whose path is wrong, or that has none.
+        holdout: The measurement with its weights as given, and its held-out pixels.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: Of all stages.
+        progress: Receives every stage and step.
+        lap: Called with a stage's name when it ends.
+
+    Returns:
+        The first look with the longer decode, along the path found; None if not every view joins, or if the path
+        explains no more than a camera at rest, or if the settings allow no longer decode.
+    """
+    if settings.long_decode is None:
+        return None
+    progress.say("Views seem to lie far apart: features are matched again in a decode by similar patches.")
+    if first.holdout is not holdout:
+        decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
+        brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)
+        first = replace(first, holdout=holdout, decoded=decoded, brightness=brightness)
+    longer = first if first.decoder == "patches" else first.decoded_longer(settings.long_decode.sparse, progress)
+    lap("decode")
+    request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
+    geometry = matched_motion(request, first.geometry, tilted=True)
+    if geometry.verdict != "full" or not explains_more_than_rest(request, geometry):
+        lap("geometry")
+        return None
+    light = estimate(holdout, carried_views(request.views, geometry, lens))
+    lap("geometry")
+    for note in geometry.notes:
+        progress.say(note.sentence)
+    return replace(longer, geometry=geometry, brightness=replace(longer.brightness, first=light))

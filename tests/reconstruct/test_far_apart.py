@@ -1,0 +1,100 @@
+"""Views far apart: when their features are matched again, and the first look that follows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.findings import Code, finding
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct import far_apart
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
+from gs2ci.reconstruct.first_look import look
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.measurement.brightness import Brightness, BrightnessSettings
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.cases import Case
+
+BRIEF = Settings(long_decode=PatchSettings(iterations=4), brightness=BrightnessSettings(rounds=0))
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A measurement, and its first look, which finds its path."""
+    shot = Case("boxes", scene="boxes", size=(64, 80), views=5).shot(0)
+    holdout = Holdout.of(shot, 0.1, 0)
+    return holdout, look(holdout, None, load_geometry_prior("tracks"), BRIEF, Silent(), [].append)
+
+
+def answering(monkeypatch, geometry):
+    asked = []
+
+    def matched(request, tracks, *, tilted):
+        asked.append((request, tracks, tilted))
+        return geometry
+
+    monkeypatch.setattr(far_apart, "matched_motion", matched)
+    return asked
+
+
+def again(first, holdout, settings=BRIEF):
+    laps, listener = [], Silent()
+    return look_far_apart(first, holdout, None, settings, listener, laps.append), laps, listener.sentences
+
+
+def test_features_are_matched_in_tilted_pictures_of_a_longer_decode(monkeypatch, seen):
+    holdout, first = seen
+    lost = replace(first, geometry=at_rest(first.geometry))
+    matched = replace(first.geometry, source="wide", notes=(finding(Code.WIDE_MOTION, points=99),))
+    asked = answering(monkeypatch, matched)
+    found, laps, said = again(lost, holdout)
+    ((request, tracks, tilted),) = asked
+    assert tilted
+    assert tracks is lost.geometry
+    assert (found.decoder, found.geometry, found.holdout) == ("patches", matched, holdout)
+    np.testing.assert_array_equal(request.views, found.decoded)
+    assert not np.array_equal(found.decoded, first.decoded)
+    assert found.brightness.first is not None
+    assert laps == ["decode", "geometry"]
+    assert matched.notes[0].sentence in said
+
+
+@pytest.mark.parametrize("what", ["views do not join", "explains no more than rest", "no longer decode"])
+def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
+    holdout, first = seen
+    rest = at_rest(first.geometry)
+    answers = {"views do not join": rest, "explains no more than rest": replace(rest, verdict="full")}
+    asked = answering(monkeypatch, answers.get(what, first.geometry))
+    settings = replace(BRIEF, long_decode=None) if what == "no longer decode" else BRIEF
+    found, _, _ = again(first, holdout, settings)
+    assert found is None
+    assert len(asked) == (settings.long_decode is not None)
+
+
+def test_weights_that_were_corrected_along_a_wrong_path_are_forgotten(monkeypatch, seen):
+    holdout, first = seen
+    wrong = np.linspace(0.5, 1.5, 5).astype(np.float32)
+    relit = Holdout(replace(holdout.shot, weights=holdout.shot.weights * wrong), holdout.pixels)
+    answering(monkeypatch, first.geometry)
+    found, _, _ = again(replace(first, holdout=relit, brightness=Brightness(None, wrong)), holdout)
+    assert found.holdout is holdout
+    assert found.brightness.factors is None
+    untouched, _, _ = again(first, holdout)
+    np.testing.assert_array_equal(found.decoded, untouched.decoded)
+
+
+def test_a_decode_by_patches_is_not_made_again(monkeypatch, seen):
+    holdout, first = seen
+    answering(monkeypatch, first.geometry)
+    found, _, _ = again(replace(first, decoder="patches"), holdout)
+    assert found.decoded is first.decoded
+
+
+def test_a_look_is_of_views_far_apart_if_some_joined(seen):
+    _, first = seen
+    partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
+    assert not joins_in_part(first)
+    assert joins_in_part(replace(first, geometry=replace(first.geometry, notes=(partly,))))
