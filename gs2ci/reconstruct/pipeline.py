@@ -1,8 +1,8 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole reconstruction on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► order of depth)
-    ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
-    ─► combine and judge by the held-out pixels
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► views far apart: longer
+    decode, geometry) (─► order of depth) ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits)
+    (─► fine fit) ─► their mean ─► residual ─► combine and judge by the held-out pixels
 
 Here: the order of the stages and their timing. Not here: any stage itself, which attempts are made and chosen
 (`attempts`), `settings`, the views handed over (`handing_over`), their record (`record`), files and metrics

@@ -5,8 +5,9 @@ found; a scene along it must be clearly better than one without. A uniform motio
 with a camera at rest: if the scene shows only a periodic pattern or a gradient, any motion explains the measurement,
 and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
-fits along two paths differ at least as much as two along one. If the fits' residual looks like motion, moving scenes
-compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+fits along two paths differ at least as much as two along one. If the scene is hardly better than a decode, the views
+may lie far apart, and their features are matched again (`far_apart`). If the fits' residual looks like motion, moving
+scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
@@ -67,7 +68,7 @@ class Attempts:
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            still = self._again(first, still)
+            still = self._far_apart(first, self._again(first, still))
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
         again = still if self._wanted else self._far_apart(first, self._again(first, still))
@@ -134,8 +135,9 @@ class Attempts:
         Tracks through views far apart may agree on a path that is wrong.
         """
         settings, source = self.fits.settings, first.geometry.source
-        tracked = source in ESTIMATED and source != FromWide.name and not joins_in_part(first)
-        if self.fits.halt.asked or not (tracked and settings.may_look_again and self._is_behind_decode(tried)):
+        matched = source == FromWide.name or joins_in_part(first)
+        may_match = settings.poses == "auto" and settings.may_look_again and source in ESTIMATED and not matched
+        if self.fits.halt.asked or not (may_match and self._is_behind_decode(tried)):
             return tried
         found = look_far_apart(first, first.holdout, self.fits.lens, settings, self.fits.progress, self.fits.clock.lap)
         if found is None or self.fits.halt.asked:
