@@ -15,6 +15,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.attempts import choice, fits
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -522,6 +523,17 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
     assert after <= before
     assert (finding(Code.PATH_FOUND_AGAIN) in again.notes) == (after < before)
     assert again.geometry["path_error_expected"] == found_soon.result.geometry["path_error_expected"]
+
+
+@pytest.mark.parametrize("joins", [True, False])
+def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypatch, joins):
+    def again(first, *_):
+        return replace(first, geometry=replace(first.geometry, source="wide")) if joins else None
+
+    monkeypatch.setattr(pipeline, "joins_in_part", lambda _: True)
+    monkeypatch.setattr(pipeline, "look_far_apart", again)
+    settings = replace(BRIEF, look_again=True, fits=1)
+    assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if joins else "tracks")
 
 
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):

@@ -12,7 +12,8 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
-from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
+from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
@@ -284,6 +285,26 @@ def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
     assert found.notes[-1].code is Code.UNIFORM_MOTION
     by_name = find("uniform", lost_request())
     assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
+
+
+def test_auto_says_how_many_views_joined_where_not_all_did(lost_request, monkeypatch):
+    partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
+
+    def matched(request, tracks):
+        rest = at_rest(tracks)
+        return replace(rest, notes=(*rest.notes, partly))
+
+    monkeypatch.setattr(choose, "matched_motion", matched)
+    found = find("auto", lost_request())
+    assert found.source == "uniform"
+    assert found.notes[1] == partly
+
+
+def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(request_for):
+    request = request_for()
+    found = from_tracks(request, Silent())
+    assert explains_more_than_rest(request, found)
+    assert not explains_more_than_rest(request, at_rest(found))
 
 
 def test_auto_seeks_a_uniform_motion_where_halves_of_the_tracks_disagree(request_for, monkeypatch):
