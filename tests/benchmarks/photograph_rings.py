@@ -10,7 +10,8 @@ They are not part of the repository. The plaster objects stand before a black wa
 Eight sets in no order, eight of eleven neighbouring positions each, shuffled; and four sets of eight neighbours in
 order. 240 × 320 px, colour, masks a quarter open, without noise beyond the photographs' own. Default settings. For
 each: the source of the path, its error (nATE, and mean rotation), the PSNR of the views delivered, of the scene alone,
-and of the decode by GAP-TV; and the seconds. `GS2CI_SETS=temple1,dino3` selects sets.
+and of the decode by GAP-TV; and the seconds. `GS2CI_SETS=temple1,dino3` selects sets; `GS2CI_PATHS_ONLY=1` stops after
+the first path, in views decoded by GAP-TV.
 """
 
 import os
@@ -24,15 +25,21 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.masks import random_masks
 from tests.processes import side_by_side
 
 FOLDER: Final = "GS2CI_RINGS"
+PATHS_ONLY: Final = "GS2CI_PATHS_ONLY"
 SIZE: Final = (240, 320)
 VIEWS: Final = 8
 WINDOW: Final = 11
@@ -75,6 +82,8 @@ def judge(name: str) -> str:
     shot = coded(name)
     assert shot.truth.views is not None
     assert shot.truth.world_to_camera is not None
+    if os.environ.get(PATHS_ONLY):
+        return f"{name:16} {_first_path(shot)}"
     began_s = time.monotonic()
     found = reconstruct(shot).result
     seconds = time.monotonic() - began_s
@@ -87,6 +96,16 @@ def judge(name: str) -> str:
         f"{name:16} {found.geometry['method']:8} nATE {path.nate:.3f} {path.rotation_deg:6.1f}°  views {views:.2f}  "
         f"scene {scene:.2f}  decode {decode:.2f} dB  {seconds:.0f} s  {', '.join(doubts)}"
     )
+
+
+def _first_path(shot: Shot) -> str:
+    assert shot.truth.world_to_camera is not None
+    settings = Settings()
+    seen = Holdout.of(shot, settings.fit.hold_out.share, settings.seed).seen
+    request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
+    found = load_geometry_prior("auto")(request, Silent())
+    path = trajectory_errors(found.world_to_camera, shot.truth.world_to_camera)
+    return f"{found.source:8} {found.verdict:12} nATE {path.nate:.3f} {path.rotation_deg:6.1f}°"
 
 
 def coded(name: str) -> Shot:
