@@ -58,7 +58,7 @@ def look_far_apart(
     """
     if settings.long_decode is None:
         return None
-    progress.say("Views seem to lie far apart: features are matched again in a decode by similar patches.")
+    progress.say("The views may lie far apart: features are matched again in a decode by similar patches.")
     if first.holdout is not holdout:
         decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)

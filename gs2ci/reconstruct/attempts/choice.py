@@ -68,10 +68,10 @@ class Attempts:
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            still = self._far_apart(first, self._again(first, still))
+            first, still = self._far_apart(first, self._again(first, still))
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        again = still if self._wanted else self._far_apart(first, self._again(first, still))
+        first, again = (first, still) if self._wanted else self._far_apart(first, self._again(first, still))
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -129,24 +129,30 @@ class Attempts:
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
 
-    def _far_apart(self, first: FirstLook, tried: Attempt) -> Attempt:
+    def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
         """Fit a still scene along a path from matched features, if the one so far is hardly better than a decode.
 
         Tracks through views far apart may agree on a path that is wrong.
+
+        Returns:
+            The first look, with the longer decode if one was made and is better; and the better attempt.
         """
         settings, source = self.fits.settings, first.geometry.source
         matched = source == FromWide.name or joins_in_part(first)
         may_match = settings.poses == "auto" and settings.may_look_again and source in ESTIMATED and not matched
         if self.fits.halt.asked or not (may_match and self._is_behind_decode(tried)):
-            return tried
+            return first, tried
+        first = self._decoded_better(first)
+        if first.decoder != "patches" or self.fits.halt.asked:
+            return first, tried
         found = look_far_apart(first, first.holdout, self.fits.lens, settings, self.fits.progress, self.fits.clock.lap)
         if found is None or self.fits.halt.asked:
-            return tried
+            return first, tried
         found = self.fits.settle_order(found, hurried=False)
         how = How(alone=True, rival=self._rival(tried))
         attempts = {source: tried, FromWide.name: self.fits.attempt(found, found.decoded, how)}
         residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        return self.fits.completed(self._best(attempts, residuals))
+        return first, self.fits.completed(self._best(attempts, residuals))
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""

@@ -148,7 +148,7 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
         return MotionQuestion(gain=gain if name == "first" else 0.0)
 
     monkeypatch.setattr(choice.Attempts, "_again", lambda *_: again)
-    monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, __, tried: tried)
+    monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, first, tried: (first, tried))
     monkeypatch.setattr(choice.Attempts, "_question", question)
     _, taken, report = choice.Attempts(tries).all(look)
     assert seen == asked
@@ -179,8 +179,8 @@ def test_still_fits_are_continued_along_a_path_or_where_new_moving_fits_are_not_
 
     tries.attempt = lambda look, views, how: of(how)
     tries.completed, tries.release = (lambda tried: tried), release
-    for further in ("_again", "_far_apart"):
-        monkeypatch.setattr(choice.Attempts, further, lambda _, __, tried: tried)
+    monkeypatch.setattr(choice.Attempts, "_again", lambda _, __, tried: tried)
+    monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, first, tried: (first, tried))
     monkeypatch.setattr(choice.Attempts, "_question", lambda *_: MotionQuestion(gain=1.0))
     monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: look)
     _, taken, report = choice.Attempts(tries).all(first)
@@ -222,7 +222,7 @@ def test_a_fit_got_worse_if_its_residual_ends_clearly_above_its_least(left, wors
 class Apart(Tries):
     """Attempts along a path of tracks and along one of matched features."""
 
-    def __init__(self, leaves, monkeypatch, moving, *, joins):
+    def __init__(self, leaves, monkeypatch, moving, *, joins, better=True):
         super().__init__(leaves)
         self.clock, self.asked = SimpleNamespace(lap=lambda _: None), 0
         geometry = replace(moving.geometry, source="tracks", notes=())
@@ -235,6 +235,8 @@ class Apart(Tries):
 
         monkeypatch.setattr(choice, "look_far_apart", looked)
         monkeypatch.setattr(choice.Attempts, "_is_behind_decode", lambda _, tried: tried.fits[0].views > 0.05)
+        decoder = "patches" if better else "gap-tv"
+        monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: replace(look, decoder=decoder))
 
     def completed(self, tried):
         self.completions += 1
@@ -242,7 +244,8 @@ class Apart(Tries):
 
     def taken(self, first=None):
         tried = self.attempt(self.first, None, How())
-        return choice.Attempts(self)._far_apart(first or self.first, tried).look.name
+        self.after, taken = choice.Attempts(self)._far_apart(first or self.first, tried)
+        return taken.look.name
 
 
 @pytest.mark.parametrize(
@@ -260,6 +263,13 @@ def test_a_scene_behind_the_decode_is_tried_along_matched_features(monkeypatch, 
     assert tries.asked == asked
     assert tries.completions == (asked and joins)
     assert all(how.rival.heldout == {100: 0.03} for name, how in tries.made if name == "wide")
+
+
+def test_the_longer_decode_is_kept_and_has_to_be_better(monkeypatch, moving):
+    tries = Apart({"first": 0.06}, monkeypatch, moving, joins=False)
+    assert (tries.taken(), tries.after.decoder, tries.asked) == ("first", "patches", 1)
+    tries = Apart({"first": 0.06}, monkeypatch, moving, joins=True, better=False)
+    assert (tries.taken(), tries.after.decoder, tries.asked) == ("first", "gap-tv", 0)
 
 
 @pytest.mark.parametrize("source", ["wide", "stage", "file"])
