@@ -32,10 +32,10 @@ from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 _ENLARGED: Final = 2
 _MOST_FEATURES: Final = 2000
 _LEAST_CONTRAST: Final = 0.01
-# Pictures are tilted so many times, each by √2 more (OpenCV's `maxTilt`); and how many of their features are kept,
-# which bounds the memory for matches.
+# Pictures are tilted so many times, each by √2 more (OpenCV's `maxTilt`); and how many of their features are kept in
+# all views together, which bounds time and memory for matches.
 _STEEPEST: Final = 2
-_MOST_TILTED: Final = 8000
+_MOST_TILTED: Final = 64_000
 # A match must be mutual, and nearer than this share of the distance to the second nearest feature (Lowe's test).
 _RATIO: Final = 0.8
 # For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
@@ -108,7 +108,7 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
 
 def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[_Scene | None, int]:
     """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
-    features = [_features(view, tilted=tilted) for view in views]
+    features = [_features(view, _MOST_TILTED // len(views) if tilted else None) for view in views]
     pairs = {
         (i, j): matches
         for i, j in itertools.combinations(range(len(views)), 2)
@@ -127,18 +127,23 @@ def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[_Scene | None,
     return None, joined
 
 
-def _features(view: F32, *, tilted: bool) -> tuple[F32, F32]:
-    """Find features of a view, [H, W, C]: positions, [F, 2] px, and RootSIFT descriptors, [F, 128]."""
+def _features(view: F32, tilted: int | None = None) -> tuple[F32, F32]:
+    """Find features of a view: positions, [F, 2] px, and RootSIFT descriptors, [F, 128].
+
+    Args:
+        view: [H, W, C].
+        tilted: At most so many, the strongest, of tilted pictures, too; None: of the view as it is.
+    """
     grey = (view.mean(axis=2).clip(0, 1) * 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     even = cv2.createCLAHE(2.0, (8, 8)).apply(large)
     sift = cv2.SIFT_create(nfeatures=_MOST_FEATURES, contrastThreshold=_LEAST_CONTRAST)  # type: ignore[attr-defined]
-    finder = cv2.AffineFeature_create(sift, _STEEPEST) if tilted else sift  # type: ignore[attr-defined]
+    finder = sift if tilted is None else cv2.AffineFeature_create(sift, _STEEPEST)  # type: ignore[attr-defined]
     points, found = finder.detectAndCompute(even, None)
     if found is None:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
-    if len(points) > _MOST_TILTED:
-        strongest = np.argsort([-point.response for point in points], kind="stable")[:_MOST_TILTED]
+    if tilted is not None and len(points) > tilted:
+        strongest = np.argsort([-point.response for point in points], kind="stable")[:tilted]
         points, found = [points[k] for k in strongest], found[strongest]
     places = np.array([point.pt for point in points], np.float32)
     # OpenCV has the first pixel's centre at 0, this project at 0.5.

@@ -88,7 +88,21 @@ def test_tilted_pictures_give_more_points_and_the_same_path(request_for, scene):
     assert trajectory_errors(tilted.world_to_camera, scene.poses).nate < 0.03
 
 
-def test_only_the_strongest_features_of_tilted_pictures_are_kept(scene, monkeypatch):
-    monkeypatch.setattr(wide, "_MOST_TILTED", 100)
-    places, descriptors = wide._features(scene.views[2], tilted=True)
+def test_only_the_strongest_features_of_tilted_pictures_are_kept(scene):
+    all_places, _ = wide._features(scene.views[2], 100_000)
+    places, descriptors = wide._features(scene.views[2], 100)
     assert (len(places), len(descriptors)) == (100, 100)
+    assert len(all_places) > 1000
+    assert {tuple(place) for place in places} <= {tuple(place) for place in all_places}
+
+
+def test_more_views_share_the_features_of_tilted_pictures(request_for, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        wide,
+        "_features",
+        lambda view, tilted: asked.append(tilted) or (np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)),
+    )
+    request = request_for()
+    assert wide_motion(request, flat(request), tilted=True).verdict == "unsupported"
+    assert asked == [64_000 // len(PLACES)] * len(PLACES)
