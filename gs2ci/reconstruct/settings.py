@@ -63,7 +63,7 @@ class Settings(Bounded):
         brightness: Of the estimate of the views' brightness, which corrects wrong weights.
         mask_moments: Of the camera's motion while one mask is displayed.
         look_again: Whether a doubtful or missing first path is sought in the fitted views, and fitted once more
-            (`attempts.second_look`). Not within a budget.
+            (`attempts.second_look`), and whether views far apart are matched again (`far_apart`). Not within a budget.
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
             residual, but not within a budget; "on": from the start; "off": never (`moving`).
         registration: Of the step before all others, which estimates from the measurement where its masks lie.

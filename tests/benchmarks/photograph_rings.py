@@ -23,6 +23,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.progress import Silent
@@ -31,11 +32,10 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.masks import random_masks
+from tests.benchmarks.wide_motion import first_request
 from tests.processes import side_by_side
 
 FOLDER: Final = "GS2CI_RINGS"
@@ -100,10 +100,7 @@ def judge(name: str) -> str:
 
 def _first_path(shot: Shot) -> str:
     assert shot.truth.world_to_camera is not None
-    settings = Settings()
-    seen = Holdout.of(shot, settings.fit.hold_out.share, settings.seed).seen
-    request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
-    found = load_geometry_prior("auto")(request, Silent())
+    found = load_geometry_prior("auto")(first_request(shot, Settings()), Silent())
     path = trajectory_errors(found.world_to_camera, shot.truth.world_to_camera)
     return f"{found.source:8} {found.verdict:12} nATE {path.nate:.3f} {path.rotation_deg:6.1f}°"
 
@@ -124,7 +121,7 @@ def coded(name: str) -> Shot:
     return Shot(measurement, masks, intrinsics=intrinsics, truth=Truth(views, poses), name=name).check()
 
 
-def photographs(cameras: Path, numbers: F64) -> tuple[F32, F64, F64]:
+def photographs(cameras: Path, numbers: NDArray[np.int64]) -> tuple[F32, F64, F64]:
     """Read photographs by the numbers at the ends of their names: views, poses, and their common camera matrix.
 
     A line of the file holds a name, K and R row by row, and t (`README.txt` beside it); pixel centres are at 0 there.

@@ -71,8 +71,7 @@ def run() -> None:
 def judge(number: int) -> str:
     """Find the path of one set, and unless told otherwise reconstruct it; return its line of the table."""
     drawn, settings = draw(number), Settings(fits=1, motion="off")
-    seen = Holdout.of(drawn.shot, settings.fit.hold_out.share, settings.seed).seen
-    request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
+    request = first_request(drawn.shot, settings)
     found = [_said(load_geometry_prior(name)(request, Silent()), drawn.shot) for name in ("tracks", "auto")]
     line = f"{drawn.shot.name:18} {drawn.apart_deg:5.1f}°   {found[0]:28} {found[1]:28}"
     if os.environ.get(PATHS_ONLY):
@@ -81,6 +80,12 @@ def judge(number: int) -> str:
     assert truth is not None
     decode, views = (float(np.mean(psnr_per_view(one, truth))) for one in (request.views, result.views))
     return f"{line} decode {decode:.2f} dB, reconstruction {views:.2f} dB ({result.verdict})"
+
+
+def first_request(shot: Shot, settings: Settings) -> Request:
+    """Ask for a path in views decoded by GAP-TV, as a reconstruction does first."""
+    seen = Holdout.of(shot, settings.fit.hold_out.share, settings.seed).seen
+    return Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
 
 
 def _said(geometry: Geometry, shot: Shot) -> str:

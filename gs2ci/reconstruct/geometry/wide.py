@@ -119,12 +119,9 @@ def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[_Scene | None,
         database = Path(folder) / "features.db"
         _write(database, [places for places, _ in features], pairs, intrinsics, size)
         models = pycolmap.incremental_mapping(database, Path(folder), Path(folder) / "models", _mapping())
-        joined = 0
-        for model in models.values():
-            joined = max(joined, model.num_reg_images())
-            if joined == len(views):
-                return _taken(model, len(views)), joined
-    return None, joined
+        largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+        joined = 0 if largest is None else largest.num_reg_images()
+        return (_taken(largest, len(views)) if joined == len(views) else None), joined
 
 
 def _features(view: F32, tilted: int | None = None) -> tuple[F32, F32]:
