@@ -150,14 +150,19 @@ def look_closer(
 ) -> FirstLook:
     """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
 
-    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first.
+    Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first, with a
+    finding if features of the second join some views.
     """
     first = look(holdout, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
     progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
     closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
-    return closer if closer.geometry.verdict == "full" else first
+    if closer.geometry.verdict == "full":
+        return closer
+    partly = tuple(note for note in closer.geometry.notes if note.code == Code.VIEWS_JOIN_IN_PART)
+    kept = tuple(note for note in first.geometry.notes if not (partly and note.code == Code.VIEWS_JOIN_IN_PART))
+    return replace(first, geometry=replace(first.geometry, notes=(*kept, *partly)))
 
 
 def needs_rest(first: FirstLook) -> bool:

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct import far_apart
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
+from gs2ci.reconstruct.far_apart import joins_in_part, look_around, look_far_apart, turns_far
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.direct import at_rest
@@ -66,7 +67,9 @@ def test_features_are_matched_in_tilted_pictures_of_a_longer_decode(monkeypatch,
 def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
     holdout, first = seen
     rest = at_rest(first.geometry)
-    answers = {"views do not join": rest, "explains no more than rest": replace(rest, verdict="full")}
+    # Parts of the matches that give other paths, and a warp along it that explains no more than rest.
+    doubtful = replace(rest, verdict="full", path_error_expected=0.11)
+    answers = {"views do not join": rest, "explains no more than rest": doubtful}
     asked = answering(monkeypatch, answers.get(what, first.geometry))
     settings = replace(BRIEF, long_decode=None) if what == "no longer decode" else BRIEF
     found, _, _ = again(first, holdout, settings)
@@ -98,3 +101,60 @@ def test_a_look_is_of_views_far_apart_if_some_joined(seen):
     partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
     assert not joins_in_part(first)
     assert joins_in_part(replace(first, geometry=replace(first.geometry, notes=(partly,))))
+
+
+def test_a_path_on_which_parts_of_the_matches_agree_need_not_explain_more_than_rest(monkeypatch, seen):
+    holdout, first = seen
+    agreed = replace(at_rest(first.geometry), verdict="full", path_error_expected=0.09)
+    answering(monkeypatch, agreed)
+    found, _, _ = again(first, holdout)
+    assert found.geometry is agreed
+
+
+def turning(*degrees):
+    poses = np.tile(np.eye(4), (len(degrees), 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("y", np.array(degrees)[:, None], degrees=True).as_matrix()
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("degrees", "far"), [((0, 0, 0), False), ((0, 7, 14), False), ((8, 0, -8), True), ((0, 90, 180), True)]
+)
+def test_a_path_turns_far_if_any_two_views_do(degrees, far):
+    assert turns_far(turning(*degrees)) is far
+
+
+@pytest.mark.parametrize(
+    ("parts", "moved", "taken"),
+    [
+        ({"path_error_expected": 0.02}, 0.5, True),
+        ({"path_error_expected": 0.02}, 0.02, False),
+        ({"path_error_expected": 0.0}, 0.002, False),
+        ({"path_error_expected": 0.11}, 0.5, False),
+        ({"path_error_expected": None}, 0.5, False),
+        ({"path_error_expected": 0.02, "verdict": "unsupported"}, 0.5, False),
+    ],
+)
+def test_features_of_a_fits_views_replace_a_path_that_differs_by_more_than_they_may_err(
+    monkeypatch, seen, parts, moved, taken
+):
+    _, first = seen
+    answer = replace(first.geometry, source="wide", notes=(), **parts)
+    asked = []
+
+    def matched(request, before):
+        asked.append((request.views, before))
+        return answer
+
+    monkeypatch.setattr(far_apart, "matched_motion", matched)
+    path = answer.world_to_camera.copy()
+    path[0, 1, 3] += moved * np.linalg.norm(np.ptp(path[:, :3, 3], axis=0))
+    views = first.decoded + 0.01
+    found = look_around(first, path, views, None, BRIEF, Silent())
+    assert [before for _, before in asked] == [first.geometry]
+    np.testing.assert_array_equal(asked[0][0], views)
+    assert (found is not None) == taken
+    if taken:
+        assert found.geometry.source == "wide"
+        assert [note.code for note in found.geometry.notes] == [Code.PATH_FOUND_AGAIN]
+        assert (found.decoded is first.decoded, found.holdout) == (True, first.holdout)

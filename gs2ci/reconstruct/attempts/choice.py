@@ -21,7 +21,7 @@ from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
+from gs2ci.reconstruct.far_apart import joins_in_part, look_around, look_far_apart, turns_far
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
@@ -68,10 +68,12 @@ class Attempts:
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            first, still = self._far_apart(first, self._again(first, still))
+            first, still = self._far_apart(first, self._around(self._again(first, still)))
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        first, again = (first, still) if self._wanted else self._far_apart(first, self._again(first, still))
+        first, again = (
+            (first, still) if self._wanted else self._far_apart(first, self._around(self._again(first, still)))
+        )
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -128,6 +130,28 @@ class Attempts:
         chosen = _name_of(taken, attempts)
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
+
+    def _around(self, tried: Attempt) -> Attempt:
+        """Fit a still scene once more along a path from features of its own views, if its camera turned far."""
+        settings, path = self.fits.settings, tried.ensemble.best.world_to_camera
+        if self.fits.halt.asked or not (self._may_match(tried.look) and turns_far(path)):
+            return tried
+        views = self.fits.refine(tried.ensemble.views)
+        found = look_around(tried.look, path, views, self.fits.lens, settings, self.fits.progress)
+        self.fits.clock.lap("geometry")
+        if found is None or self.fits.halt.asked:
+            return tried
+        found = self._in_order(found, views)
+        how = How(alone=True, rival=self._rival(tried))
+        attempts = {tried.look.geometry.source: tried, "second look": self.fits.attempt(found, views, how)}
+        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
+        return self.fits.completed(self._best(attempts, residuals))
+
+    def _may_match(self, look: FirstLook) -> bool:
+        """Tell whether features may be matched again, for a path that was estimated: not in a draft."""
+        settings = self.fits.settings
+        asked_for = settings.poses == "auto" and settings.may_look_again and settings.long_decode is not None
+        return asked_for and look.geometry.source in ESTIMATED and look.geometry.verdict == "full"
 
     def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
         """Fit a still scene along a path from matched features, if the one so far is hardly better than a decode.
