@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct import far_apart
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.far_apart import joins_in_part, look_around, look_far_apart, turns_far
+from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.direct import at_rest
@@ -111,50 +110,12 @@ def test_a_path_on_which_parts_of_the_matches_agree_need_not_explain_more_than_r
     assert found.geometry is agreed
 
 
-def turning(*degrees):
-    poses = np.tile(np.eye(4), (len(degrees), 1, 1))
-    poses[:, :3, :3] = Rotation.from_euler("y", np.array(degrees)[:, None], degrees=True).as_matrix()
-    return poses
-
-
-@pytest.mark.parametrize(
-    ("degrees", "far"), [((0, 0, 0), False), ((0, 7, 14), False), ((8, 0, -8), True), ((0, 90, 180), True)]
-)
-def test_a_path_turns_far_if_any_two_views_do(degrees, far):
-    assert turns_far(turning(*degrees)) is far
-
-
-@pytest.mark.parametrize(
-    ("parts", "moved", "taken"),
-    [
-        ({"path_error_expected": 0.02}, 0.5, True),
-        ({"path_error_expected": 0.02}, 0.02, False),
-        ({"path_error_expected": 0.0}, 0.002, False),
-        ({"path_error_expected": 0.11}, 0.5, False),
-        ({"path_error_expected": None}, 0.5, False),
-        ({"path_error_expected": 0.02, "verdict": "unsupported"}, 0.5, False),
-    ],
-)
-def test_features_of_a_fits_views_replace_a_path_that_differs_by_more_than_they_may_err(
-    monkeypatch, seen, parts, moved, taken
-):
-    _, first = seen
-    answer = replace(first.geometry, source="wide", notes=(), **parts)
-    asked = []
-
-    def matched(request, before):
-        asked.append((request.views, before))
-        return answer
-
-    monkeypatch.setattr(far_apart, "matched_motion", matched)
+@pytest.mark.parametrize(("moved", "error", "taken"), [(0.5, 0.02, True), (0.02, 0.02, False), (0.002, 0.0, False)])
+def test_a_path_that_a_fit_has_already_is_not_fitted_again(monkeypatch, seen, moved, error, taken):
+    holdout, first = seen
+    answer = replace(first.geometry, source="wide", path_error_expected=error)
+    answering(monkeypatch, answer)
     path = answer.world_to_camera.copy()
     path[0, 1, 3] += moved * np.linalg.norm(np.ptp(path[:, :3, 3], axis=0))
-    views = first.decoded + 0.01
-    found = look_around(first, path, views, None, BRIEF, Silent())
-    assert [before for _, before in asked] == [first.geometry]
-    np.testing.assert_array_equal(asked[0][0], views)
+    found = look_far_apart(first, holdout, None, BRIEF, Silent(), [].append, path)
     assert (found is not None) == taken
-    if taken:
-        assert found.geometry.source == "wide"
-        assert [note.code for note in found.geometry.notes] == [Code.PATH_FOUND_AGAIN]
-        assert (found.decoded is first.decoded, found.holdout) == (True, first.holdout)

@@ -230,7 +230,7 @@ def uncertain_path(report: Report) -> NextStep | None:
     count, error = describe_number(geometry.tracks), geometry.path_error_expected
     return NextStep(
         "Do not rely on the camera path",
-        f"Two halves of the {count} tracked points give different paths: the expected error of the first path is "
+        f"Halves of the {count} points give different paths: the expected error of the first path is "
         f"{error:.0%} of its extent. More sideways motion, texture over more of the frame, or a stage that reports its "
         "poses helps.",
     )

@@ -5,8 +5,8 @@ found; a scene along it must be clearly better than one without. A uniform motio
 with a camera at rest: if the scene shows only a periodic pattern or a gradient, any motion explains the measurement,
 and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
-fits along two paths differ at least as much as two along one. If the scene is hardly better than a decode, the views
-may lie far apart, and their features are matched again (`far_apart`). If the fits' residual looks like motion, moving
+fits along two paths differ at least as much as two along one. If the path turns far, or the scene is hardly better than
+a decode, features of all pairs of views are matched again (`far_apart`). If the fits' residual looks like motion, moving
 scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
 """
 
@@ -21,11 +21,12 @@ from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
-from gs2ci.reconstruct.far_apart import joins_in_part, look_around, look_far_apart, turns_far
+from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
 from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
+from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     LEAST_GAIN,
@@ -68,12 +69,10 @@ class Attempts:
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            first, still = self._far_apart(first, self._around(self._again(first, still)))
+            first, still = self._far_apart(first, self._again(first, still))
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        first, again = (
-            (first, still) if self._wanted else self._far_apart(first, self._around(self._again(first, still)))
-        )
+        first, again = (first, still) if self._wanted else self._far_apart(first, self._again(first, still))
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -131,45 +130,25 @@ class Attempts:
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
 
-    def _around(self, tried: Attempt) -> Attempt:
-        """Fit a still scene once more along a path from features of its own views, if its camera turned far."""
-        settings, path = self.fits.settings, tried.ensemble.best.world_to_camera
-        if self.fits.halt.asked or not (self._may_match(tried.look) and turns_far(path)):
-            return tried
-        views = self.fits.refine(tried.ensemble.views)
-        found = look_around(tried.look, path, views, self.fits.lens, settings, self.fits.progress)
-        self.fits.clock.lap("geometry")
-        if found is None or self.fits.halt.asked:
-            return tried
-        found = self._in_order(found, views)
-        how = How(alone=True, rival=self._rival(tried))
-        attempts = {tried.look.geometry.source: tried, "second look": self.fits.attempt(found, views, how)}
-        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        return self.fits.completed(self._best(attempts, residuals))
-
-    def _may_match(self, look: FirstLook) -> bool:
-        """Tell whether features may be matched again, for a path that was estimated: not in a draft."""
-        settings = self.fits.settings
-        asked_for = settings.poses == "auto" and settings.may_look_again and settings.long_decode is not None
-        return asked_for and look.geometry.source in ESTIMATED and look.geometry.verdict == "full"
-
     def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
-        """Fit a still scene along a path from matched features, if the one so far is hardly better than a decode.
+        """Fit a still scene along a path from matched features, if the path turns far or the scene explains too little.
 
-        Tracks through views far apart may agree on a path that is wrong.
+        Tracks through views far apart may agree on a path that is wrong. The fit's own views would show its path again.
 
         Returns:
             The first look, with the longer decode if one was made and is better; and the better attempt.
         """
         settings, source = self.fits.settings, first.geometry.source
+        path = tried.ensemble.best.world_to_camera
         matched = source == FromWide.name or joins_in_part(first)
         may_match = settings.poses == "auto" and settings.may_look_again and source in ESTIMATED and not matched
-        if self.fits.halt.asked or not (may_match and self._is_behind_decode(tried)):
+        if self.fits.halt.asked or not (may_match and (turns_far(path) or self._is_behind_decode(tried))):
             return first, tried
         first = self._decoded_better(first)
         if first.decoder != "patches" or self.fits.halt.asked:
             return first, tried
-        found = look_far_apart(first, first.holdout, self.fits.lens, settings, self.fits.progress, self.fits.clock.lap)
+        fits = self.fits
+        found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)
         if found is None or self.fits.halt.asked:
             return first, tried
         found = self.fits.settle_order(found, hurried=False)

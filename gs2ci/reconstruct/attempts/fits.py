@@ -89,7 +89,8 @@ class Fits:
             return first
 
         def begin(began: Geometry) -> tuple[Geometry, Gaussians]:
-            return self.beginning(replace(first, geometry=began), first.decoded)
+            # Depths of further views belong to one order only.
+            return self.beginning(replace(first, geometry=replace(began, view_depths=())), first.decoded)
 
         def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
             return replace(self._trying(how), mask_moments=None).fit_one(at)

@@ -38,7 +38,7 @@ def first_poses(geometry: Geometry, withheld: Withheld) -> Geometry:
         return geometry
     own = geometry.world_to_camera[geometry.reference]
     alike = np.repeat(own[None], len(geometry.world_to_camera), axis=0)
-    return replace(geometry, world_to_camera=alike, pose_errors=None)
+    return replace(geometry, world_to_camera=alike, pose_errors=None, view_depths=())
 
 
 def first_points(geometry: Geometry, views: F32, stride: int, withheld: Withheld, seed: int) -> Seeds:

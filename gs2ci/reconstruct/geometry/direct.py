@@ -212,6 +212,7 @@ def at_rest(found: Geometry) -> Geometry:
         reverse=None,
         pose_errors=None,
         order_given=False,
+        view_depths=(),
     )
 
 

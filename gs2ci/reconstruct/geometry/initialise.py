@@ -45,6 +45,7 @@ from gs2ci.reconstruct.geometry.validity import (
     parallax_px,
     supported_views,
 )
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -91,6 +92,7 @@ class Geometry:
         pose_errors: Standard errors of the poses, for a prior on them; None if they were not given, or the tracks
             contradict them.
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
+        view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
     """
 
     world_to_camera: F64
@@ -110,6 +112,7 @@ class Geometry:
     reverse: "Geometry | None" = None
     pose_errors: PoseErrors | None = None
     order_given: bool = False
+    view_depths: tuple[ViewDepth, ...] = ()
 
 
 def initialise(

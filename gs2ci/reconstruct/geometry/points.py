@@ -1,4 +1,6 @@
-"""Positions of the first Gaussians: pixels of the middle view at their depths, and borders that it does not see.
+"""Positions of the first Gaussians: pixels of the middle view at their depths, and what it does not see.
+
+What it does not see are borders, and, around an object, other sides of it: these come from the depths of further views.
 
 Here: positions, colours and spacing. Not here: opacity, size and orientation, which belong to the fit.
 """
@@ -11,12 +13,16 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.motion import rays
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 # Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
 # The depth of a border pixel and its position in the middle view depend on each other; they are iterated, and converge
 # fast, since the motion is small.
 _RIM_STEPS = 3
+# A point of a further view is new where the depths of those before differ by more than this share. With a third of it,
+# 40 % more points made scenes 0.7 dB worse or 0.3 dB better.
+_SAME_DEPTH = 0.03
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,8 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
         stride: Step between pixels, along rows and columns.
 
     Returns:
-        Points of the reference view, then those that only other views see, from the farthest view on.
+        Points of the reference view; those of further views with depths of their own that are new; then those that only
+        other views see, from the farthest view on.
     """
     grid = _grid(views.shape[1:3], stride)
     directions = rays(grid, geometry.intrinsics)
@@ -53,8 +60,18 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
     colours = [views[geometry.reference][at_grid]]
     spacing = [1 / inverse_depth]
     taken = [geometry.reference]
+    mapped = geometry.view_depths[:1]
+    for depth in geometry.view_depths[1:]:
+        along = depth.inverse_depth[at_grid].astype(np.float64)
+        points = _lifted(geometry, directions, along, depth.view)
+        new = ~np.any([_known(geometry, points, before) for before in mapped], axis=0)
+        positions.append(points[new])
+        colours.append(views[depth.view][at_grid][new])
+        spacing.append(1 / along[new])
+        mapped = (*mapped, depth)
+        taken.append(depth.view)
     smooth = cv2.GaussianBlur(geometry.inverse_depth, (0, 0), _RIM_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
-    for i in _farthest_first(geometry):
+    for i in _farthest_first(geometry, taken):
         rim_depth, points = _rim(geometry, smooth, directions, i)
         new = ~np.any([_sees(geometry, points, j) for j in taken], axis=0)
         positions.append(points[new])
@@ -91,6 +108,24 @@ def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
     return inside[:, 0] & inside[:, 1]
 
 
+def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:
+    """Lift pixels of a view, given as directions: points in the axes of the reference view, [P, 3]."""
+    pose = geometry.world_to_camera[view]
+    points: F64 = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+    return points
+
+
+def _known(geometry: Geometry, points: F64, depth: ViewDepth) -> Bool:
+    """Tell which points, [P, 3], lie on the surface that a view's depth shows."""
+    height, width = depth.inverse_depth.shape
+    pixels, ahead = _project(geometry, points, depth.view)
+    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    known = np.zeros(len(points), bool)
+    column, row = pixels[inside].astype(int).T
+    known[inside] = np.abs(ahead[inside] * depth.inverse_depth[row, column] - 1) < _SAME_DEPTH
+    return known
+
+
 def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F64, F64]:
     """Lift the pixels of a view to the depth of the nearest pixel of the reference view.
 
@@ -98,22 +133,19 @@ def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F
         Inverse depths along the rays of the view, [P], and the points in the axes of the reference view, [P, 3].
     """
     height, width = smooth.shape
-    pose = geometry.world_to_camera[view]
     inverse_depth = np.full(len(directions), float(np.median(smooth)))
     for _ in range(_RIM_STEPS):
-        points = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+        points = _lifted(geometry, directions, inverse_depth, view)
         pixels, _ = _project(geometry, points, geometry.reference)
         nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
         inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
-    points = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
-    return inverse_depth, points
+    return inverse_depth, _lifted(geometry, directions, inverse_depth, view)
 
 
-def _farthest_first(geometry: Geometry) -> list[int]:
-    """Order the other views by how far from the reference view their image of the scene's middle has moved."""
+def _farthest_first(geometry: Geometry, taken: list[int]) -> list[int]:
+    """Order views that are not taken yet by how far their image of the scene's middle has moved from the reference."""
     pose = geometry.world_to_camera
     middle = 1 / float(np.median(geometry.inverse_depth))
     points = pose[:, :3, 2] * middle + pose[:, :3, 3]
     shift = np.linalg.norm(points - (0, 0, middle), axis=1)
-    others = [i for i in np.argsort(-shift, kind="stable") if i != geometry.reference]
-    return [int(i) for i in others]
+    return [int(i) for i in np.argsort(-shift, kind="stable") if i not in taken]

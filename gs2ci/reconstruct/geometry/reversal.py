@@ -32,12 +32,14 @@ _SAMPLES: Final = 48
 def reversed_geometry(geometry: Geometry) -> Geometry:
     """Return a geometry with its order of depth reversed: inverse depths reflected at their median, the path reversed.
 
-    Exact for a distant scene and a small motion; for others it is a start for an adjustment.
+    Exact for a distant scene and a small motion; for others it is a start for an adjustment. Depths of further views
+    are left out.
     """
     depth = geometry.inverse_depth.astype(np.float64)
     c = 2 * float(np.median(depth))
     reflected = np.maximum(c - depth, FARTHEST * c / 2).astype(np.float32)
-    return replace(geometry, world_to_camera=reversed_poses(geometry.world_to_camera, c), inverse_depth=reflected)
+    poses = reversed_poses(geometry.world_to_camera, c)
+    return replace(geometry, world_to_camera=poses, inverse_depth=reflected, view_depths=())
 
 
 def reversed_poses(world_to_camera: F64, c: float) -> F64:

@@ -24,6 +24,7 @@ from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.validity import doubts_about_path
+from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
 
 # Decoded views are blurred: features are detected at twice their size, with equalised local contrast.
 _ENLARGED: Final = 2
@@ -63,10 +64,17 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         return still
     unit = float(np.median(ahead))
     relative[:, :3, 3] *= unit
-    settings = request.settings.sweep
-    span = inverse_depth_range(ahead / unit, settings)
-    depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings, edges=False)
-    doubts = doubts_about_path(scene.error_expected, request.settings.criteria)
+    settings, far = request.settings, turns_far(relative)
+    if far:
+        points = (scene.points @ to_reference[:3, :3].T + to_reference[:3, 3]) * unit
+        depths = view_depths(request.views, relative, still.intrinsics, still.reference, points, settings.sweep)
+        depth = depths[0].inverse_depth
+    else:
+        span, depths = inverse_depth_range(ahead / unit, settings.sweep), ()
+        depth = surface_map(
+            request.views, relative, still.intrinsics, still.reference, span, settings.sweep, edges=False
+        )
+    doubts = doubts_about_path(scene.error_expected, settings.criteria)
     return replace(
         still,
         world_to_camera=relative,
@@ -75,6 +83,9 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         reprojection_rms_px=scene.rms_px,
         verdict="full",
         path_error_expected=scene.error_expected,
+        # A path that turns far has no exact reversal, and the scene with the reverse order explains fewer matches.
+        order_errors=settings.criteria.order_errors if far else None,
+        view_depths=depths,
         notes=(*_of_camera(found), finding(Code.WIDE_MOTION, points=len(scene.points)), *doubts),
     )
 

@@ -148,7 +148,6 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
         return MotionQuestion(gain=gain if name == "first" else 0.0)
 
     monkeypatch.setattr(choice.Attempts, "_again", lambda *_: again)
-    monkeypatch.setattr(choice.Attempts, "_around", lambda _, tried: tried)
     monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, first, tried: (first, tried))
     monkeypatch.setattr(choice.Attempts, "_question", question)
     _, taken, report = choice.Attempts(tries).all(look)
@@ -181,7 +180,6 @@ def test_still_fits_are_continued_along_a_path_or_where_new_moving_fits_are_not_
     tries.attempt = lambda look, views, how: of(how)
     tries.completed, tries.release = (lambda tried: tried), release
     monkeypatch.setattr(choice.Attempts, "_again", lambda _, __, tried: tried)
-    monkeypatch.setattr(choice.Attempts, "_around", lambda _, tried: tried)
     monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, first, tried: (first, tried))
     monkeypatch.setattr(choice.Attempts, "_question", lambda *_: MotionQuestion(gain=1.0))
     monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: look)
@@ -224,18 +222,20 @@ def test_a_fit_got_worse_if_its_residual_ends_clearly_above_its_least(left, wors
 class Apart(Tries):
     """Attempts along a path of tracks and along one of matched features."""
 
-    def __init__(self, leaves, monkeypatch, moving, *, joins, better=True):
+    def __init__(self, leaves, monkeypatch, moving, *, joins, better=True, far=False):
         super().__init__(leaves)
-        self.clock, self.asked = SimpleNamespace(lap=lambda _: None), 0
+        self.clock, self.asked, self.path = SimpleNamespace(lap=lambda _: None), 0, object()
         geometry = replace(moving.geometry, source="tracks", notes=())
         self.first = Named(None, None, geometry, None, name="first")
         wide = Named(None, None, replace(geometry, source="wide"), None, name="wide")
 
-        def looked(*_):
+        def looked(*given):
             self.asked += 1
+            assert given[-1] is self.path
             return wide if joins else None
 
         monkeypatch.setattr(choice, "look_far_apart", looked)
+        monkeypatch.setattr(choice, "turns_far", lambda path: far and path is self.path)
         monkeypatch.setattr(choice.Attempts, "_is_behind_decode", lambda _, tried: tried.fits[0].views > 0.05)
         decoder = "patches" if better else "gap-tv"
         monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: replace(look, decoder=decoder))
@@ -243,6 +243,11 @@ class Apart(Tries):
     def completed(self, tried):
         self.completions += 1
         return tried
+
+    def attempt(self, look, views, how):
+        tried = super().attempt(look, views, how)
+        best = SimpleNamespace(world_to_camera=self.path)
+        return replace(tried, ensemble=SimpleNamespace(views=tried.fits[0].views, best=best))
 
     def taken(self, first=None):
         tried = self.attempt(self.first, None, How())
@@ -267,6 +272,14 @@ def test_a_scene_behind_the_decode_is_tried_along_matched_features(monkeypatch, 
     assert all(how.rival.heldout == {100: 0.03} for name, how in tries.made if name == "wide")
 
 
+@pytest.mark.parametrize(("leaves", "taken"), [({"first": 0.04, "wide": 0.03}, "wide"), ({"first": 0.04}, "first")])
+def test_a_path_that_turns_far_is_matched_again_although_its_scene_is_ahead_of_the_decode(
+    monkeypatch, moving, leaves, taken
+):
+    tries = Apart(leaves, monkeypatch, moving, joins="wide" in leaves, far=True)
+    assert (tries.taken(), tries.asked) == (taken, 1)
+
+
 def test_the_longer_decode_is_kept_and_has_to_be_better(monkeypatch, moving):
     tries = Apart({"first": 0.06}, monkeypatch, moving, joins=False)
     assert (tries.taken(), tries.after.decoder, tries.asked) == ("first", "patches", 1)
@@ -281,67 +294,3 @@ def test_paths_of_another_source_or_of_features_already_tried_are_not_tried_agai
     tried_before = replace(tries.first, geometry=replace(tries.first.geometry, notes=(partly,)))
     given = replace(tries.first, geometry=replace(tries.first.geometry, source=source))
     assert (tries.taken(given), tries.taken(tried_before), tries.asked) == ("first", "first", 0)
-
-
-class Around(Tries):
-    """Attempts along a path and along one from features of the fit's views."""
-
-    def __init__(self, leaves, monkeypatch, moving, *, far=True, joins=True, settings=None):
-        super().__init__(leaves)
-        self.clock, self.asked, self.settings = SimpleNamespace(lap=lambda _: None), [], settings or self.settings
-        geometry = replace(moving.geometry, source="tracks", notes=())
-        self.first = Named(None, None, geometry, None, name="first")
-        again = Named(None, None, replace(geometry, source="wide"), None, name="again")
-
-        def looked(look, path, views, *_):
-            self.asked.append((look, views))
-            return again if joins else None
-
-        monkeypatch.setattr(choice, "look_around", looked)
-        monkeypatch.setattr(choice, "turns_far", lambda _: far)
-        monkeypatch.setattr(choice.Attempts, "_in_order", lambda _, look, views: look)
-
-    def completed(self, tried):
-        self.completions += 1
-        return tried
-
-    def attempt(self, look, views, how):
-        tried = super().attempt(look, views, how)
-        best = SimpleNamespace(world_to_camera=None)
-        return replace(tried, ensemble=SimpleNamespace(views=tried.fits[0].views, best=best))
-
-    def taken(self, first=None):
-        return choice.Attempts(self)._around(self.attempt(first or self.first, None, How())).look.name
-
-
-@pytest.mark.parametrize(
-    ("leaves", "told", "taken"),
-    [
-        ({"first": 0.04, "again": 0.01}, {}, "again"),
-        ({"first": 0.04, "again": 0.05}, {}, "first"),
-        ({"first": 0.04}, {"joins": False}, "first"),
-        ({"first": 0.04}, {"far": False}, "first"),
-    ],
-)
-def test_a_path_that_turned_far_is_estimated_again_from_features_of_the_fits_views(
-    monkeypatch, moving, leaves, told, taken
-):
-    tries = Around(leaves, monkeypatch, moving, **told)
-    assert tries.taken() == taken
-    assert tries.asked == ([(tries.first, 0.04)] if told.get("far", True) else [])
-    assert tries.completions == ("again" in leaves)
-    assert [how.rival.heldout for name, how in tries.made if name == "again"] == [{100: 0.03}] * ("again" in leaves)
-
-
-@pytest.mark.parametrize("why", ["stage", "rest", "draft", "tracks alone", "no second look"])
-def test_features_are_not_matched_again_where_a_path_was_given_or_time_is_short(monkeypatch, moving, why):
-    settings = {
-        "draft": Settings(long_decode=None),
-        "tracks alone": Settings(poses="tracks"),
-        "no second look": Settings(look_again=False),
-    }.get(why, Settings())
-    tries = Around({"first": 0.04}, monkeypatch, moving, settings=settings)
-    geometry = tries.first.geometry
-    given = {"stage": replace(geometry, source="stage"), "rest": replace(geometry, verdict="static")}.get(why, geometry)
-    assert tries.taken(replace(tries.first, geometry=given)) == "first"
-    assert not tries.asked

@@ -17,6 +17,7 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
@@ -66,6 +67,25 @@ def asked(monkeypatch):
 def test_an_open_order_is_settled_and_what_is_found_is_taken(first, asked):
     assert settled(first, LONG).geometry.order_errors == 3.0
     assert asked == [False]
+
+
+def test_depths_of_further_views_take_no_part_in_the_comparison_of_orders(first, monkeypatch):
+    begun, beginning = [], fits.Fits.beginning
+
+    def begin(self, look, views, **how):
+        begun.append(look.geometry.view_depths)
+        return beginning(self, look, views, **how)
+
+    def compare(geometry, fit_briefly, _progress, *, given):
+        assert fit_briefly(geometry, 0) > 0
+        return geometry
+
+    monkeypatch.setattr(fits.Fits, "beginning", begin)
+    monkeypatch.setattr(fits, "settle", compare)
+    depths = (ViewDepth(first.geometry.reference, first.geometry.inverse_depth),)
+    found = settled(replace(first, geometry=replace(first.geometry, view_depths=depths)), LONG)
+    assert begun == [()]
+    assert found.geometry.view_depths == depths
 
 
 def test_a_file_is_told_from_tracks(first, asked):

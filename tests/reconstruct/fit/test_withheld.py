@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 NOTHING, POINTS, POSES = Withheld(), Withheld(points=True), Withheld(poses=True)
 
@@ -27,6 +30,8 @@ def test_nothing_withheld_leaves_the_geometry_and_its_points(geometry, views):
 
 def test_withheld_poses_are_all_that_of_the_reference_view(geometry):
     own = geometry.world_to_camera[geometry.reference]
+    mapped = replace(geometry, view_depths=(ViewDepth(geometry.reference, geometry.inverse_depth),))
+    assert first_poses(mapped, POSES).view_depths == ()
     np.testing.assert_array_equal(first_poses(geometry, POSES).world_to_camera, np.repeat(own[None], 4, axis=0))
     assert first_poses(geometry, POINTS) is geometry
 

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 
 def geometry_of(scene, verdict="full"):
@@ -71,3 +74,36 @@ def test_mono_views_give_mono_colours_and_two_views_suffice(seen):
     seeds = seed_points(geometry_of(scene), scene.views)
     assert seeds.colours.shape == (len(seeds.positions), 1)
     assert seeds.positions.dtype == seeds.spacing.dtype == np.float32
+
+
+@pytest.mark.parametrize(("factor", "new"), [(1.0, 0), (1.02, 0), (1.05, 1), (0.5, 1)])
+def test_points_of_further_views_are_added_where_their_depth_is_another(seen, factor, new):
+    """A camera that moved along its axis before one wall, so that every pixel of the nearer view is in both."""
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[2, 2, 3] = -0.25
+    wall = replace(geometry_of(seen(views=3)), world_to_camera=poses, inverse_depth=np.ones((90, 120), np.float32))
+    nearer = ViewDepth(2, np.full((90, 120), factor / 0.75, np.float32))
+    views = np.random.default_rng(0).random((3, 90, 120, 3)).astype(np.float32)
+    alone = seed_points(wall, views)
+    both = seed_points(replace(wall, view_depths=(ViewDepth(1, wall.inverse_depth), nearer)), views)
+    pixels = 30 * 40
+    np.testing.assert_array_equal(both.positions[:pixels], alone.positions[:pixels])
+    assert len(both.positions) - len(alone.positions) == new * pixels
+    if new:
+        added = slice(pixels, 2 * pixels)
+        np.testing.assert_allclose(both.positions[added, 2], 0.25 + 0.75 / factor, rtol=1e-5)
+        np.testing.assert_array_equal(both.colours[added], views[2, ::3, ::3].reshape(-1, 3))
+        np.testing.assert_allclose(both.spacing[added], both.spacing[0] * 0.75 / factor, rtol=1e-5)
+
+
+def test_a_further_view_that_sees_behind_the_middle_one_adds_all_it_sees(seen):
+    scene = seen(views=3)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[2] = np.diag([-1.0, 1, -1, 1])
+    poses[2, 2, 3] = 4  # on the other side of the wall, looking back
+    geometry = replace(geometry_of(scene), world_to_camera=poses, inverse_depth=np.ones((90, 120), np.float32))
+    back = ViewDepth(2, np.ones((90, 120), np.float32))
+    found = seed_points(replace(geometry, view_depths=(ViewDepth(1, geometry.inverse_depth), back)), scene.views)
+    beyond = found.positions[:, 2] > 2
+    assert beyond.sum() == 30 * 40
+    np.testing.assert_allclose(found.positions[beyond, 2], 3, rtol=1e-6)

@@ -16,6 +16,7 @@ from gs2ci.reconstruct.geometry.motion import (
 )
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel
 from gs2ci.reconstruct.geometry.tracks import Tracks
+from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 HUBER_PX = MotionSettings().huber_px
 
@@ -53,6 +54,11 @@ def test_a_reversal_exchanges_near_and_far_and_reverses_the_path(slope):
     assert np.corrcoef(back.inverse_depth.ravel(), slope.inverse_depth.ravel())[0, 1] == pytest.approx(-1)
     np.testing.assert_allclose(back.world_to_camera[:, :3, 3], -slope.world_to_camera[:, :3, 3])
     assert back.verdict == slope.verdict
+
+
+def test_a_reversal_leaves_out_the_depths_of_further_views(slope):
+    mapped = replace(slope, view_depths=(ViewDepth(slope.reference, slope.inverse_depth),))
+    assert reversed_geometry(mapped).view_depths == ()
 
 
 def test_reversed_twice_is_as_it_was(slope):

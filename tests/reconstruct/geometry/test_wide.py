@@ -51,6 +51,12 @@ def test_views_far_apart_and_in_no_order_join_one_scene(request_for, scene):
     assert errors.rotation_deg < 1.0
     np.testing.assert_allclose(found.world_to_camera[found.reference], np.eye(4), atol=1e-9)
     assert 0.7 < np.median(found.inverse_depth) < 1.4
+    # They turn by 20°: each view's depth is swept, and the order of depth is sure.
+    assert [found.view_depths[0].view, len(found.view_depths)] == [found.reference, len(PLACES)]
+    np.testing.assert_array_equal(found.view_depths[0].inverse_depth, found.inverse_depth)
+    assert all(0.7 < np.median(one.inverse_depth) < 1.4 for one in found.view_depths)
+    assert found.order_errors >= QUICK.criteria.order_errors
+    assert 0 < found.path_error_expected < 0.03
     again = wide_motion(request, flat(request))
     np.testing.assert_array_equal(again.world_to_camera, found.world_to_camera)
 
@@ -73,6 +79,14 @@ def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, w
     np.testing.assert_array_equal(found.world_to_camera, np.tile(np.eye(4), (len(PLACES), 1, 1)))
     with pytest.raises(GeometryError, match="do not join"):
         load_geometry_prior("wide")(request, Silent())
+
+
+def test_views_that_turn_less_have_one_depth_and_an_open_order(expose, scene):
+    few = [3, 2, 0]  # 8° from the first to the last
+    near = replace(scene, views=scene.views[few], poses=scene.poses[few])
+    request = Request(expose(near), near.views, QUICK)
+    found = wide_motion(request, flat(request))
+    assert (found.verdict, found.view_depths, found.order_errors) == ("full", (), None)
 
 
 def test_the_source_is_called_by_its_name(request_for):

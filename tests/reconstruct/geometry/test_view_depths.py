@@ -1,0 +1,100 @@
+"""Depths of several views of a path that turns far: which views, and against the true planes."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.reconstruct.geometry import view_depths as module
+from gs2ci.reconstruct.geometry.motion import rays
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
+
+QUICK = SweepSettings(planes=48)
+# Degrees about the scene's middle, right and down, in no order; the middle one looks straight.
+PLACES = [(9, 2), (-8, -3), (0, 0), (4, -4), (-11, 3)]
+REFERENCE = 2
+
+
+@pytest.fixture(scope="module")
+def scene(seen):
+    poses = np.tile(np.eye(4), (len(PLACES), 1, 1))
+    pivot = np.array([0.0, 0.0, 1.0])
+    for pose, (across, up) in zip(poses, PLACES, strict=True):
+        turn = Rotation.from_euler("yx", (across, up), degrees=True).as_matrix()
+        pose[:3, :3], pose[:3, 3] = turn, pivot - turn @ pivot
+    return seen(poses=poses, size=(90, 120), focal=100.0)
+
+
+def directions(scene):
+    height, width = scene.views.shape[1:3]
+    down, right = np.mgrid[0:height, 0:width]
+    return rays(np.stack([right.ravel(), down.ravel()], axis=1) + 0.5, scene.intrinsics)
+
+
+def points_of(scene):
+    return directions(scene) / scene.inverse_depth.reshape(-1, 1)
+
+
+def true_depth(scene, view):
+    """Inverse depth of the panel where a view's rays meet it, otherwise of the wall, [H, W]."""
+    pose = scene.poses[view]
+    centre, ahead = -pose[:3, :3].T @ pose[:3, 3], directions(scene) @ pose[:3, :3]
+    height, width = scene.inverse_depth.shape
+    depths = []
+    for inverse in (scene.inverse_depth.max(), scene.inverse_depth.min()):
+        depths.append((1 / inverse - centre[2]) / ahead[:, 2])
+    seen = (centre + depths[0][:, None] * ahead) @ scene.intrinsics.T
+    column, row = (seen[:, :2] / seen[:, 2:]).T
+    panel = (abs(column / width - 0.5) < 0.25) & (abs(row / height - 0.5) < 0.25)
+    return 1 / np.where(panel, *depths).reshape(height, width)
+
+
+def swept(scene):
+    return view_depths(scene.views, scene.poses, scene.intrinsics, REFERENCE, points_of(scene), QUICK)
+
+
+def test_the_depth_of_every_view_is_that_of_the_planes_it_sees(scene):
+    found = swept(scene)
+    assert found[0].view == REFERENCE
+    assert {one.view for one in found} == set(range(5))
+    for one in found:
+        ratio = one.inverse_depth / true_depth(scene, one.view)
+        assert one.inverse_depth.dtype == np.float32
+        assert abs(np.median(ratio) - 1) < 0.02
+        assert np.mean(abs(ratio - 1) < 0.1) > 0.75
+
+
+def test_the_views_turned_farthest_are_swept_with_those_turned_least_against_them(scene, monkeypatch):
+    monkeypatch.setattr(module, "_MOST_SWEPT", 2)
+    monkeypatch.setattr(module, "_NEIGHBOURS", 1)
+    asked = []
+
+    def sweep(views, poses, intrinsics, reference, span, settings, *, edges):
+        asked.append((views, poses, reference))
+        return np.ones(views.shape[1:3], np.float32)
+
+    monkeypatch.setattr(module, "surface_map", sweep)
+    assert [one.view for one in swept(scene)] == [2, 4]
+    for (views, poses, reference), (own, other) in zip(asked, [(2, 3), (4, 1)], strict=True):
+        np.testing.assert_array_equal(views, scene.views[[own, other]])
+        np.testing.assert_allclose(poses[0], np.eye(4), atol=1e-12)
+        np.testing.assert_allclose(poses[1] @ scene.poses[own], scene.poses[other], atol=1e-12)
+        assert reference == 0
+
+
+def test_a_view_with_all_points_behind_it_is_left_out(scene):
+    poses = scene.poses.copy()
+    poses[0, :3, :3] = Rotation.from_euler("y", 180, degrees=True).as_matrix() @ poses[0, :3, :3]
+    poses[0, :3, 3] = 0
+    found = view_depths(scene.views, poses, scene.intrinsics, REFERENCE, points_of(scene), QUICK)
+    assert found[0].view == REFERENCE
+    assert {one.view for one in found} == {1, 2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    ("degrees", "far"), [((0, 0, 0), False), ((0, 7, 14), False), ((8, 0, -8), True), ((0, 90, 180), True)]
+)
+def test_a_path_turns_far_if_any_two_views_do(degrees, far):
+    poses = np.tile(np.eye(4), (len(degrees), 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("y", np.array(degrees)[:, None], degrees=True).as_matrix()
+    assert turns_far(poses) is far
