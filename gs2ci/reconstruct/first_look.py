@@ -46,6 +46,8 @@ class FirstLook:
         proxy_notes: Findings about the views from which the geometry was estimated.
         decoder: The name of the decoder.
         sigma: The noise level at which a decode by patches ended, full scale 1; None for another decoder.
+        brief_rms: The held-out residual of the brief decode that a longer one began with; None if there is no longer
+            one, or if no pixels are held out.
     """
 
     holdout: Holdout
@@ -55,6 +57,7 @@ class FirstLook:
     proxy_notes: tuple[Finding, ...] = ()
     decoder: FirstLookName = "gap-tv"
     sigma: float | None = None
+    brief_rms: float | None = None
 
     def decoded_longer(
         self, settings: PatchSettings, progress: Progress | None = None, *, hurried: bool = False
@@ -70,11 +73,12 @@ class FirstLook:
         """
         rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
         settled = decode_until_settled(self.holdout, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
-        return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma)
+        brief_rms = self.holdout.residual_rms(self.decoded) if self.brief_rms is None else self.brief_rms
+        return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma, brief_rms=brief_rms)
 
     def with_decode_of(self, other: "FirstLook") -> "FirstLook":
         """Return the same estimates with the decoded views of another look."""
-        return replace(self, decoded=other.decoded, decoder=other.decoder, sigma=other.sigma)
+        return replace(self, decoded=other.decoded, decoder=other.decoder, sigma=other.sigma, brief_rms=other.brief_rms)
 
     @property
     def weights_given(self) -> F64:

@@ -55,6 +55,8 @@ def test_features_are_matched_in_tilted_pictures_of_a_longer_decode(monkeypatch,
     assert tilted
     assert tracks is lost.geometry
     assert (found.decoder, found.geometry, found.holdout) == ("patches", matched, holdout)
+    assert found.brief_rms == holdout.residual_rms(first.decoded)
+    assert (first.brief_rms, first.with_decode_of(found).brief_rms) == (None, found.brief_rms)
     np.testing.assert_array_equal(request.views, found.decoded)
     assert not np.array_equal(found.decoded, first.decoded)
     assert found.brightness.first is not None

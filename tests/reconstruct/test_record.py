@@ -48,15 +48,24 @@ def beside_decode(scene, decode):
 
 
 def test_a_path_along_which_the_scene_explains_less_than_the_decode_is_doubted():
-    (note,) = _path_unconfirmed(FOUND, beside_decode(0.13, 0.1))
+    (note,) = _path_unconfirmed(FOUND, beside_decode(0.13, 0.1), None)
     assert note.code is Code.PATH_UNCONFIRMED
     assert "30% larger" in note.sentence
 
 
 @pytest.mark.parametrize(("scene", "decode"), [(0.1, 0.1), (0.07, 0.1), (None, None), (0.1, None), (0.1, 0.0)])
 def test_one_along_which_it_explains_as_much_or_that_nobody_judged_is_not(scene, decode):
-    assert _path_unconfirmed(FOUND, beside_decode(scene, decode)) == ()
+    assert _path_unconfirmed(FOUND, beside_decode(scene, decode), None) == ()
 
 
 def test_where_there_is_no_path_none_is_doubted():
-    assert _path_unconfirmed(replace(FOUND, verdict="static"), beside_decode(0.13, 0.1)) == ()
+    assert _path_unconfirmed(replace(FOUND, verdict="static"), beside_decode(0.13, 0.1), None) == ()
+
+
+@pytest.mark.parametrize(
+    ("source", "brief", "doubted"),
+    [("wide", 0.12, False), ("wide", 0.1, True), ("wide", None, True), ("tracks", 0.12, True)],
+)
+def test_the_scene_along_matched_features_is_compared_with_the_brief_decode(source, brief, doubted):
+    found = _path_unconfirmed(replace(FOUND, source=source), beside_decode(0.13, 0.08), brief)
+    assert bool(found) == doubted

@@ -6,8 +6,8 @@ with a camera at rest: if the scene shows only a periodic pattern or a gradient,
 and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
 fits along two paths differ at least as much as two along one. If the path turns far, or the scene is hardly better than
-a decode, features of all pairs of views are matched again (`far_apart`). If the fits' residual looks like motion, moving
-scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+a decode, features of all pairs of views are matched again (`far_apart`). If the fits' residual looks like motion,
+moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
 """
 
 import math
@@ -133,7 +133,7 @@ class Attempts:
     def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
         """Fit a still scene along a path from matched features, if the path turns far or the scene explains too little.
 
-        Tracks through views far apart may agree on a path that is wrong. The fit's own views would show its path again.
+        Tracks through views far apart may agree on a path that is wrong. The fit's own views show that path again.
 
         Returns:
             The first look, with the longer decode if one was made and is better; and the better attempt.

@@ -3,9 +3,9 @@
     matches ─► essential matrices ─► (for each of the strongest pairs: two views ─► one view more ─► …) ─► the scenes
 
 A scene grows from one pair of views, one view at a time (Schönberger and Frahm 2016, by pycolmap). In a narrow field of
-view a pair often allows two orders of depth, and a scene that began with the wrong one keeps it: of twelve scenes of
-the same matches up to eleven had a wrong path, some with every view. They confirm fewer matches. So scenes are grown
-from the pairs with the most confirmed matches, and the one that confirms most is the best
+view a pair often allows two orders of depth, and a scene that began with the wrong one keeps it: of ten scenes of the
+same matches, all joined by every view, six had a wrong path. They explain fewer matches. So scenes are grown from the
+pairs with the most confirmed matches, and the one that explains most is the best
 (docs/decisions/0116-scenes-grown-from-many-pairs.md).
 
 Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
@@ -37,11 +37,11 @@ _JOIN_PX: Final = 4.0
 _POINT_PX: Final = 3.0
 _LEAST_ANGLE_TO_BEGIN_DEG: Final = 2.0
 _LEAST_ANGLE_DEG: Final = 0.5
-# Scenes are grown from so many pairs. In four of eight sets of photographs the strongest pair led to a wrong path; the
-# right one was found from one of the eight strongest.
+# Scenes are grown from so many pairs. In two of three sets of photographs the strongest pair led to a wrong path; the
+# right one was found from one of the five strongest.
 _MOST_STARTS: Final = 12
-# Scenes that explain at least this share of the best one's matches are its rivals. In one set of photographs wrong
-# paths explained up to 98 %; in the others less than 93 %.
+# Scenes that explain at least this share of the best one's matches are its rivals: wrong paths explained up to 98 % of
+# them in two sets of photographs, and up to 68 % in a third.
 _RIVALS: Final = 0.97
 # An adjustment ends when its error falls by less than this share.
 _ADJUSTED: Final = 1e-6
@@ -142,8 +142,8 @@ def _grown(database: Path, first: int, second: int) -> Any | None:
     # Sums over several threads differ in their last digits from run to run.
     options.num_threads, options.random_seed = 1, _SEED
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
-    # A view that sees too few points can be placed by its matches with single views. It took half a minute, and all of
-    # twelve paths that were completed in this way were wrong.
+    # A view that sees too few points could be placed by its matches with single views. It took half a minute, and all
+    # eight paths of a set of photographs that were completed in this way were wrong.
     options.structure_less_registration_fallback = False
     mapper = options.mapper
     mapper.init_min_num_inliers, mapper.init_min_tri_angle = _LEAST_TO_BEGIN, _LEAST_ANGLE_TO_BEGIN_DEG
