@@ -52,7 +52,7 @@ Pairs = Mapping[tuple[int, int], np.ndarray[Any, np.dtype[np.uint32]]]
 
 
 @dataclass(frozen=True)
-class Scene:
+class MappedScene:
     """Cameras and points that explain matches between all views.
 
     Args:
@@ -71,7 +71,7 @@ class Scene:
 
 def grown_scene(
     places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]
-) -> tuple[Scene | None, int]:
+) -> tuple[MappedScene | None, int]:
     """Grow scenes from the strongest pairs, and return the one that explains most matches.
 
     Args:
@@ -161,7 +161,7 @@ def _sightings(model: Any) -> int:
     return sum(point.track.length() for point in model.points3D.values())
 
 
-def _scene(model: Any, others: Sequence[Any], views: int) -> Scene:
+def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
     """Return the scene of a model, with its path's expected error; the others explain at most as much."""
     poses = _poses(model, views)
     path = camera_centres(poses)
@@ -170,7 +170,7 @@ def _scene(model: Any, others: Sequence[Any], views: int) -> Scene:
     squares = [squared_distance(camera_centres(_poses(rival, views)), path) for rival in rivals]
     error = None if extent == 0 else max(_squared_error(model, path), *squares, 0.0) ** 0.5 / extent
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    return Scene(poses, points, float(model.compute_mean_reprojection_error()), error)
+    return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), error)
 
 
 def _poses(model: Any, views: int) -> F64:

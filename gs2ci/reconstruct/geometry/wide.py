@@ -19,7 +19,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.mapper import LEAST_MATCHES, Scene, grown_scene
+from gs2ci.reconstruct.geometry.mapper import LEAST_MATCHES, MappedScene, grown_scene
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -95,7 +95,7 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
     return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
 
 
-def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[Scene | None, int]:
+def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[MappedScene | None, int]:
     """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
     features = [_features(view, _MOST_TILTED // len(views) if tilted else None) for view in views]
     pairs = {
