@@ -14,11 +14,13 @@ Here: when to match again, and the look that results. Not here: the features and
 (`geometry.wide`), the first look itself (`first_look`), the fits (`attempts`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
@@ -37,8 +39,10 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
 
-# Paths whose centres are apart by no more than this share of their extent are the same.
+# Paths whose centres are apart by no more than this share of their extent, and whose turns by no more than this angle,
+# are the same. Centres alone do not tell a nearly straight path from that of the reversed order of depth.
 _SAME_PATH: Final = 0.01
+_SAME_TURN_DEG: Final = 3.0
 
 
 def joins_in_part(first: FirstLook) -> bool:
@@ -110,4 +114,13 @@ def _is_path(geometry: Geometry, path: F64) -> bool:
     centres = camera_centres(geometry.world_to_camera)
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     apart = squared_distance(camera_centres(path), centres) ** 0.5
-    return bool(apart <= max(geometry.path_error_expected or 0.0, _SAME_PATH) * extent)
+    one, other = (_turns(poses, geometry.reference) for poses in (geometry.world_to_camera, path))
+    turned = float((one * other.inv()).magnitude().max())
+    near = apart <= max(geometry.path_error_expected or 0.0, _SAME_PATH) * extent
+    return bool(near and turned <= math.radians(_SAME_TURN_DEG))
+
+
+def _turns(world_to_camera: F64, reference: int) -> Rotation:
+    """Return the turns of views, [N, 4, 4], against the reference view, in its axes."""
+    turns = Rotation.from_matrix(world_to_camera[:, :3, :3])
+    return turns * turns[reference].inv()

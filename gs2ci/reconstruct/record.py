@@ -20,8 +20,9 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import GIVEN, FromWide
+from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
+from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.moving import MotionReport, Speeds
@@ -35,8 +36,8 @@ _NOISY: Final = 0.5
 # The held-out residual of the scene, as a multiple of that of the decode, above which its path is in doubt. Views far
 # apart along a wrong path left 1.32 times as much as the decode; along right ones 0.63 to 0.71 times (three drawn sets)
 # and 1.02 times (photographs, beside a decode by patches). 28 hard cases with a path left 0.53 to 0.96 times as much.
-# Around an object, scenes along right paths from matched features left up to 1.6 times as much as the decode by patches
-# in which they were matched, and no more than the brief decode; along wrong paths, twice as much as the latter or more.
+# Around an object, scenes along right paths left up to 1.6 times as much as a decode by patches, and no more than the
+# brief decode; along wrong paths, twice as much as the latter or more.
 _BEHIND: Final = 1.15
 
 
@@ -184,10 +185,10 @@ def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) 
 def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float | None) -> tuple[Finding, ...]:
     """Report that the scene along a path predicts the held-out pixels worse than the decode does.
 
-    Worse than the brief decode, if the path comes from matched features: these confirm it, too.
+    Worse than the brief decode, if the path turns far: such a scene is hard to fit, even along the right path.
     """
     scene, decode = recovered.heldout_rms["scene"], recovered.heldout_rms["decode"]
-    if geometry.source == FromWide.name and brief_rms is not None:
+    if brief_rms is not None and turns_far(geometry.world_to_camera):
         decode = brief_rms
     if geometry.verdict != "full" or scene is None or not decode or scene <= _BEHIND * decode:
         return ()

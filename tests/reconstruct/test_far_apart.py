@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
@@ -112,12 +113,21 @@ def test_a_path_on_which_parts_of_the_matches_agree_need_not_explain_more_than_r
     assert found.geometry is agreed
 
 
-@pytest.mark.parametrize(("moved", "error", "taken"), [(0.5, 0.02, True), (0.02, 0.02, False), (0.002, 0.0, False)])
-def test_a_path_that_a_fit_has_already_is_not_fitted_again(monkeypatch, seen, moved, error, taken):
+@pytest.mark.parametrize(
+    ("moved", "turned_deg", "error", "taken"),
+    [
+        (0.5, 0.0, 0.02, True),
+        (0.02, 0.0, 0.02, False),
+        (0.002, 2.0, 0.0, False),
+        (0.0, 4.0, 0.02, True),
+    ],
+)
+def test_a_path_that_a_fit_has_already_is_not_fitted_again(monkeypatch, seen, moved, turned_deg, error, taken):
     holdout, first = seen
     answer = replace(first.geometry, source="wide", path_error_expected=error)
     answering(monkeypatch, answer)
     path = answer.world_to_camera.copy()
     path[0, 1, 3] += moved * np.linalg.norm(np.ptp(path[:, :3, 3], axis=0))
+    path[0, :3] = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix() @ path[0, :3]
     found = look_far_apart(first, holdout, None, BRIEF, Silent(), [].append, path)
     assert (found is not None) == taken

@@ -63,9 +63,10 @@ def test_where_there_is_no_path_none_is_doubted():
 
 
 @pytest.mark.parametrize(
-    ("source", "brief", "doubted"),
-    [("wide", 0.12, False), ("wide", 0.1, True), ("wide", None, True), ("tracks", 0.12, True)],
+    ("turn", "brief", "doubted"), [(0.3, 0.12, False), (0.3, 0.1, True), (0.3, None, True), (0.2, 0.12, True)]
 )
-def test_the_scene_along_matched_features_is_compared_with_the_brief_decode(source, brief, doubted):
-    found = _path_unconfirmed(replace(FOUND, source=source), beside_decode(0.13, 0.08), brief)
+def test_a_scene_whose_camera_turned_far_is_compared_with_the_brief_decode(turn, brief, doubted):
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    found = _path_unconfirmed(replace(FOUND, world_to_camera=poses), beside_decode(0.13, 0.08), brief)
     assert bool(found) == doubted

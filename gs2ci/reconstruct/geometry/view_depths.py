@@ -2,8 +2,8 @@
 
 A plane sweep compares the reference view with all others. Around an object, most of them see other surfaces, and a
 scene that begins with what the reference view sees has nothing on its other sides: from decoded photographs, 77° from
-the first view to the last, scenes along the true path ended 3 to 4 dB lower than from several views' depths, each swept
-with the views nearest to it (docs/decisions/0117-first-points-from-several-views.md).
+the first view to the last, scenes along the right path ended 2 to 4 dB lower than from several views' depths, each
+swept with the views nearest to it (docs/decisions/0117-first-points-from-several-views.md).
 
 Here: when a path turns far, which views are swept, and their depths. Not here: the sweep (`surface_map`), the points
 that follow (`points`).
