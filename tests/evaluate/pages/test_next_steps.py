@@ -74,7 +74,7 @@ def test_what_is_told_is_read_from_the_report():
     assert "30%" in module.closed_pixels(CASES["closed_pixels"]).because
     assert "by 1.2 px rms, and their own scatter is 1.1 px" in module.little_parallax(CASES["little_parallax"]).because
     assert "4 px" in module.loose_tracks(CASES["loose_tracks"]).because
-    assert "98 tracked points" in module.uncertain_path(CASES["uncertain_path"]).because
+    assert "98 points" in module.uncertain_path(CASES["uncertain_path"]).because
     assert "error of the first path is 12%" in module.uncertain_path(CASES["uncertain_path"]).because
     assert "--iterations 1000" in module.still_improving(CASES["still_improving"]).command
     assert "(0.05 against 0.021)" in module.scene_lost(CASES["scene_lost"]).because
