@@ -34,6 +34,7 @@ from gs2ci.reconstruct.geometry.halves import squared_distance
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources import matched_motion
+from gs2ci.reconstruct.geometry.validity import halves_agree
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -88,7 +89,10 @@ def look_far_apart(
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
     geometry = matched_motion(request, first.geometry, tilted=True)
-    found = geometry.verdict == "full" and (_agrees(geometry, settings) or explains_more_than_rest(request, geometry))
+    # Where halves of the matches agree, views warped along their path need not explain the measurement: around an
+    # object, 80° from the first view to the last, those of the right path explained less than a camera at rest.
+    agreed = halves_agree(geometry.path_error_expected, settings.geometry.criteria)
+    found = geometry.verdict == "full" and (agreed or explains_more_than_rest(request, geometry))
     if not found or (path is not None and _is_path(geometry, path)):
         lap("geometry")
         return None
@@ -97,16 +101,6 @@ def look_far_apart(
     for note in geometry.notes:
         progress.say(note.sentence)
     return replace(longer, geometry=geometry, brightness=replace(longer.brightness, first=light))
-
-
-def _agrees(geometry: Geometry, settings: Settings) -> bool:
-    """Tell whether parts of the matches give the same path.
-
-    Where they do, views that are warped along it need not explain the measurement: around an object, 80° from the first
-    view to the last, those of the right path explained less of it than a camera at rest.
-    """
-    error = geometry.path_error_expected
-    return error is not None and error <= settings.geometry.criteria.agreement
 
 
 def _is_path(geometry: Geometry, path: F64) -> bool:

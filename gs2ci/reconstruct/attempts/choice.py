@@ -149,13 +149,13 @@ class Attempts:
             return first, tried
         fits = self.fits
         found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)
-        if found is None or self.fits.halt.asked:
+        if found is None or fits.halt.asked:
             return first, tried
-        found = self.fits.settle_order(found, hurried=False)
+        found = fits.settle_order(found, hurried=False)
         how = How(alone=True, rival=self._rival(tried))
-        attempts = {source: tried, FromWide.name: self.fits.attempt(found, found.decoded, how)}
+        attempts = {source: tried, FromWide.name: fits.attempt(found, found.decoded, how)}
         residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        return first, self.fits.completed(self._best(attempts, residuals))
+        return first, fits.completed(self._best(attempts, residuals))
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""

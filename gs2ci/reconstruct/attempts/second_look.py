@@ -26,6 +26,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sources import ESTIMATED
+from gs2ci.reconstruct.geometry.validity import halves_agree
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
 
@@ -100,8 +101,7 @@ def _found_in_fit(
     )
     seeking = replace(settings.geometry, criteria=criteria)
     found = from_tracks(Request.of(first.holdout.seen, polished, seeking, lens), progress)
-    error = found.path_error_expected
-    if found.verdict != "full" or error is None or error > settings.geometry.criteria.agreement:
+    if found.verdict != "full" or not halves_agree(found.path_error_expected, settings.geometry.criteria):
         return None
     note = finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
     return replace(first, geometry=replace(found, order_errors=None, notes=(*found.notes, note)))

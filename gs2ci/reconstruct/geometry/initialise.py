@@ -42,6 +42,7 @@ from gs2ci.reconstruct.geometry.validity import (
     contradictions,
     doubts_about_path,
     doubts_about_tracks,
+    halves_agree,
     parallax_px,
     supported_views,
 )
@@ -220,7 +221,7 @@ def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
     if geometry.verdict != "full" or geometry.parallax_px < criteria.parallax_px:
         return False
     error = _expected_error(found, settings)
-    return error is not None and error <= criteria.agreement
+    return halves_agree(error, criteria)
 
 
 def _found(

@@ -60,15 +60,13 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
     colours = [views[geometry.reference][at_grid]]
     spacing = [1 / inverse_depth]
     taken = [geometry.reference]
-    mapped = geometry.view_depths[:1]
-    for depth in geometry.view_depths[1:]:
+    for number, depth in enumerate(geometry.view_depths[1:], start=1):
         along = depth.inverse_depth[at_grid].astype(np.float64)
         points = _lifted(geometry, directions, along, depth.view)
-        new = ~np.any([_known(geometry, points, before) for before in mapped], axis=0)
+        new = ~np.any([_known(geometry, points, before) for before in geometry.view_depths[:number]], axis=0)
         positions.append(points[new])
         colours.append(views[depth.view][at_grid][new])
         spacing.append(1 / along[new])
-        mapped = (*mapped, depth)
         taken.append(depth.view)
     smooth = cv2.GaussianBlur(geometry.inverse_depth, (0, 0), _RIM_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     for i in _farthest_first(geometry, taken):
@@ -101,9 +99,13 @@ def _project(geometry: Geometry, points: F64, view: int) -> tuple[F64, F64]:
 
 
 def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
-    height, width = geometry.inverse_depth.shape
     pixels, _ = _project(geometry, points, view)
-    # A comparison with NaN is False: a point behind the camera is not seen.
+    return _inside(pixels, geometry.inverse_depth)
+
+
+def _inside(pixels: F64, picture: F32) -> Bool:
+    """Tell which pixels, [P, 2], lie in a picture, [H, W]; a point behind the camera has NaN, and does not."""
+    height, width = picture.shape
     inside = (pixels >= 0) & (pixels < (width, height))
     return inside[:, 0] & inside[:, 1]
 
@@ -117,9 +119,8 @@ def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) 
 
 def _known(geometry: Geometry, points: F64, depth: ViewDepth) -> Bool:
     """Tell which points, [P, 3], lie on the surface that a view's depth shows."""
-    height, width = depth.inverse_depth.shape
     pixels, ahead = _project(geometry, points, depth.view)
-    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    inside = _inside(pixels, depth.inverse_depth)
     known = np.zeros(len(points), bool)
     column, row = pixels[inside].astype(int).T
     known[inside] = np.abs(ahead[inside] * depth.inverse_depth[row, column] - 1) < _SAME_DEPTH

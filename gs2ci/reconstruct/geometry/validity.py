@@ -180,6 +180,16 @@ def _largest_turn_deg(motion: CameraMotion, tracks: Tracks) -> float:
     return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))
 
 
+def halves_agree(expected_error: float | None, criteria: Criteria) -> bool:
+    """Tell whether halves of the points agree on a path so well that it is a motion, and not their errors.
+
+    Args:
+        expected_error: Of the path, from halves, as a share of its extent; None, if it is not known: they do not agree.
+        criteria: With the largest such error.
+    """
+    return expected_error is not None and expected_error <= criteria.agreement
+
+
 def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[Finding, ...]:
     """Return the finding that a path with this expected error, as a share of its extent, is unreliable, or nothing."""
     if expected_error is None or expected_error <= criteria.path_error:

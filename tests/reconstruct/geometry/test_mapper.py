@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.geometry import mapper
 from gs2ci.reconstruct.geometry.mapper import grown_scene
+from tests.reconstruct.geometry.orbits import around
 
 SIZE = (240, 320)
 INTRINSICS = np.array([[500.0, 0, 160], [0, 500, 120], [0, 0, 1]])
@@ -16,16 +16,7 @@ PIVOT = np.array([0.0, 0.0, 5.0])
 NOISE_PX = 0.3
 
 
-def around(degrees, height):
-    """Poses of a camera that is carried around the pivot, and looks at it."""
-    poses = np.tile(np.eye(4), (len(degrees), 1, 1))
-    for pose, across, up in zip(poses, degrees, height, strict=True):
-        turn = Rotation.from_euler("yx", (across, up), degrees=True).as_matrix()
-        pose[:3, :3], pose[:3, 3] = turn, PIVOT - turn @ PIVOT
-    return poses
-
-
-POSES = around((14, -6, 0, 25, -20), (3, -4, 0, 2, 5))
+POSES = around([(14, 3), (-6, -4), (0, 0), (25, 2), (-20, 5)], 5.0)
 
 
 def seen_from(poses, points, rng):
@@ -85,7 +76,7 @@ def test_a_scene_need_not_begin_with_the_pair_of_most_matches(monkeypatch):
 def test_the_distance_of_a_path_that_explains_hardly_fewer_matches_is_the_expected_error(monkeypatch):
     """Two things that moved in different ways, the one with 80 points, the other with 60."""
     rng = np.random.default_rng(2)
-    other = around((-20, 25, 0, -6, 14), (-12, 15, 0, -9, 9))
+    other = around([(-20, -12), (25, 15), (0, 0), (-6, -9), (14, 9)], 5.0)
     one, two = points_of(80, rng), points_of(60, rng)
     places = np.concatenate([seen_from(POSES, one, rng), seen_from(other, two, rng)], axis=1)
     pairs = {

@@ -8,21 +8,15 @@ from gs2ci.reconstruct.geometry import view_depths as module
 from gs2ci.reconstruct.geometry.motion import rays
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
+from tests.reconstruct.geometry.orbits import PLACES, around
 
 QUICK = SweepSettings(planes=48)
-# Degrees about the scene's middle, right and down, in no order; the middle one looks straight.
-PLACES = [(9, 2), (-8, -3), (0, 0), (4, -4), (-11, 3)]
 REFERENCE = 2
 
 
 @pytest.fixture(scope="module")
 def scene(seen):
-    poses = np.tile(np.eye(4), (len(PLACES), 1, 1))
-    pivot = np.array([0.0, 0.0, 1.0])
-    for pose, (across, up) in zip(poses, PLACES, strict=True):
-        turn = Rotation.from_euler("yx", (across, up), degrees=True).as_matrix()
-        pose[:3, :3], pose[:3, 3] = turn, pivot - turn @ pivot
-    return seen(poses=poses, size=(90, 120), focal=100.0)
+    return seen(poses=around(PLACES, 1.0), size=(90, 120), focal=100.0)
 
 
 def directions(scene):

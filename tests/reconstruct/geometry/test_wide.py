@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code
@@ -16,20 +15,14 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.wide import wide_motion
+from tests.reconstruct.geometry.orbits import PLACES, around
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
-# Degrees about the scene's middle, right and down, in no order; the middle one looks straight.
-PLACES = [(9, 2), (-8, -3), (0, 0), (4, -4), (-11, 3)]
 
 
 @pytest.fixture(scope="module")
 def scene(seen):
-    poses = np.tile(np.eye(4), (len(PLACES), 1, 1))
-    pivot = np.array([0.0, 0.0, 1.0])
-    for pose, (across, up) in zip(poses, PLACES, strict=True):
-        turn = Rotation.from_euler("yx", (across, up), degrees=True).as_matrix()
-        pose[:3, :3], pose[:3, 3] = turn, pivot - turn @ pivot
-    return seen(poses=poses, size=(135, 180), focal=150.0)
+    return seen(poses=around(PLACES, 1.0), size=(135, 180), focal=150.0)
 
 
 @pytest.fixture
