@@ -35,6 +35,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sources import matched_motion
 from gs2ci.reconstruct.geometry.validity import halves_agree
+from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -74,9 +75,9 @@ def look_far_apart(
         path: Of the best fit so far, [N, 4, 4].
 
     Returns:
-        The first look with the longer decode, along the path found; None if not every view joins, or if parts of the
-        matches give other paths and the path explains no more than a camera at rest, or if it is the path of the best
-        fit, or if the settings allow no longer decode.
+        The first look with the longer decode, along the path found; None if not every view joins, or if the path
+        explains no more than a camera at rest and does not turn far or parts of the matches give others, or if it is
+        the path of the best fit, or if the settings allow no longer decode.
     """
     if settings.long_decode is None:
         return None
@@ -89,10 +90,12 @@ def look_far_apart(
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
     geometry = matched_motion(request, first.geometry, tilted=True)
-    # Where halves of the matches agree, views warped along their path need not explain the measurement: around an
-    # object, 80° from the first view to the last, those of the right path explained less than a camera at rest.
+    # Around an object, 80° from the first view to the last, views warped along the right path explained less than a
+    # camera at rest: there it is enough that halves of the matches agree. For a camera that did not move they
+    # once agreed to 5 %, along a path of 2 % of the depth.
     agreed = halves_agree(geometry.path_error_expected, settings.geometry.criteria)
-    found = geometry.verdict == "full" and (agreed or explains_more_than_rest(request, geometry))
+    turned = agreed and turns_far(geometry.world_to_camera)
+    found = geometry.verdict == "full" and (turned or explains_more_than_rest(request, geometry))
     if not found or (path is not None and _is_path(geometry, path)):
         lap("geometry")
         return None
