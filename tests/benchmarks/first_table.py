@@ -2,8 +2,9 @@
 
     GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks first_table
 
-Every row states its data. Anybody can make these again: scikit-image's photographs on planes, and a simulated bench
-with noise, blur and errors of calibration, calibrated and captured through its drivers. If the folder is given, these
+Every row states its data. Anybody can make these again: scikit-image's photographs on planes, a simulated bench with
+noise, blur and errors of calibration, calibrated and captured through its drivers, and scenes that the simulator draws
+ray by ray (Gaussians, and textured meshes), which share no code with the solver. If the folder is given, these
 follow: eight real photographs far apart, a path-traced light field, a real hardware exposure (without a truth), and the
 noise-free renderings of a Gaussian scene, the solver's own model class. "Left" is the root mean square residual of the
 measurement with the delivered views, in full scales of one view.
@@ -26,7 +27,9 @@ from gs2ci.evaluate.novel_views import NovelViews, beside_path
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
+from gs2ci_sims.exact import ExactRenderer
 from tests.benchmarks.calibrated_reconstruction import BENCHES, take
+from tests.benchmarks.own_model_class import MESHES, RAYS_THROUGH_MESHES, taken
 from tests.benchmarks.photographs import expose
 
 FOLDER = Path(os.environ.get("GS2CI_SHARED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -53,6 +56,10 @@ def rows() -> Iterator[tuple[str, str, Shot, NovelViews | None]]:
         yield f"photographs on planes {which}", "cast rays, 1 % noise", shot, NovelViews(images, poses)
     bench = take(BENCHES["off"], seed=1)
     yield "simulated bench, calibrated", "Gaussian scene, sensor noise, blur", bench.shots["calibrated"], None
+    size = (96, 128)
+    yield "boxes, by rays", "Gaussian scene, drawn ray by ray, noise", taken("boxes", ExactRenderer(), 0, size), None
+    for name in MESHES:
+        yield f"{name}, a mesh", "textured mesh, noise", taken(name, RAYS_THROUGH_MESHES, 0, size), None
     if not FOLDER.is_dir():
         print(f"(no folder of measurements at GS2CI_SHARED_DATA={FOLDER}: its rows are left out)")
         return

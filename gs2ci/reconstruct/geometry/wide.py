@@ -139,9 +139,13 @@ def _matches(one: F32, other: F32) -> np.ndarray[Any, np.dtype[np.uint32]]:
     likeness = one @ other.T
     rows = np.arange(len(one))
     nearest = likeness.argmax(axis=1)
-    mutual = likeness.argmax(axis=0)[nearest] == rows
     best = likeness[rows, nearest]
+    # The largest of a column, not where it is: that takes NumPy 20 times as long.
+    mutual = best == likeness.max(axis=0)[nearest]
     likeness[rows, nearest] = -1
     distance, second = (np.sqrt(np.maximum(2 - 2 * value, 0)) for value in (best, likeness.max(axis=1)))
-    kept = mutual & (distance < _RATIO * second)
-    return np.stack([rows[kept], nearest[kept]], axis=1).astype(np.uint32)
+    kept = np.flatnonzero(mutual & (distance < _RATIO * second))
+    # Of features that are exactly alike, the first.
+    _, first = np.unique(nearest[kept], return_index=True)
+    kept = kept[np.sort(first)]
+    return np.stack([kept, nearest[kept]], axis=1).astype(np.uint32)

@@ -9,7 +9,7 @@ from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.geometry import wide
+from gs2ci.reconstruct.geometry import mapper, wide
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request
@@ -87,7 +87,10 @@ def test_the_source_is_called_by_its_name(request_for):
     assert (found.source, found.verdict) == ("wide", "full")
 
 
-def test_tilted_pictures_give_more_points_and_the_same_path(request_for, scene):
+def test_tilted_pictures_give_more_points_and_the_same_path(request_for, scene, monkeypatch):
+    # Scenes of so many points take seconds each.
+    monkeypatch.setattr(mapper, "_MOST_STARTS", 2)
+    monkeypatch.setattr(wide, "_MOST_TILTED", 15_000)
     request = request_for()
     plain, tilted = (wide_motion(request, flat(request), tilted=also) for also in (False, True))
     assert tilted.verdict == "full"
@@ -113,3 +116,14 @@ def test_more_views_share_the_features_of_tilted_pictures(request_for, monkeypat
     request = request_for()
     assert wide_motion(request, flat(request), tilted=True).verdict == "unsupported"
     assert asked == [64_000 // len(PLACES)] * len(PLACES)
+
+
+def test_matches_are_mutual_distinct_and_one_to_one():
+    one = np.eye(4, dtype=np.float32)
+    one[1] = one[0]
+    other = one[[0, 2, 2]]
+    # The last two of `other` are alike: the third of `one` has no distinct match, and its fourth has none at all.
+    np.testing.assert_array_equal(wide._matches(one, other), [[0, 0]])
+    # The first two of `one` are alike; of two that match its third, the first does.
+    np.testing.assert_array_equal(wide._matches(other, one), [[1, 2]])
+    assert wide._matches(one[:1], other).shape == (0, 2)
