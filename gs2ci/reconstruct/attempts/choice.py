@@ -124,8 +124,7 @@ class Attempts:
             attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
         if len(attempts) == 1:
             return self.fits.completed(tried)
-        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        taken = self._best(attempts, residuals, first.geometry.source if pathless else None)
+        taken, residuals = self._compared(attempts, first.geometry.source if pathless else None)
         chosen = _name_of(taken, attempts)
         others = sorted(attempts.keys() - {chosen}, key=lambda name: _or_infinite(residuals[name]))
         return self.fits.completed(taken, tuple(attempts[name].fits[0] for name in others), residuals[chosen])
@@ -154,8 +153,7 @@ class Attempts:
         found = fits.settle_order(found, hurried=False)
         how = How(alone=True, rival=self._rival(tried))
         attempts = {source: tried, FromWide.name: fits.attempt(found, found.decoded, how)}
-        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        return first, fits.completed(self._best(attempts, residuals))
+        return first, fits.completed(self._compared(attempts)[0])
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""
@@ -211,6 +209,13 @@ class Attempts:
         before = self.fits.holdout.residual_rms(refined)
         after = self.fits.holdout.residual_rms(patch_decode_from(self.fits.holdout.seen, refined, steps))
         return 0.0 if not before or after is None else 1 - after / before
+
+    def _compared(
+        self, attempts: dict[str, Attempt], simple: str | None = None
+    ) -> tuple[Attempt, dict[str, float | None]]:
+        """Choose an attempt by the first fit of each, as `_best`; also return their held-out residuals."""
+        residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
+        return self._best(attempts, residuals, simple), residuals
 
     def _best(
         self, attempts: dict[str, Attempt], residuals: dict[str, float | None], simple: str | None = None
