@@ -36,6 +36,9 @@ _STEEPEST: Final = 2
 _MOST_TILTED: Final = 64_000
 # A match must be mutual, and nearer than this share of the distance to the second nearest feature (Lowe's test).
 _RATIO: Final = 0.8
+# Features are compared with those of another view so many at a time: of two views in tilted pictures, all at once would
+# take 4 GB.
+_ROWS: Final = 2048
 _EPSILON: Final = 1e-6
 
 
@@ -136,16 +139,22 @@ def _matches(one: F32, other: F32) -> np.ndarray[Any, np.dtype[np.uint32]]:
     if len(one) < 2 or len(other) < 2:
         return np.zeros((0, 2), np.uint32)
     # Descriptors have length 1: the nearest has the largest product.
-    likeness = one @ other.T
-    rows = np.arange(len(one))
-    nearest = likeness.argmax(axis=1)
-    best = likeness[rows, nearest]
-    # The largest of a column, not where it is: that takes NumPy 20 times as long.
-    mutual = best == likeness.max(axis=0)[nearest]
-    likeness[rows, nearest] = -1
-    distance, second = (np.sqrt(np.maximum(2 - 2 * value, 0)) for value in (best, likeness.max(axis=1)))
-    kept = np.flatnonzero(mutual & (distance < _RATIO * second))
+    nearest = np.empty(len(one), np.int64)
+    best, second = np.empty((2, len(one)), np.float32)
+    of_other = np.full(len(other), -np.inf, np.float32)
+    for first in range(0, len(one), _ROWS):
+        rows = slice(first, first + _ROWS)
+        likeness = one[rows] @ other.T
+        here = np.arange(len(likeness))
+        nearest[rows] = at = likeness.argmax(axis=1)
+        best[rows] = likeness[here, at]
+        # The largest of a column, not where it is: that takes NumPy 20 times as long.
+        np.maximum(of_other, likeness.max(axis=0), out=of_other)
+        likeness[here, at] = -1
+        second[rows] = likeness.max(axis=1)
+    distance, to_second = (np.sqrt(np.maximum(2 - 2 * value, 0)) for value in (best, second))
+    kept = np.flatnonzero((best == of_other[nearest]) & (distance < _RATIO * to_second))
     # Of features that are exactly alike, the first.
-    _, first = np.unique(nearest[kept], return_index=True)
-    kept = kept[np.sort(first)]
+    _, firsts = np.unique(nearest[kept], return_index=True)
+    kept = kept[np.sort(firsts)]
     return np.stack([kept, nearest[kept]], axis=1).astype(np.uint32)

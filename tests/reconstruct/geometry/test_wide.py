@@ -127,3 +127,11 @@ def test_matches_are_mutual_distinct_and_one_to_one():
     # The first two of `one` are alike; of two that match its third, the first does.
     np.testing.assert_array_equal(wide._matches(other, one), [[1, 2]])
     assert wide._matches(one[:1], other).shape == (0, 2)
+
+
+def test_matches_are_the_same_in_parts(monkeypatch, scene):
+    (_, one), (_, other) = (wide._features(view) for view in scene.views[:2])
+    whole = wide._matches(one, other)
+    assert len(whole) > 30
+    monkeypatch.setattr(wide, "_ROWS", 7)
+    np.testing.assert_array_equal(wide._matches(one, other), whole)
