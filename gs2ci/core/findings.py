@@ -169,6 +169,7 @@ class Code(StrEnum):
     # Things that move.
     SCENE_MOVES = auto()
     MOTION_SMALL = auto()
+    MOTION_AROUND = auto()
     MOTION_NOT_TAKEN = auto()
     VIEWS_POLISHED = auto()
 

@@ -34,6 +34,7 @@ from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.sources import ESTIMATED
+from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
@@ -145,19 +146,16 @@ class MotionReport:
             "most_px": None if speeds is None else speeds.most_px,
         }
 
-    def notes(self, speeds: "Speeds | None") -> tuple[Finding, ...]:
-        """Report what moves, or that moving scenes were tried and not confirmed."""
+    def notes(self, speeds: "Speeds | None", world_to_camera: F64) -> tuple[Finding, ...]:
+        """Report what moves along a path, [N, 4, 4], or that moving scenes were tried and not confirmed."""
         if speeds is not None and speeds.most_px < _SURELY_PX:
             return (finding(Code.MOTION_SMALL, most_px=speeds.most_px),)
         if speeds is not None:
-            return (
-                finding(
-                    Code.SCENE_MOVES,
-                    share=speeds.pixels_share,
-                    median_px=speeds.median_px,
-                    most_px=speeds.most_px,
-                ),
-            )
+            share, median_px = speeds.pixels_share, speeds.median_px
+            if turns_far(world_to_camera):
+                turn_deg = largest_turn_deg(world_to_camera)
+                return (finding(Code.MOTION_AROUND, share=share, median_px=median_px, turn_deg=turn_deg),)
+            return (finding(Code.SCENE_MOVES, share=share, median_px=median_px, most_px=speeds.most_px),)
         left = self.question.left
         if left is not None and self.heldout_rms:
             return (finding(Code.MOTION_NOT_TAKEN, explained=left.explained),)

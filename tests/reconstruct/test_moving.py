@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import gaussian_filter, shift
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
@@ -297,11 +298,23 @@ def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_d
     assert not MotionQuestion(None, 0.015, behind_decode=True).speaks_for_motion
 
 
-@pytest.mark.parametrize(("most_px", "code"), [(1.0, Code.MOTION_SMALL), (6.0, Code.SCENE_MOVES)])
-def test_a_motion_of_a_pixel_is_not_said_to_be_things_that_move(most_px, code):
+@pytest.mark.parametrize(
+    ("most_px", "turned_deg", "code"),
+    [
+        (1.0, 0, Code.MOTION_SMALL),
+        (1.0, 40, Code.MOTION_SMALL),
+        (6.0, 0, Code.SCENE_MOVES),
+        (6.0, 10, Code.SCENE_MOVES),
+        (6.0, 40, Code.MOTION_AROUND),
+    ],
+)
+def test_motion_of_a_pixel_or_around_an_object_is_not_said_to_be_things_that_move(most_px, turned_deg, code):
     speeds = moving.Speeds(np.zeros((4, 4, 2), np.float32), 0.1, 0.9, min(most_px, 0.7), most_px)
-    (note,) = MotionReport("auto", moves=True).notes(speeds)
+    path = np.tile(np.eye(4), (2, 1, 1))
+    path[1, :3, :3] = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
+    (note,) = MotionReport("auto", moves=True).notes(speeds, path)
     assert note.code == code
+    assert note.figures.get("turn_deg", 40) == pytest.approx(40)
 
 
 @pytest.mark.parametrize(

@@ -393,8 +393,8 @@ class Easy:
 
 
 def is_a_warning(note: Finding) -> bool:
-    """Tell whether a note warns of a loss: a remark does not, but for that of things that move."""
-    return note.code.weight is not Weight.REMARK or note.code is Code.SCENE_MOVES
+    """Tell whether a note warns of a loss: a remark does not, but for those of things that move."""
+    return note.code.weight is not Weight.REMARK or note.code in (Code.SCENE_MOVES, Code.MOTION_AROUND)
 
 
 def beyond_easy(notes: tuple[Finding, ...], easy: Easy) -> tuple[Finding, ...]:

@@ -209,6 +209,7 @@ def test_suite_goes_on_from_its_record(tmp_path, monkeypatch):
     [
         (finding(Code.MASKS_BLUR, motion_px=4.0, most=2), True),
         (finding(Code.SCENE_MOVES, share=0.1, median_px=1.0, most_px=2.0), True),
+        (finding(Code.MOTION_AROUND, share=0.1, median_px=1.0, turn_deg=20.0), True),
         (finding(Code.MASKS_HAVE_MOMENTS, motion_px=1.0, most=2), False),
     ],
 )

@@ -44,7 +44,12 @@ class ViewDepth:
 
 def turns_far(world_to_camera: F64) -> bool:
     """Tell whether some views of a path, [N, 4, 4], are turned so far against others that tracks between them end."""
-    return bool(_turns(world_to_camera).max() >= math.radians(_FAR_DEG))
+    return largest_turn_deg(world_to_camera) >= _FAR_DEG
+
+
+def largest_turn_deg(world_to_camera: F64) -> float:
+    """Return the largest angle between two views of a path, [N, 4, 4], degrees."""
+    return math.degrees(_turns(world_to_camera).max())
 
 
 def view_depths(
