@@ -146,14 +146,19 @@ class MotionReport:
             "most_px": None if speeds is None else speeds.most_px,
         }
 
-    def notes(self, speeds: "Speeds | None", world_to_camera: F64) -> tuple[Finding, ...]:
-        """Report what moves along a path, [N, 4, 4], or that moving scenes were tried and not confirmed."""
+    def notes(self, speeds: "Speeds | None", path: F64 | None) -> tuple[Finding, ...]:
+        """Report what moves, or that moving scenes were tried and not confirmed.
+
+        Args:
+            speeds: Of the scene; None if it is still.
+            path: World-to-camera poses, [N, 4, 4]; None if the camera was found at rest, or only turned.
+        """
         if speeds is not None and speeds.most_px < _SURELY_PX:
             return (finding(Code.MOTION_SMALL, most_px=speeds.most_px),)
         if speeds is not None:
             share, median_px = speeds.pixels_share, speeds.median_px
-            if turns_far(world_to_camera):
-                turn_deg = largest_turn_deg(world_to_camera)
+            if path is not None and turns_far(path):
+                turn_deg = largest_turn_deg(path)
                 return (finding(Code.MOTION_AROUND, share=share, median_px=median_px, turn_deg=turn_deg),)
             return (finding(Code.SCENE_MOVES, share=share, median_px=median_px, most_px=speeds.most_px),)
         left = self.question.left

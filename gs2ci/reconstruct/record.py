@@ -150,7 +150,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.look.notes,
             *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
-            *left.motion.notes(left.speeds, ensemble.best.world_to_camera),
+            *left.motion.notes(left.speeds, ensemble.best.world_to_camera if geometry.verdict == "full" else None),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
             *_fine_left_out(ensemble, settings),

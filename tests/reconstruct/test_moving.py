@@ -312,8 +312,11 @@ def test_motion_of_a_pixel_or_around_an_object_is_not_said_to_be_things_that_mov
     speeds = moving.Speeds(np.zeros((4, 4, 2), np.float32), 0.1, 0.9, min(most_px, 0.7), most_px)
     path = np.tile(np.eye(4), (2, 1, 1))
     path[1, :3, :3] = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
-    (note,) = MotionReport("auto", moves=True).notes(speeds, path)
+    report = MotionReport("auto", moves=True)
+    (note,) = report.notes(speeds, path)
     assert note.code == code
+    (of_one_that_only_turned,) = report.notes(speeds, None)
+    assert of_one_that_only_turned.code == (Code.MOTION_SMALL if most_px < 2 else Code.SCENE_MOVES)
     assert note.figures.get("turn_deg", 40) == pytest.approx(40)
 
 
