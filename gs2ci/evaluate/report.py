@@ -246,6 +246,7 @@ class MotionSection(ReportSection):
     blocks: Number | None
     patch_gain: Number | None = None
     behind_decode: bool | None = None
+    got_worse: bool | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str
     gaussians_share: Number | None

@@ -294,6 +294,13 @@ def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
     assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
 
 
+@pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.3, 0.05, True), (0.2, 0.05, False), (0.3, 0.03, False)])
+def test_a_fit_that_only_got_worse_speaks_for_motion_if_it_lacks_motion_in_many_blocks(surely, gain, speaks):
+    left = LeftByMotion(0.05, surely, np.zeros((1, 1, 2)))
+    assert MotionQuestion(left, gain, got_worse=True).speaks_for_motion == speaks
+    assert not MotionQuestion(left, gain).speaks_for_motion
+
+
 def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_does_not():
     assert not MotionQuestion(None, 0.015, behind_decode=True).speaks_for_motion
 

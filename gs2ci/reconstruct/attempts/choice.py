@@ -190,7 +190,7 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
-        return MotionQuestion(left, gain, self._is_behind_decode(still))
+        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still))
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
