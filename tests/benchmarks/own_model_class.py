@@ -11,7 +11,6 @@ truth, and the median error of depth after scaling; means over seeds of masks an
 |---|---|---|
 | `GS2CI_SEEDS` | how many seeds | 1 |
 | `GS2CI_PRESET` | the preset | standard |
-| `GS2CI_SIZE` | height and width, px | 64x96 |
 """
 
 import os
@@ -34,7 +33,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.files import load_scene
 
-HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "64x96").split("x"))
+SIZE = (64, 96)
 MASKS = 8
 PARALLAX_PX = 4.0
 SEEDS = int(os.environ.get("GS2CI_SEEDS", "1"))
@@ -45,7 +44,7 @@ RENDERERS = {"rasteriser": Renderer(), "rays": ExactRenderer()}
 RAYS_THROUGH_MESHES = Renderer(supersampling=4)
 
 
-def taken(name: str, renderer: Renderer, seed: int, size: tuple[int, int] = (HEIGHT, WIDTH)) -> Shot:
+def taken(name: str, renderer: Renderer, seed: int, size: tuple[int, int] = SIZE) -> Shot:
     """Expose a scene of the simulator behind random masks, drawn by a renderer, with the sensor's noises."""
     scene = load_scene(name, size=size).scene
     rig = Rig(light=Light(2000.0), modulator=Modulator(masks=MASKS), timing=Timing(0.02))

@@ -12,19 +12,9 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
-from tests.reconstruct.boards import HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board
+from tests.reconstruct.pipeline.boards import HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def shot():
-    return expose(wall_with_a_board())
-
-
-@pytest.fixture(scope="module")
-def found_soon(shot):
-    return reconstruct(shot, SHORT)
 
 
 def test_dead_rows_are_left_out_and_cost_little(shot, found_soon):

@@ -13,19 +13,9 @@ from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.attempts import choice
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import Budget
-from tests.reconstruct.boards import BRIEF, FOCAL_PX, QUICK, SHORT, VIEWS, expose, wall_with_a_board
+from tests.reconstruct.pipeline.boards import BRIEF, FOCAL_PX, QUICK, SHORT, VIEWS, expose, wall_with_a_board
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def shot():
-    return expose(wall_with_a_board())
-
-
-@pytest.fixture(scope="module")
-def found_soon(shot):
-    return reconstruct(shot, SHORT)
 
 
 def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp_path):

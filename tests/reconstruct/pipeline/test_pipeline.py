@@ -27,24 +27,14 @@ from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
-from tests.reconstruct.boards import BRIEF, HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board
+from tests.reconstruct.pipeline.boards import BRIEF, HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def shot():
-    return expose(wall_with_a_board())
-
-
-@pytest.fixture(scope="module")
 def found(shot):
     return reconstruct(shot, QUICK)
-
-
-@pytest.fixture(scope="module")
-def found_soon(shot):
-    return reconstruct(shot, SHORT)
 
 
 @pytest.fixture(scope="module")
