@@ -152,3 +152,12 @@ def test_in_fog_the_kernel_agrees_with_the_definition():
 def test_a_size_without_pixels_is_refused(name):
     with pytest.raises(InputError, match="image size"):
         load_backend(name).depths(sheet(), POSE, INTRINSICS, (0, 5))
+
+
+def test_depth_does_not_depend_on_how_many_gaussians_are_described_at_once(make, monkeypatch):
+    case = make(0)
+    given = case.scene, case.poses, case.intrinsics, case.size
+    whole = load_backend("cpu").depths(*given)
+    monkeypatch.setattr("gs2ci.render.cpu.stopping._GAUSSIANS_AT_ONCE", 3)
+    parted = load_backend("cpu").depths(*given)
+    assert all(torch.equal(one, other) for one, other in zip(vars(parted).values(), vars(whole).values(), strict=True))

@@ -82,31 +82,49 @@ _BEYOND = np.float32(2.5e-7)
 # A bracket is halved at least every other step, so that these suffice for `RESOLUTION` whatever the profiles are.
 _STEPS_MAX: Final = 60
 _CELLS_PER_TASK: Final = 64
+# In float64 the intermediate arrays of a Gaussian are ten times as large as what is kept of it.
+_GAUSSIANS_AT_ONCE: Final = 2**16
 
 
 def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
-    scales = np.exp(np.minimum(inputs.log_scales.astype(np.float64), LOG_SCALE_MAX))
-    factor = _rotations(inputs.quaternions) * scales[:, None, :]
     camera = inputs.camera.astype(np.float64)
-    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3)).astype(np.float64)
-    focal = camera[[FOCAL_X, FOCAL_Y]]
+    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3))
+    poses = inputs.poses.reshape(-1, 4, 4).astype(np.float64)
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    for pose, centres, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), means, fields, strict=True):
-        points = centres @ pose[:3, :3].T + pose[:3, 3]
-        depth = np.maximum(points[:, 2], NEAR)
-        slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
-        shape = pose[:3, :3] @ factor
-        along = shape[:, 2]
-        on_screen = (shape[:, :2] - slopes[:, :, None] * along[:, None]) * (focal / depth[:, None])[:, :, None]
-        with_screen = np.einsum("gij,gj->gi", on_screen, along)
-        covariance = on_screen @ on_screen.transpose(0, 2, 1) + DILATION_PX2 * np.eye(2)
-        gain = np.linalg.solve(covariance, with_screen[:, :, None])[:, :, 0]
-        variance = (along * along).sum(axis=1) - (gain * with_screen).sum(axis=1)
-        out[:, CENTRE_DEPTH] = depth
-        out[:, SLOPE_X : SLOPE_Y + 1] = gain / depth[:, None]
-        out[:, SIGMA] = np.sqrt(np.maximum(variance, 0))
+    for first in range(0, inputs.count, _GAUSSIANS_AT_ONCE):
+        part = slice(first, first + _GAUSSIANS_AT_ONCE)
+        scales = np.exp(np.minimum(inputs.log_scales[part].astype(np.float64), LOG_SCALE_MAX))
+        factor = _rotations(inputs.quaternions[part]) * scales[:, None, :]
+        for pose, centres, out in zip(poses, means[:, part].astype(np.float64), fields[:, part], strict=True):
+            _fill_depth_fields(factor, centres, pose, camera, out)
     return fields
+
+
+def _fill_depth_fields(factor: F64, centres: F64, pose: F64, camera: F64, out: F32) -> None:
+    """Fill the fields of Gaussians, [G, DEPTH_FIELDS], in one view.
+
+    Args:
+        factor: Of their covariances, factor factorᵀ, [G, 3, 3].
+        centres: [G, 3].
+        pose: World to camera, [4, 4].
+        camera: Its fields, as in `record`.
+        out: Filled.
+    """
+    points = centres @ pose[:3, :3].T + pose[:3, 3]
+    depth = np.maximum(points[:, 2], NEAR)
+    slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
+    shape = pose[:3, :3] @ factor
+    along = shape[:, 2]
+    focal = camera[[FOCAL_X, FOCAL_Y]]
+    on_screen = (shape[:, :2] - slopes[:, :, None] * along[:, None]) * (focal / depth[:, None])[:, :, None]
+    with_screen = np.einsum("gij,gj->gi", on_screen, along)
+    covariance = on_screen @ on_screen.transpose(0, 2, 1) + DILATION_PX2 * np.eye(2)
+    gain = np.linalg.solve(covariance, with_screen[:, :, None])[:, :, 0]
+    variance = (along * along).sum(axis=1) - (gain * with_screen).sum(axis=1)
+    out[:, CENTRE_DEPTH] = depth
+    out[:, SLOPE_X : SLOPE_Y + 1] = gain / depth[:, None]
+    out[:, SIGMA] = np.sqrt(np.maximum(variance, 0))
 
 
 def _rotations(quaternions: F32) -> F64:

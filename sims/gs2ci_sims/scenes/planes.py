@@ -11,7 +11,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.rectangles import Rectangle, box, depth_of, rotation, textured
-from gs2ci_sims.scenes.surfels import gaussians_from_surfels, join
+from gs2ci_sims.scenes.surfels import gaussians_from_parts
 
 FIELD_OF_VIEW_DEG: Final = 50.0
 # The backdrop extends this much past the frame, for the camera to move and turn into.
@@ -51,9 +51,8 @@ def planes(
     rectangles += [_tilted(rng, half, depth) for depth in depths]
     for _ in range(boxes):
         rectangles += _box(rng, half, float(rng.uniform(0.4, 0.7)) * backdrop)
-    surfels = [textured(rng, rectangle, intrinsics[0, 0]) for rectangle in rectangles]
-    depth = depth_of(rectangles, intrinsics, size)
-    return Scene("planes", gaussians_from_surfels(join(surfels)), intrinsics, size, depth)
+    surfels = (textured(rng, rectangle, intrinsics[0, 0]) for rectangle in rectangles)
+    return Scene("planes", gaussians_from_parts(surfels), intrinsics, size, depth_of(rectangles, intrinsics, size))
 
 
 def backdrop_at(half: F64, depth: float) -> Rectangle:

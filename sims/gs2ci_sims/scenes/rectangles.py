@@ -106,13 +106,15 @@ def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
     u = (np.arange(columns) + 0.5) / columns * 2 - 1
     v = (np.arange(rows) + 0.5) / rows * 2 - 1
     grid_v, grid_u = (axis.reshape(-1, 1) for axis in np.meshgrid(v, u, indexing="ij"))
-    points = rectangle.centre + grid_u * rectangle.half_u + grid_v * rectangle.half_v
+    points = rectangle.centre + grid_u * rectangle.half_u
+    points += grid_v * rectangle.half_v
     along_u = np.broadcast_to(2 * rectangle.half_u / columns, points.shape)
     along_v = np.broadcast_to(2 * rectangle.half_v / rows, points.shape)
     # Splats are drawn in the order of their depths. On an exact plane that faces the camera all depths are the same,
     # and a rotation by a millionth would reorder the splats and change the picture by percents; so they are offset.
     aside = np.random.default_rng(len(points)).uniform(-DEPTH_SCATTER, DEPTH_SCATTER, (len(points), 1))
-    return from_tangents(points * (1 + aside), along_u, along_v, radiance.reshape(-1, 3))
+    points *= 1 + aside
+    return from_tangents(points, along_u, along_v, radiance.reshape(-1, 3))
 
 
 def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:

@@ -23,7 +23,7 @@ from gs2ci_sims.scenes.rectangles import (
     samples,
     shade,
 )
-from gs2ci_sims.scenes.surfels import Surfels, gaussians_from_surfels, join
+from gs2ci_sims.scenes.surfels import Surfels, gaussians_from_parts
 
 # The wall extends this much past the frame, for the camera to move and turn into.
 OVERSIZE: Final = 1.25
@@ -92,4 +92,4 @@ def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64
 def staged(name: str, frame: SuggestedCamera, faces: list[Rectangle], surfels: list[Surfels]) -> Scene:
     """Combine discs to a scene whose true depth is that of the faces."""
     depth = depth_of(faces, frame.intrinsics, frame.size)
-    return Scene(name, gaussians_from_surfels(join(surfels)), frame.intrinsics, frame.size, depth)
+    return Scene(name, gaussians_from_parts(surfels), frame.intrinsics, frame.size, depth)

@@ -4,6 +4,7 @@ Here: pure numpy geometry, from a depth map or from two tangent vectors per poin
 source of the depth (`rgbd`, `planes`), rendering.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -54,6 +55,10 @@ def join(parts: list[Surfels]) -> Surfels:
     return Surfels(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
 
 
+# Axes are computed for so many discs at once: their intermediate arrays are several times as large as the result.
+_AT_ONCE: Final = 2**18
+
+
 def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Surfels:
     """Place one disc on each point, which spans its two tangents.
 
@@ -69,12 +74,21 @@ def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Su
     Raises:
         InputError: Two tangents of a point are parallel or vanish.
     """
+    scales, quaternions = np.empty((len(points), 3)), np.empty((len(points), 4))
+    for first in range(0, len(points), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        scales[part], quaternions[part] = _discs(along_u[part], along_v[part])
+    return Surfels(points, scales, quaternions, np.full(len(points), OPACITY), radiances)
+
+
+def _discs(along_u: F64, along_v: F64) -> tuple[F64, F64]:
+    """Return scales, [n, 3], and quaternions, [n, 4], of the discs that span two tangents, n >= 1."""
     uu, vv = np.sum(along_u**2, 1), np.sum(along_v**2, 1)
     angle = 0.5 * np.arctan2(2 * np.sum(along_u * along_v, 1), uu - vv)
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     first, second = cos * along_u + sin * along_v, cos * along_v - sin * along_u
     lengths = np.stack([np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)], 1)
-    if len(lengths) and lengths.min() <= 1e-9 * lengths.max():
+    if lengths.min() <= 1e-9 * lengths.max():
         raise InputError(
             "two tangents of a surface point are parallel or zero",
             allowed="tangents that span a plane",
@@ -82,15 +96,9 @@ def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Su
         )
     first, second = first / lengths[:, :1], second / lengths[:, 1:]
     axes = np.stack([first, second, np.cross(first, second)], axis=2)
-    xyzw = Rotation.from_matrix(axes).as_quat() if len(points) else np.zeros((0, 4))
     thickness = THINNESS * lengths.min(1, keepdims=True)
-    return Surfels(
-        means=points,
-        scales=SPREAD * np.concatenate([lengths, thickness], 1),
-        quaternions=np.roll(xyzw, 1, axis=1),
-        opacities=np.full(len(points), OPACITY),
-        radiances=radiances,
-    )
+    xyzw = Rotation.from_matrix(axes).as_quat()
+    return SPREAD * np.concatenate([lengths, thickness], 1), np.roll(xyzw, 1, axis=1)
 
 
 def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Bool, intrinsics: F64, jump: float) -> Surfels:
@@ -158,3 +166,12 @@ def gaussians_from_surfels(surfels: Surfels) -> Gaussians:
             )
         )
     )
+
+
+def gaussians_from_parts(parts: Iterable[Surfels]) -> Gaussians:
+    """Turn several sets of surfels into one scene, one after the other: a set needs twice the memory of its Gaussians.
+
+    `gaussians_from_surfels` of all sets together gives the same.
+    """
+    scenes = [gaussians_from_surfels(part).parameters() for part in parts]
+    return Gaussians(**{name: torch.cat([scene[name] for scene in scenes]) for name in scenes[0]})

@@ -4,7 +4,16 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import rotation_matrices
-from gs2ci_sims.scenes.surfels import MAX_STRETCH, SPREAD, from_inverse_depth, from_tangents, join, surface_slope
+from gs2ci_sims.scenes.surfels import (
+    MAX_STRETCH,
+    SPREAD,
+    from_inverse_depth,
+    from_tangents,
+    gaussians_from_parts,
+    gaussians_from_surfels,
+    join,
+    surface_slope,
+)
 
 INTRINSICS = np.array([[80.0, 0, 20.0], [0, 90.0, 15.0], [0, 0, 1]])
 SHAPE = (30, 40)
@@ -108,3 +117,22 @@ def test_slopes_are_exact_on_a_plane_and_one_sided_at_an_edge():
     assert surface_slope(values, everywhere, 0, jump=1.0).tolist() == [[0.0] * 6]
     lonely = np.array([[True, False, True, False, True, False]])
     assert not surface_slope(values, lonely, 1, jump=1.0).any()
+
+
+def test_discs_do_not_depend_on_how_many_are_placed_at_once(monkeypatch):
+    whole = laid(tilted_plane())
+    monkeypatch.setattr("gs2ci_sims.scenes.surfels._AT_ONCE", 7)
+    parted = laid(tilted_plane())
+    np.testing.assert_array_equal(parted.scales, whole.scales)
+    np.testing.assert_array_equal(parted.quaternions, whole.quaternions)
+
+
+def test_no_points_give_no_discs():
+    assert len(from_tangents(*np.zeros((4, 0, 3)))) == 0
+
+
+def test_parts_give_the_scene_of_all_their_surfels():
+    parts = [laid(tilted_plane()), laid(tilted_plane() + 0.1)]
+    whole = gaussians_from_surfels(join(parts)).parameters()
+    for name, column in gaussians_from_parts(iter(parts)).parameters().items():
+        torch.testing.assert_close(column, whole[name], rtol=0, atol=0)
