@@ -23,6 +23,7 @@ from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.decode.kernels import project_onto_measurement
+from gs2ci.reconstruct.decode.planes import interleaved, planar
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
@@ -118,7 +119,7 @@ def plug_and_play(
             multiplier += nearest - views
         if enough is not None and enough(seen):
             break
-    return np.ascontiguousarray(seen.transpose(0, 2, 3, 1))
+    return interleaved(seen)
 
 
 def _relative(row_energy: F64, measured: F32) -> float:
@@ -169,10 +170,10 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
 
 def _as_measured(shot: Shot, views: F32) -> F32:
     """Return views, [N, H, W, C], in planar form; with a colour filter array, as a mosaic."""
-    planar = np.ascontiguousarray(views.transpose(0, 3, 1, 2), np.float32)
+    planes = planar(views)
     if shot.cfa is None:
-        return planar.copy()
-    return _mosaic(planar, cfa_channels(shot.cfa, shot.size).numpy())
+        return planes
+    return _mosaic(planes, cfa_channels(shot.cfa, shot.size).numpy())
 
 
 def _mosaic(colour: F32, channels: NDArray[np.int64]) -> F32:

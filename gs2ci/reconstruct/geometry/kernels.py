@@ -1,4 +1,4 @@
-"""Numba kernels of the plane sweep: matching cost and semi-global smoothing.
+"""Numba kernels of the plane sweep: matching cost, of planes and of a map, and semi-global smoothing.
 
 Every task writes its own rows or columns and nothing is summed across tasks, so the result is bitwise the same for
 any number of threads. The readable statement of the same steps, in numpy float64, is in the tests
@@ -7,9 +7,8 @@ any number of threads. The readable statement of the same steps, in numpy float6
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, I32
 from gs2ci.reconstruct.geometry.eight import FEATURES, differ
 
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
@@ -32,7 +31,24 @@ _LEAST_BEND = np.float32(1e-9)
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})
-def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: NDArray[np.int32], aim: F32) -> None:
+def _aim_pixel(u: F32, v: F32, z: F32, size: tuple[int, int], c: int, corner: I32, aim: F32) -> None:
+    """Find the four pixels around (u, v) / z in a view of this height and width, and their weights; see `_aim_row`."""
+    right, down = np.float32(size[1] - 1), np.float32(size[0] - 1)
+    inverse_z = _ONE / max(z, _LEAST_DEPTH)
+    u, v = u * inverse_z, v * inverse_z
+    lost = (u < 0) | (u > right) | (v < 0) | (v > down) | (z < _LEAST_DEPTH)
+    u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), down)
+    col, row = min(np.int32(u), np.int32(size[1] - 2)), min(np.int32(v), np.int32(size[0] - 2))
+    corner[c] = row * np.int32(size[1]) + col
+    across, down_by = u - np.float32(col), v - np.float32(row)
+    corners = across * down_by
+    aim[0, c], aim[1, c] = _ONE - across - (down_by - corners), across - corners
+    aim[2, c], aim[3, c] = down_by - corners, corners
+    aim[4, c] = _ONE if lost else _ZERO
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz"})
+def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
     """Find where a plane sends row r of the reference view in another view.
 
     Args:
@@ -43,29 +59,37 @@ def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: NDArray[np.
         aim: Receives the weights of that pixel, of the one to the right, of the two below them, and 1 where the view
             cannot see the target, else 0, [5, W].
     """
-    height, width = size
     u0, du = np.float32(homography[0, 1] * r + homography[0, 2]), np.float32(homography[0, 0])
     v0, dv = np.float32(homography[1, 1] * r + homography[1, 2]), np.float32(homography[1, 0])
     z0, dz = np.float32(homography[2, 1] * r + homography[2, 2]), np.float32(homography[2, 0])
-    right, down = np.float32(width - 1), np.float32(height - 1)
-    here, beside, below, both, unseen = aim[0], aim[1], aim[2], aim[3], aim[4]
-    for c in range(width):
-        z = z0 + dz * np.float32(c)
-        inverse_z = _ONE / max(z, _LEAST_DEPTH)
-        u, v = (u0 + du * np.float32(c)) * inverse_z, (v0 + dv * np.float32(c)) * inverse_z
-        lost = (u < 0) | (u > right) | (v < 0) | (v > down) | (z < _LEAST_DEPTH)
-        u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), down)
-        col, row = min(np.int32(u), np.int32(width - 2)), min(np.int32(v), np.int32(height - 2))
-        corner[c] = row * np.int32(width) + col
-        across, down_by = u - np.float32(col), v - np.float32(row)
-        corners = across * down_by
-        both[c], beside[c], below[c] = corners, across - corners, down_by - corners
-        here[c] = _ONE - across - (down_by - corners)
-        unseen[c] = _ONE if lost else _ZERO
+    for c in range(size[1]):
+        at = np.float32(c)
+        _aim_pixel(u0 + du * at, v0 + dv * at, z0 + dz * at, size, c, corner, aim)
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})
-def _difference_row(reference: F32, view: F32, corner: NDArray[np.int32], aim: F32, out: F32) -> None:
+def _aim_row_at_depths(projection: F64, depths: F32, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
+    """Find where row r of the reference view is seen in another view, each pixel at an inverse depth of its own.
+
+    Args:
+        projection: From array coordinates (column, row, 1) and inverse depth to those of the other view, [3, 4].
+        depths: Inverse depths of the row, [W].
+        r: The row.
+        size: As for `_aim_row`; so the rest.
+        corner: Receives indices.
+        aim: Receives weights.
+    """
+    u0, du, ut = np.float32(projection[0, 1] * r + projection[0, 2]), np.float32(projection[0, 0]), projection[0, 3]
+    v0, dv, vt = np.float32(projection[1, 1] * r + projection[1, 2]), np.float32(projection[1, 0]), projection[1, 3]
+    z0, dz, zt = np.float32(projection[2, 1] * r + projection[2, 2]), np.float32(projection[2, 0]), projection[2, 3]
+    ut, vt, zt = np.float32(ut), np.float32(vt), np.float32(zt)
+    for c in range(size[1]):
+        at, deep = np.float32(c), depths[c]
+        _aim_pixel(u0 + du * at + ut * deep, v0 + dv * at + vt * deep, z0 + dz * at + zt * deep, size, c, corner, aim)
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz"})
+def _difference_row(reference: F32, view: F32, corner: I32, aim: F32, out: F32) -> None:
     """Compare a row of reference features, [W, 8], with features [H * W, 8] at interpolated places; [W] costs."""
     width = reference.shape[0]
     unseen = aim[4]
@@ -111,35 +135,43 @@ def _sum_smallest(costs: F32, count: int, out: F32) -> None:
 
 
 @numba.njit(cache=True)
+def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, total: F32, out: F32) -> None:
+    """Average a window's rows of each view, ring [V, window, W], over the best views, to a row of the cost, out [W].
+
+    per_view, [V, W], and total, [W], are scratch.
+    """
+    count, window, width = ring.shape
+    reach = window // 2
+    low, high = max(centre - reach, 0), min(centre + reach, height - 1)
+    per_view[:] = 0
+    for i in range(count):
+        for q in range(low, high + 1):
+            _add(ring[i, q % window], per_view[i])
+    _sum_smallest(per_view, best, total)
+    for c in range(width):
+        across = min(c, reach) + min(width - 1 - c, reach) + 1
+        out[c] = total[c] / np.float32(across * (high - low + 1) * best)
+
+
+@numba.njit(cache=True)
 def _plane_of_strip(
-    reference: F32, views: F32, homographies: F64, best: int, reach: int, top: int, bottom: int, ring: F32, out: F32
+    reference: F32, views: F32, homographies: F64, best: int, top: int, bottom: int, ring: F32, out: F32
 ) -> None:
-    """Fill out[top:bottom, :] (any strides) with the cost of one plane; the window reaches so far to each side."""
+    """Fill out[top:bottom, :] (any strides) with the cost of one plane; ring, [V, window, W], is scratch."""
     height, width = reference.shape[:2]
-    count, window = views.shape[0], 2 * reach + 1
+    count, window = ring.shape[:2]
+    reach = window // 2
     corner, aim = np.empty(width, np.int32), np.empty((5, width), np.float32)
     row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
-    per_view, in_window = np.empty((count, width), np.float32), np.empty(width, np.float32)
-    for c in range(width):
-        in_window[c] = min(c, reach) + min(width - 1 - c, reach) + 1
-    end = min(bottom + reach, height)
+    per_view = np.empty((count, width), np.float32)
     for r in range(max(top - reach, 0), bottom + reach):
-        if r < end:
+        if r < min(bottom + reach, height):
             for i in range(count):
                 _aim_row(homographies[i], r, (height, width), corner, aim)
                 _difference_row(reference[r], views[i], corner, aim, row_costs)
                 _box_row(row_costs, reach, ring[i, r % window])
-        centre = r - reach
-        if centre < top:
-            continue
-        low, high = max(centre - reach, 0), min(centre + reach, height - 1)
-        per_view[:] = 0
-        for i in range(count):
-            for q in range(low, high + 1):
-                _add(ring[i, q % window], per_view[i])
-        _sum_smallest(per_view, best, total)
-        for c in range(width):
-            out[centre, c] = total[c] / (in_window[c] * (high - low + 1) * best)
+        if r - reach >= top:
+            _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
 
 
 @numba.njit(cache=True, parallel=True)
@@ -166,7 +198,45 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
         ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
-            _plane_of_strip(reference, flat, homographies[d], best, window // 2, top, bottom, ring, cost[:, :, d])
+            _plane_of_strip(reference, flat, homographies[d], best, top, bottom, ring, cost[:, :, d])
+    return cost
+
+
+@numba.njit(cache=True, parallel=True)
+def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64, best: int, window: int) -> F32:
+    """Compare every pixel of the reference view with the others at its own inverse depth.
+
+    Args:
+        reference: As for `matching_cost`.
+        views: As there.
+        inverse_depth: Of the reference view's pixels, [H, W].
+        projections: From array coordinates (column, row, 1) and inverse depth to array coordinates of each view,
+            homogeneous, [V, 3, 4].
+        best: As for `matching_cost`.
+        window: As there.
+
+    Returns:
+        Mean truncated absolute difference in the window, [H, W].
+    """
+    height, width = reference.shape[:2]
+    count, reach = len(projections), window // 2
+    cost = np.empty((height, width), np.float32)
+    flat = views.reshape(count, height * width, FEATURES)
+    strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
+    for strip in numba.prange(strips):
+        top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
+        ring = np.empty((count, window, width), np.float32)
+        corner, aim = np.empty(width, np.int32), np.empty((5, width), np.float32)
+        row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
+        per_view = np.empty((count, width), np.float32)
+        for r in range(max(top - reach, 0), bottom + reach):
+            if r < min(bottom + reach, height):
+                for i in range(count):
+                    _aim_row_at_depths(projections[i], inverse_depth[r], r, (height, width), corner, aim)
+                    _difference_row(reference[r], flat[i], corner, aim, row_costs)
+                    _box_row(row_costs, reach, ring[i, r % window])
+            if r - reach >= top:
+                _cost_of_row(ring, r - reach, height, best, per_view, total, cost[r - reach])
     return cost
 
 
@@ -207,8 +277,9 @@ def _start(cost: F32, after: F32, total: F32) -> None:
 def sum_along_rows(cost: F32) -> F32:
     """Sum the path costs from the left and from the right, [H, W, D]."""
     height, width, planes = cost.shape
-    total = np.zeros_like(cost)
+    total = np.empty_like(cost)
     for r in numba.prange(height):
+        total[r] = 0
         paths = np.empty((2, planes + 2), np.float32)
         for i in range(width):
             if i == 0:

@@ -17,8 +17,7 @@ import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.geometry.kernels import TRUNCATED_AT, UNSEEN_COST
-from gs2ci.reconstruct.geometry.sweep import features_of
+from gs2ci.reconstruct.geometry.sweep import LEAST_SIDE_OF_MAP, difference, features_of
 
 # How far from a pixel others vote, as a share of the picture's longer side, and how many at most in each direction.
 _REACH_SHARE: Final = 0.25
@@ -59,10 +58,9 @@ def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, b
         window_px: Side of the window over which they are compared.
     """
     low, high = float(inverse_depth.min()), float(inverse_depth.max())
-    if not low < high:
+    if not low < high or min(inverse_depth.shape) < LEAST_SIDE_OF_MAP:
         return inverse_depth
-    # Colours and two derivatives; the other features are the sweep's zeros.
-    described = np.stack([features_of(view, blur_px) for view in views])[..., : views.shape[3] + 2]
+    described = features_of(views, blur_px)
 
     def differ(wanted: F32) -> F32:
         return difference(wanted, described, from_view, intrinsics, window_px)
@@ -121,7 +119,7 @@ def _jumps_near(inverse_depth: F32, plain: Bool, reach: int, jump: float) -> Boo
 def plain_pixels(view: F32) -> Bool:
     """Mark the pixels around which a view, [H, W, C] in full scales, hardly varies, [H, W]."""
     window = (_PLAIN_WINDOW_PX, _PLAIN_WINDOW_PX)
-    planes = _planes(view).astype(np.float64)
+    planes = np.ascontiguousarray(view.transpose(2, 0, 1), np.float64)
     variances = [cv2.blur(one * one, window) - cv2.blur(one, window) ** 2 for one in planes]
     plain: Bool = np.mean(variances, axis=0) < _PLAIN_SIGMA**2
     return plain
@@ -132,41 +130,6 @@ def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
     rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
     return rays
-
-
-def difference(inverse_depth: F32, described: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
-    """Return the difference of views at the depths of a map, [H, W]: a plane sweep's cost at each pixel's own plane.
-
-    Args:
-        inverse_depth: Of the first view, [H, W].
-        described: The views' features, [N, H, W, F].
-        from_view: Their poses relative to the first, [N, 4, 4].
-        intrinsics: [3, 3], px.
-        window_px: Over which differences are averaged.
-    """
-    height, width = inverse_depth.shape
-    rays = rays_through((height, width), intrinsics)
-    costs = []
-    for view, pose in zip(described[1:], from_view[1:], strict=True):
-        # In units of the depth: X = R ray + t ρ.
-        points = (rays @ pose[:3, :3].T + pose[:3, 3] * inverse_depth[..., None]) @ intrinsics.T
-        ahead = points[..., 2] > 0
-        at = points[..., :2] / np.where(ahead, points[..., 2], 1.0)[..., None]
-        inside = ahead & (at >= 0).all(axis=-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
-        x, y = ((np.where(inside, at[..., axis], 0.0) - 0.5).astype(np.float32) for axis in (0, 1))
-        seen = np.stack(
-            [cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in _planes(view)]
-        )
-        apart = np.abs(seen - _planes(described[0])).sum(axis=0)
-        cost = np.where(inside, np.minimum(apart, TRUNCATED_AT), UNSEEN_COST).astype(np.float32)
-        costs.append(cv2.blur(cost, (window_px, window_px)))
-    best = max(1, len(costs) * 2 // 3)
-    least: F32 = np.sort(np.stack(costs), axis=0)[:best].mean(axis=0)
-    return least
-
-
-def _planes(view: F32) -> F32:
-    return np.ascontiguousarray(view.transpose(2, 0, 1))
 
 
 @numba.njit(cache=True)

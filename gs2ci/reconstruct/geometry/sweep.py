@@ -1,7 +1,7 @@
 """Dense depth of the reference view: a plane sweep over inverse depth with semi-global smoothing.
 
-Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Semi-global
-matching: Hirschmüller 2008, four directions.
+Here: the range of planes, features, homographies, image size; the cost of a map that was not swept. Not here: the inner
+loops (`kernels`). Semi-global matching: Hirschmüller 2008, four directions.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.geometry.eight import FEATURES
-from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.kernels import best_plane, cost_of_map, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 
 _GRADIENT_WEIGHT = 4.0
@@ -24,6 +24,9 @@ _LEAST_VIEWS_KEPT = 3
 LEAST_PLANES = 3
 # At least so many pixels along each side, for a window and a gradient.
 _LEAST_SIDE = 4
+# To interpolate takes two.
+LEAST_SIDE_OF_MAP = 2
+_PIXEL_FROM_ARRAY = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
 
 
 @dataclass(frozen=True)
@@ -77,11 +80,11 @@ def sweep(
     height, width = views.shape[1:3]
     small = reduced(views, settings.most_pixels)
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
-    features = np.stack([features_of(view, settings.blur_px) for view in small])
+    features = features_of(small, settings.blur_px)
     others = [i for i in range(len(views)) if i != reference]
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
-    best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
+    best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
     cost = matching_cost(
         features[reference], np.ascontiguousarray(features[others]), homographies, best, settings.window_px
     )
@@ -104,17 +107,58 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def features_of(view: F32, blur_px: float) -> F32:
-    """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [H, W, 8]."""
-    height, width, channels = view.shape
-    blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
-    grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
-    features = np.zeros((height, width, FEATURES), np.float32)
-    features[..., :channels] = blurred * (3 / channels)
-    for k, axis in enumerate(((1, 0), (0, 1))):
-        # A Sobel operator of size 3 returns eight times the derivative of a ramp.
-        features[..., channels + k] = cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 8)
+def difference(inverse_depth: F32, features: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
+    """Return the difference of views at the depths of a map, [H, W]: a plane sweep's cost at each pixel's own plane.
+
+    Args:
+        inverse_depth: Of the first view, [H, W]; H, W >= 2.
+        features: Of the views, [N, H, W, 8]; N >= 2.
+        from_view: Their poses relative to the first, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        window_px: Over which differences are averaged, odd.
+    """
+    depths = np.ascontiguousarray(inverse_depth, np.float32)
+    best = max(1, _seen_by(len(features) - 1))
+    projections = map_projections(from_view[1:], intrinsics)
+    cost: F32 = cost_of_map(features[0], features[1:], depths, projections, best, window_px)
+    return cost
+
+
+def _seen_by(others: int) -> int:
+    """Return in how many of the other views a place is assumed to be seen."""
+    return others * 2 // 3
+
+
+def features_of(views: F32, blur_px: float) -> F32:
+    """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [N, H, W, 8].
+
+    Args:
+        views: [N, H, W, C] in full scales.
+        blur_px: Standard deviation of a blur before that.
+    """
+    count, height, width, channels = views.shape
+    features = np.zeros((count, height, width, FEATURES), np.float32)
+    for view, described in zip(views, features, strict=True):
+        blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
+        grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
+        described[..., :channels] = blurred * (3 / channels)
+        for k, axis in enumerate(((1, 0), (0, 1))):
+            # A Sobel operator of size 3 returns eight times the derivative of a ramp.
+            described[..., channels + k] = cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 8)
     return features
+
+
+def map_projections(world_to_camera: F64, intrinsics: F64) -> F64:
+    """Map array coordinates and inverse depths of the reference view to array coordinates of views, [V, 3, 4].
+
+    Args:
+        world_to_camera: The views' poses relative to the reference view, [V, 4, 4].
+        intrinsics: [3, 3], px; pixel centres at +0.5.
+    """
+    to_array = np.linalg.inv(_PIXEL_FROM_ARRAY) @ intrinsics
+    # X = R ray + t ρ.
+    turned = to_array @ world_to_camera[:, :3, :3] @ np.linalg.inv(to_array)
+    return np.ascontiguousarray(np.concatenate([turned, to_array @ world_to_camera[:, :3, 3:]], axis=2))
 
 
 def plane_homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
@@ -129,7 +173,6 @@ def plane_homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F6
     # X = R ray + t ρ, and the third component of a ray is 1: so ρ t is added to the third column of R.
     through = np.repeat(rotation[None], len(inverse_depths), axis=0)
     through[..., 2] += inverse_depths[:, None, None] * translation
-    pixel_from_array = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
-    ray_from_array = np.linalg.inv(intrinsics) @ pixel_from_array
-    homographies: F64 = np.linalg.inv(pixel_from_array) @ intrinsics @ through @ ray_from_array
+    ray_from_array = np.linalg.inv(intrinsics) @ _PIXEL_FROM_ARRAY
+    homographies: F64 = np.linalg.inv(_PIXEL_FROM_ARRAY) @ intrinsics @ through @ ray_from_array
     return np.ascontiguousarray(homographies)

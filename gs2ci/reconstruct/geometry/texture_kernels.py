@@ -39,38 +39,58 @@ def _corner(place, count):
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _seen_through(texture, places, open_share, found):
-    height, width = texture.shape
+def _open_places(places, open_share, size):
+    """List what readings see through open masks, since most are closed, and every iteration passes through all.
+
+    Returns:
+        Where each reading's places begin in the list, [K + 1]; the flat index of the cells, unsigned since negative
+        indices cost a test each, [E]; how far in them, column and row, and the transmissions, [E, 3].
+    """
+    count = 0
+    begin = np.empty(len(places) + 1, np.int64)
     for k in range(len(places)):
-        total = 0.0
+        begin[k] = count
         for v in range(places.shape[1]):
-            if open_share[k, v] == 0:
-                continue
-            c, x = _corner(places[k, v, 0], width)
-            r, y = _corner(places[k, v, 1], height)
-            above = (1 - x) * texture[r, c] + x * texture[r, c + 1]
-            below = (1 - x) * texture[r + 1, c] + x * texture[r + 1, c + 1]
-            total += open_share[k, v] * ((1 - y) * above + y * below)
+            count += open_share[k, v] != 0
+    begin[-1] = count
+    cells, inside = np.empty(count, np.uint64), np.empty((count, 3))
+    e = 0
+    for k in range(len(places)):
+        for v in range(places.shape[1]):
+            if open_share[k, v] != 0:
+                column, inside[e, 0] = _corner(places[k, v, 0], size[1])
+                row, inside[e, 1] = _corner(places[k, v, 1], size[0])
+                cells[e], inside[e, 2] = row * size[1] + column, open_share[k, v]
+                e += 1
+    return begin, cells, inside
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def _seen_through(texture, begin, cells, inside, found):
+    flat, one, row = texture.ravel(), np.uint64(1), np.uint64(texture.shape[1])
+    for k in range(len(found)):
+        total = 0.0
+        for e in range(begin[k], begin[k + 1]):
+            at, x, y = cells[e], inside[e, 0], inside[e, 1]
+            above = (1 - x) * flat[at] + x * flat[at + one]
+            below = (1 - x) * flat[at + row] + x * flat[at + row + one]
+            total += inside[e, 2] * ((1 - y) * above + y * below)
         found[k] = total
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _sent_back(values, seen, places, open_share, found):
+def _sent_back(values, seen, begin, cells, inside, found):
     """Add the adjoint of `_seen_through`, of readings that are seen."""
-    height, width = found.shape
-    for k in range(len(places)):
+    flat, one, row = found.ravel(), np.uint64(1), np.uint64(found.shape[1])
+    for k in range(len(values)):
         if not seen[k]:
             continue
-        for v in range(places.shape[1]):
-            if open_share[k, v] == 0:
-                continue
-            c, x = _corner(places[k, v, 0], width)
-            r, y = _corner(places[k, v, 1], height)
-            value = open_share[k, v] * values[k]
-            found[r, c] += (1 - x) * (1 - y) * value
-            found[r, c + 1] += x * (1 - y) * value
-            found[r + 1, c] += (1 - x) * y * value
-            found[r + 1, c + 1] += x * y * value
+        for e in range(begin[k], begin[k + 1]):
+            at, x, y, value = cells[e], inside[e, 0], inside[e, 1], inside[e, 2] * values[k]
+            flat[at] += (1 - x) * (1 - y) * value
+            flat[at + one] += x * (1 - y) * value
+            flat[at + row] += (1 - x) * y * value
+            flat[at + row + one] += x * y * value
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
@@ -92,21 +112,22 @@ def _add_roughness(texture, smooth, found):
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def _left_over(places, open_share, light, seen, texture, smooth, iterations):
     left, coded = light.copy(), np.empty_like(light)
+    begin, cells, inside = _open_places(places, open_share, texture.shape)
     against = np.zeros_like(texture)
-    _sent_back(left, seen, places, open_share, against)
+    _sent_back(left, seen, begin, cells, inside, against)
     along = against.copy()
     power = (against * against).sum()
     for _ in range(iterations):
         if power == 0:
             break
-        _seen_through(along, places, open_share, coded)
+        _seen_through(along, begin, cells, inside, coded)
         bent = np.zeros_like(texture)
-        _sent_back(coded, seen, places, open_share, bent)
+        _sent_back(coded, seen, begin, cells, inside, bent)
         _add_roughness(along, smooth, bent)
         step = power / (along * bent).sum()
         texture += step * along
         against -= step * bent
         before, power = power, (against * against).sum()
         along = against + power / before * along
-    _seen_through(texture, places, open_share, coded)
+    _seen_through(texture, begin, cells, inside, coded)
     return left - coded

@@ -117,7 +117,7 @@ class Coding:
         # View by view, since memory may not hold the products of all views of a large shot.
         coded = views.new_zeros(views.shape[1:], dtype=torch.promote_types(views.dtype, self.transmissions.dtype))
         for transmission, view in zip(self.transmissions, views, strict=True):
-            coded = coded + transmission[..., None] * view
+            coded.addcmul_(transmission[..., None], view)
         return coded if self.channels is None else select(coded, self.channels)
 
     def _check(self, what: str, array: Tensor, leading: torch.Size) -> None:

@@ -4,9 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.geometry.kernels import matching_cost
-from gs2ci.reconstruct.geometry.plain import continued, difference, plain_pixels, plane_slopes, plane_votes
-from gs2ci.reconstruct.geometry.sweep import features_of, plane_homographies
+from gs2ci.reconstruct.geometry.plain import continued, plain_pixels, plane_slopes, plane_votes
 
 SIZE = (72, 96)
 FOCAL = 90.0
@@ -106,26 +104,6 @@ def test_large_pictures_are_asked_when_reduced(monkeypatch):
     found = continued(with_skirt(), seen(), poses(), INTRINSICS, BLUR_PX, WINDOW_PX)
     assert np.mean(np.abs(found - wall(0.0))[MIDDLE] < 0.05) > 0.8
     assert (found[THING] == NEAR).all()
-
-
-def test_the_difference_is_what_a_plane_sweep_would_have():
-    rng = np.random.default_rng(2)
-    views, at = np.clip(seen() + rng.normal(0, 0.05, (4, *SIZE, 3)), 0, 1).astype(np.float32), 0.45
-    described = np.stack([features_of(view, BLUR_PX) for view in views])
-    cost = matching_cost(
-        described[0],
-        np.ascontiguousarray(described[1:]),
-        plane_homographies(poses()[1:], INTRINSICS, np.array([at, at, at])),
-        2,
-        WINDOW_PX,
-    )
-    found = difference(np.full(SIZE, at, np.float32), described, poses(), INTRINSICS, WINDOW_PX)
-    # Not at the rims, where windows are cut off there and mirrored here.
-    inner = np.s_[4:-4, 4:-20]
-    assert np.ptp(found[inner]) > 0.05
-    # OpenCV interpolates at 32nds of a pixel.
-    assert np.median(np.abs(found - cost[..., 1])[inner]) < 2e-3
-    assert np.abs(found - cost[..., 1])[inner].max() < 0.03
 
 
 def likeness(view, r, c, i, j, sigma):

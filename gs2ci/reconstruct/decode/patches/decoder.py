@@ -21,6 +21,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.matching import Lattice
+from gs2ci.reconstruct.decode.planes import planar
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
 
@@ -157,8 +158,7 @@ def patch_decode_from(
         InputError: The settings make no sense.
     """
     schedule = PlugAndPlaySettings(sigmas=settings.check().sigmas, iterations=1)
-    planar = np.ascontiguousarray(start.transpose(0, 3, 1, 2))
-    denoiser = SimilarPatches(planar, settings.lattice, settings.refind_every)
+    denoiser = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     decoded: F32 = np.clip(plug_and_play(shot, denoiser, schedule, progress, start, enough), 0, 1)
     return decoded
 

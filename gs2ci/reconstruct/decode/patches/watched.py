@@ -14,6 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.decode.planes import interleaved
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A lattice has at most four phases: after so many steps every position has been the reference of a group.
@@ -57,12 +58,12 @@ class _Watch:
         self.steps = 0
         self.best: tuple[int, F32] | None = None
 
-    def __call__(self, planar: F32) -> bool:
+    def __call__(self, planes: F32) -> bool:
         """Judge the views, [N, C, H, W], of a step; tell whether it was the last."""
         self.steps += 1
         if self.steps % _LOOK_EVERY:
             return False
-        views = np.clip(np.ascontiguousarray(planar.transpose(0, 2, 3, 1)), 0, 1)
+        views = np.clip(interleaved(planes), 0, 1)
         left = self._holdout.residual_rms(views)
         if left is None:
             return False

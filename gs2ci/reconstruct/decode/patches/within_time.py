@@ -22,6 +22,7 @@ from gs2ci.reconstruct.decode.gap_tv import decode_signed
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.matching import Lattice
+from gs2ci.reconstruct.decode.planes import planar
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 
 # Steps vary in duration; each further one is expected to take so many times the last of its kind.
@@ -72,8 +73,9 @@ def decode_until(
     """
     settings, progress = (settings or _sparse()).check(), progress or Silent()
     start = decode_signed(shot, settings.start, progress)
-    planar = np.ascontiguousarray(start.transpose(0, 3, 1, 2))
-    steps = _Steps(SimilarPatches(planar, settings.lattice, settings.refind_every), settings, until_s, progress, clock)
+    steps = _Steps(
+        SimilarPatches(planar(start), settings.lattice, settings.refind_every), settings, until_s, progress, clock
+    )
     if clock() >= until_s:
         return InTime(np.clip(start, 0, 1), 0, settings)
     schedule = PlugAndPlaySettings(sigmas=(settings.first_sigma,), iterations=settings.iterations)

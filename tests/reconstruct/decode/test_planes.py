@@ -1,0 +1,23 @@
+"""Views as stacks of planes, and back."""
+
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.decode.planes import interleaved, planar
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_planes_are_the_transposed_views_and_return_to_them(channels):
+    views = np.random.default_rng(0).random((2, 4, 5, channels), dtype=np.float32)
+    planes = planar(views)
+    np.testing.assert_array_equal(planes, views.transpose(0, 3, 1, 2))
+    np.testing.assert_array_equal(interleaved(planes), views)
+    assert planes.flags.c_contiguous
+    assert planes.dtype == np.float32
+
+
+def test_a_copy_shares_no_memory_even_of_grey_views():
+    views = np.zeros((2, 3, 3, 1), np.float32)
+    planar(views)[:] = 1
+    interleaved(planar(views))[:] = 1
+    assert not views.any()
