@@ -31,7 +31,9 @@ _LEAST_BEND = np.float32(1e-9)
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})
-def _aim_pixel(u: F32, v: F32, z: F32, size: tuple[int, int], c: int, corner: I32, aim: F32) -> None:
+def _aim_pixel(
+    u: np.float32, v: np.float32, z: np.float32, size: tuple[int, int], c: int, corner: I32, aim: F32
+) -> None:
     """Find the four pixels around (u, v) / z in a view of this height and width, and their weights; see `_aim_row`."""
     right, down = np.float32(size[1] - 1), np.float32(size[0] - 1)
     inverse_z = _ONE / max(z, _LEAST_DEPTH)
