@@ -170,6 +170,7 @@ class Code(StrEnum):
     SCENE_MOVES = auto()
     MOTION_SMALL = auto()
     MOTION_AROUND = auto()
+    MOTION_OR_CAMERA = auto()
     MOTION_NOT_TAKEN = auto()
     VIEWS_POLISHED = auto()
 

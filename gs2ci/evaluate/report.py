@@ -247,6 +247,7 @@ class MotionSection(ReportSection):
     patch_gain: Number | None = None
     behind_decode: bool | None = None
     got_worse: bool | None = None
+    no_path: bool | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str
     gaussians_share: Number | None

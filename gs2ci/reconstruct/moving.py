@@ -63,13 +63,16 @@ LEAST_PATCH_GAIN: Final = 0.065
 BEHIND_DECODE: Final = 0.95
 # If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
 # that box, 4.9 %. So for a scene whose fit only got worse, with motion in many blocks: a skater whom a camera follows,
-# 5.2 %, 66 % of the blocks; views are 1.2 dB better if things may move, the scene alone 3 dB.
+# 5.2 %, 66 % of the blocks; views are 1.2 dB better if things may move, the scene alone 3 dB. And for a scene without a
+# path: a ball in front of a room that hardly moves, 6.0 %, 43 % of the blocks; views are 2.3 dB better.
 LEAST_GAIN_BEHIND: Final = LEAST_PATCH_GAIN / 2
 # Moving fits of scenes at rest move by up to a pixel if the path or the depth is wrong: only more is reported as
 # motion, px.
 _SURELY_PX: Final = 2.0
 # What moves less than this over the whole exposure is not reported as moving, px.
 _WORTH_SAYING_PX: Final = 0.5
+# Where more of the picture moves and no camera path was found, the camera may have moved instead.
+_MOST_OF_PICTURE: Final = 0.5
 # If the picture changes by less than this (full scale 1, averaged over a few pixels) between the middle of the exposure
 # and its ends, no motion is visible there.
 _VISIBLE_CHANGE: Final = 0.02
@@ -87,18 +90,20 @@ class MotionQuestion:
         behind_decode: Whether the held-out residual of the best still scene is barely smaller than that of the decode,
             or larger.
         got_worse: Whether the held-out residual of the best still fit ended clearly above its least value.
+        no_path: Whether the camera was found at rest, or only to turn.
     """
 
     left: LeftByMotion | None = None
     gain: float | None = None
     behind_decode: bool = False
     got_worse: bool = False
+    no_path: bool = False
 
     @property
     def speaks_for_motion(self) -> bool:
         """Get whether moving scenes should be fitted."""
         in_many_blocks = self.left is not None and self.left.surely >= _MANY_BLOCKS
-        still_is_wrong = self.behind_decode or (self.got_worse and in_many_blocks)
+        still_is_wrong = self.behind_decode or ((self.got_worse or self.no_path) and in_many_blocks)
         return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if still_is_wrong else LEAST_PATCH_GAIN)
 
 
@@ -144,6 +149,7 @@ class MotionReport:
             "patch_gain": self.question.gain,
             "behind_decode": self.question.behind_decode,
             "got_worse": self.question.got_worse,
+            "no_path": self.question.no_path,
             "heldout_rms": dict(self.heldout_rms),
             "chosen": self.chosen,
             "gaussians_share": None if speeds is None else speeds.gaussians_share,
@@ -166,7 +172,9 @@ class MotionReport:
             if path is not None and turns_far(path):
                 turn_deg = largest_turn_deg(path)
                 return (finding(Code.MOTION_AROUND, share=share, median_px=median_px, turn_deg=turn_deg),)
-            return (finding(Code.SCENE_MOVES, share=share, median_px=median_px, most_px=speeds.most_px),)
+            whole = path is None and share > _MOST_OF_PICTURE
+            code = Code.MOTION_OR_CAMERA if whole else Code.SCENE_MOVES
+            return (finding(code, share=share, median_px=median_px, most_px=speeds.most_px),)
         left = self.question.left
         if left is not None and self.heldout_rms:
             return (finding(Code.MOTION_NOT_TAKEN, explained=left.explained),)

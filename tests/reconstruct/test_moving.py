@@ -294,11 +294,22 @@ def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
     assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
 
 
+@pytest.mark.parametrize("wrong", ["got_worse", "no_path"])
 @pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.3, 0.05, True), (0.2, 0.05, False), (0.3, 0.03, False)])
-def test_a_fit_that_only_got_worse_speaks_for_motion_if_it_lacks_motion_in_many_blocks(surely, gain, speaks):
+def test_a_fit_that_got_worse_or_has_no_path_speaks_for_motion_if_it_lacks_it_in_many_blocks(
+    surely, gain, speaks, wrong
+):
     left = LeftByMotion(0.05, surely, np.zeros((1, 1, 2)))
-    assert MotionQuestion(left, gain, got_worse=True).speaks_for_motion == speaks
+    assert MotionQuestion(left, gain, **{wrong: True}).speaks_for_motion == speaks
     assert not MotionQuestion(left, gain).speaks_for_motion
+
+
+@pytest.mark.parametrize(("share", "code"), [(0.4, Code.SCENE_MOVES), (0.9, Code.MOTION_OR_CAMERA)])
+def test_where_most_of_the_picture_moves_and_no_path_is_known_the_camera_may_have_moved(share, code):
+    speeds = moving.Speeds(np.zeros((4, 4, 2), np.float32), share, 0.9, 3.0, 6.0)
+    report = MotionReport("auto", moves=True)
+    assert [note.code for note in report.notes(speeds, None)] == [code]
+    assert [note.code for note in report.notes(speeds, np.tile(np.eye(4), (2, 1, 1)))] == [Code.SCENE_MOVES]
 
 
 def test_still_scene_behind_the_decode_from_which_patches_take_next_to_nothing_does_not():

@@ -190,7 +190,8 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
-        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still))
+        no_path = still.geometry.verdict != "full"
+        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path)
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
@@ -211,26 +212,26 @@ class Attempts:
         return 0.0 if not before or after is None else 1 - after / before
 
     def _compared(
-        self, attempts: dict[str, Attempt], simple: str | None = None
+        self, attempts: dict[str, Attempt], preferred: str | None = None
     ) -> tuple[Attempt, dict[str, float | None]]:
         """Choose an attempt by the first fit of each, as `_best`; also return their held-out residuals."""
         residuals = {name: self._residual(one.fits[0].views) for name, one in attempts.items()}
-        return self._best(attempts, residuals, simple), residuals
+        return self._best(attempts, residuals, preferred), residuals
 
     def _best(
-        self, attempts: dict[str, Attempt], residuals: dict[str, float | None], simple: str | None = None
+        self, attempts: dict[str, Attempt], residuals: dict[str, float | None], preferred: str | None = None
     ) -> Attempt:
         """Choose the attempt that predicts the held-out pixels best, and report the residuals of all.
 
         Args:
             attempts: By name.
             residuals: Of their held-out pixels.
-            simple: The one without a path, or without motion: another is chosen only if it is clearly better.
+            preferred: The one without a path, or without motion: another is chosen only if it is clearly better.
         """
         best = min(attempts, key=lambda name: _or_infinite(residuals[name]))
-        if simple is not None and best != simple and not _clearly_less(residuals[best], residuals[simple]):
-            return attempts[simple]
-        tried, notes = attempts[best], ranking({name: residuals[name] for name in attempts})
+        if preferred is not None and not _clearly_less(residuals[best], residuals[preferred]):
+            best = preferred
+        tried, notes = attempts[best], ranking({name: residuals[name] for name in attempts}, best)
         return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
 
     def _moving_or_still(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
@@ -275,11 +276,12 @@ def _or_infinite(rms: float | None) -> float:
     return math.inf if rms is None else rms
 
 
-def ranking(left: Mapping[str, float | None]) -> tuple[Finding, ...]:
+def ranking(left: Mapping[str, float | None], chosen: str) -> tuple[Finding, ...]:
     """Report the held-out residuals of attempts, smallest first; nothing for a single attempt, or without such pixels.
 
     Args:
         left: Root mean square of the held-out residual, by the attempt's name.
+        chosen: The name of the attempt that is used.
     """
     known = {name: rms for name, rms in left.items() if rms is not None and math.isfinite(rms)}
     if len(known) < 2:
@@ -287,4 +289,5 @@ def ranking(left: Mapping[str, float | None]) -> tuple[Finding, ...]:
     order = sorted(known, key=lambda name: known[name])
     best, second = (known[name] for name in order[:2])
     said = ", ".join(f"{name} {known[name]:.4f}" for name in order)
-    return (finding(Code.ATTEMPTS_RANKED, ranking=said, margin=second / best - 1 if best > 0 else 0.0),)
+    margin = second / best - 1 if best > 0 else 0.0
+    return (finding(Code.ATTEMPTS_RANKED, ranking=said, margin=margin, chosen=chosen),)

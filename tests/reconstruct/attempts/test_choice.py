@@ -39,15 +39,16 @@ def test_rest_is_a_plane_before_a_still_camera_and_claims_no_path(moving):
 
 
 def test_the_ranking_names_every_attempt_and_the_margin():
-    (said,) = ranking({"uniform motion": 0.0220, "rest": 0.0200, "second look": 0.0300, "lost": float("inf")})
+    (said,) = ranking({"uniform motion": 0.0220, "rest": 0.0200, "second look": 0.0300, "lost": float("inf")}, "rest")
     assert "rest 0.0200, uniform motion 0.0220, second look 0.0300" in said.sentence
     assert "10.0%" in said.sentence
+    assert "The scene from rest is used" in said.sentence
     assert "lost" not in said.sentence
 
 
 @pytest.mark.parametrize("left", [{"tracks": 0.1}, {"tracks": None, "rest": None}, {"tracks": 0.1, "rest": None}])
 def test_one_attempt_alone_has_no_ranking(left):
-    assert ranking(left) == ()
+    assert ranking(left, "tracks") == ()
 
 
 @dataclass(frozen=True)
