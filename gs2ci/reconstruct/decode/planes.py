@@ -1,4 +1,4 @@
-"""Views as stacks of planes, in which the decoders work, and back."""
+"""Views as stacks of planes, in which the decoders work, and back. Not here: mosaics (`pnp`, `demosaic`)."""
 
 import numpy as np
 

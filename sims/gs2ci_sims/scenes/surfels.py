@@ -25,6 +25,8 @@ THINNESS: Final = 0.05
 # A surface seen at a grazing angle is stretched at most this many times along the line of sight.
 MAX_STRETCH: Final = 8.0
 OPACITY: Final = 0.99
+# Axes are computed for so many discs at once: their intermediate arrays are several times as large as the result.
+_AT_ONCE: Final = 2**18
 
 
 @dataclass(frozen=True)
@@ -53,10 +55,6 @@ def join(parts: list[Surfels]) -> Surfels:
     """Concatenate several sets of surfels."""
     columns = ("means", "scales", "quaternions", "opacities", "radiances")
     return Surfels(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
-
-
-# Axes are computed for so many discs at once: their intermediate arrays are several times as large as the result.
-_AT_ONCE: Final = 2**18
 
 
 def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Surfels:
