@@ -156,10 +156,22 @@ def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, 
 
 
 @numba.njit(cache=True)
-def _plane_of_strip(
-    reference: F32, views: F32, homographies: F64, best: int, top: int, bottom: int, ring: F32, out: F32
+def _cost_of_strip(
+    reference: F32,
+    views: F32,
+    aims: F64,
+    inverse_depth: F32 | None,
+    best: int,
+    top: int,
+    bottom: int,
+    ring: F32,
+    out: F32,
 ) -> None:
-    """Fill out[top:bottom, :] (any strides) with the cost of one plane; ring, [V, window, W], is scratch."""
+    """Fill out[top:bottom, :] (any strides) with the cost of one plane, or of a map; ring, [V, window, W], is scratch.
+
+    The plane is that of the homographies `aims`, [V, 3, 3]; of a map they are projections, [V, 3, 4]. The compiler
+    makes one function of each: without a map it removes that branch.
+    """
     height, width = reference.shape[:2]
     count, window = ring.shape[:2]
     reach = window // 2
@@ -169,7 +181,10 @@ def _plane_of_strip(
     for r in range(max(top - reach, 0), bottom + reach):
         if r < min(bottom + reach, height):
             for i in range(count):
-                _aim_row(homographies[i], r, (height, width), corner, aim)
+                if inverse_depth is None:
+                    _aim_row(aims[i], r, (height, width), corner, aim)
+                else:
+                    _aim_row_at_depths(aims[i], inverse_depth[r], r, (height, width), corner, aim)
                 _difference_row(reference[r], views[i], corner, aim, row_costs)
                 _box_row(row_costs, reach, ring[i, r % window])
         if r - reach >= top:
@@ -200,7 +215,7 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
         ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
-            _plane_of_strip(reference, flat, homographies[d], best, top, bottom, ring, cost[:, :, d])
+            _cost_of_strip(reference, flat, homographies[d], None, best, top, bottom, ring, cost[:, :, d])
     return cost
 
 
@@ -221,24 +236,14 @@ def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64
         Mean truncated absolute difference in the window, [H, W].
     """
     height, width = reference.shape[:2]
-    count, reach = len(projections), window // 2
+    count = len(projections)
     cost = np.empty((height, width), np.float32)
     flat = views.reshape(count, height * width, FEATURES)
     strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
     for strip in numba.prange(strips):
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
         ring = np.empty((count, window, width), np.float32)
-        corner, aim = np.empty(width, np.int32), np.empty((5, width), np.float32)
-        row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
-        per_view = np.empty((count, width), np.float32)
-        for r in range(max(top - reach, 0), bottom + reach):
-            if r < min(bottom + reach, height):
-                for i in range(count):
-                    _aim_row_at_depths(projections[i], inverse_depth[r], r, (height, width), corner, aim)
-                    _difference_row(reference[r], flat[i], corner, aim, row_costs)
-                    _box_row(row_costs, reach, ring[i, r % window])
-            if r - reach >= top:
-                _cost_of_row(ring, r - reach, height, best, per_view, total, cost[r - reach])
+        _cost_of_strip(reference, flat, projections, inverse_depth, best, top, bottom, ring, cost)
     return cost
 
 
