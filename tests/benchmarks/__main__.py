@@ -32,6 +32,7 @@ BENCHMARKS = (
     "video",
     "scaling",
     "sizes",
+    "threads",
     "checkouts",
     "heldout_order",
     "mask_calibration",

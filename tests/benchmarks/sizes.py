@@ -70,13 +70,14 @@ STAGES = (
 
 
 class Meter:
-    """Counts processor seconds of the whole process, and samples its memory, by the innermost stage that runs."""
+    """Counts seconds of the processor and of the clock, and samples memory, by the innermost stage that runs."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
+        self.wall_s: dict[str, float] = defaultdict(float)
         self.mib: dict[str, float] = defaultdict(float)
         self._stages = ["the rest"]
-        self._since_s = time.process_time()
+        self._since_s = time.process_time(), time.monotonic()
 
     def enter(self, stage: str) -> None:
         """Count for a stage from now on."""
@@ -89,8 +90,9 @@ class Meter:
         self._stages.pop()
 
     def _lap(self) -> None:
-        now_s = time.process_time()
-        self.seconds[self._stages[-1]] += now_s - self._since_s
+        now_s = time.process_time(), time.monotonic()
+        self.seconds[self._stages[-1]] += now_s[0] - self._since_s[0]
+        self.wall_s[self._stages[-1]] += now_s[1] - self._since_s[1]
         self._since_s = now_s
 
     def sample(self, stop: threading.Event) -> None:

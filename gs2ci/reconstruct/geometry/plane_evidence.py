@@ -6,7 +6,8 @@ the weak texture of a wall shows where it is: for the right plane, a texture est
 predicts the others better than for any other plane. So for each plain area the plane with the best prediction is
 searched for, and the area is moved to it if it surely predicts better than the present map.
 
-Here: areas, planes, the comparison with a map. Not here: the texture (`texture_kernels`), maps (`surface_map`).
+Here: areas, planes, the comparison with a map. Not here: where readings look (`sightlines`), the texture
+(`texture_kernels`), maps (`surface_map`).
 """
 
 from dataclasses import dataclass
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.plain import plain_pixels, rays_through
+from gs2ci.reconstruct.geometry.sightlines import Sightlines
 from gs2ci.reconstruct.geometry.sweep import difference, features_of
-from gs2ci.reconstruct.geometry.texture_kernels import left_over
+from gs2ci.reconstruct.geometry.texture_kernels import prediction_errors
 
 # Noise of fitted views is blotchy: plain areas are found after a blur of so many px.
 _PLAIN_BLUR_PX: Final = 1.5
@@ -60,9 +62,6 @@ _SMOOTH: Final = (0.5, 2.0, 8.0, 32.0)
 _FIRST_SMOOTH: Final = 2.0
 # What varies more slowly than this, px, is taken from the views, since it carries no information on depth.
 _SLOW_PX: Final = 6.0
-_ROUNDS_OF_LOOKING: Final = 5
-# OpenCV samples fewer than 2^15 places along one axis at once.
-_MOST_AT_ONCE: Final = 2**14
 
 
 @dataclass(frozen=True)
@@ -91,9 +90,8 @@ class _Asked:
     """Some readings, and the data that predict them."""
 
     at: tuple[NDArray[np.int64], NDArray[np.int64]]
-    open_share: F64
+    sightlines: Sightlines
     light: F64
-    rays: F64
     channel: NDArray[np.int64]
     fold: NDArray[np.int64]
 
@@ -104,8 +102,8 @@ class _Asked:
         channel = np.zeros(len(rows), np.int64) if readings.channels is None else readings.channels[at]
         fold = np.random.default_rng(len(at[0])).integers(0, _FOLDS, len(at[0]))
         rays = np.concatenate([readings.rays[at], np.ones((len(at[0]), 1))], axis=1).astype(np.float64)
-        open_share = np.ascontiguousarray(readings.open_share[:, at[0], at[1]].T, np.float64)
-        return cls(at, open_share, readings.light[at].astype(np.float64), rays, channel, fold)
+        sightlines = Sightlines.of(readings.open_share, *at, rays)
+        return cls(at, sightlines, readings.light[at].astype(np.float64), channel, fold)
 
 
 class PlaneEvidence:
@@ -121,79 +119,38 @@ class PlaneEvidence:
 
     def __init__(self, readings: Readings, view: F32, world_to_camera: F64, intrinsics: F64) -> None:
         self.smooth = _FIRST_SMOOTH
-        self._readings = readings
         self._poses = readings.world_to_camera @ np.linalg.inv(world_to_camera)
         self._intrinsics = intrinsics
         slow = cv2.GaussianBlur(view, (0, 0), _SLOW_PX).reshape(view.shape)
-        self._slow = slow if readings.channels is not None else slow.mean(axis=2, keepdims=True)
+        slow = slow if readings.channels is not None else slow.mean(axis=2, keepdims=True)
+        self._slow = np.ascontiguousarray(slow.transpose(2, 0, 1))
 
-    def of_plane(self, asked: _Asked, plane: F64, *, hurried: bool = False) -> F64:
-        """Return the squared prediction errors of readings, [K], by a plane n, [3]: n . X = 1 in the reference view.
+    def of_planes(self, asked: _Asked, planes: F64, *, hurried: bool = False) -> F64:
+        """Return the squared prediction errors of readings, [P, K], by planes n, [P, 3], with n . X = 1.
 
         Hurried, they are 0 for two thirds of the readings if these are many.
         """
-        return self._left(asked, self.places_on_plane(asked, plane), hurried=hurried)
+        return self._of_planes(asked, planes, np.full(len(planes), self.smooth), hurried=hurried)
 
     def of_map(self, asked: _Asked, inverse_depth: F32) -> F64:
         """Return the squared prediction errors by a map of the reference view's inverse depth, [H, W]."""
-        return self._left(asked, self.places_on_map(asked, inverse_depth), hurried=False)
+        places = asked.sightlines.on_map(inverse_depth, self._poses, self._intrinsics)
+        errors: F64 = self._errors(asked, places, _FOLDS, np.array([self.smooth]))[0]
+        return errors
 
     def tune(self, asked: _Asked, plane: F64) -> None:
         """Choose the penalty with which a plane predicts readings best."""
-        left = {}
-        for smooth in _SMOOTH:
-            self.smooth = smooth
-            left[smooth] = float(self.of_plane(asked, plane, hurried=True).sum())
-        self.smooth = min(left, key=lambda smooth: left[smooth])
+        errors = self._of_planes(asked, np.tile(plane, (len(_SMOOTH), 1)), np.array(_SMOOTH), hurried=True)
+        self.smooth = _SMOOTH[int(np.argmin(errors.sum(axis=1)))]
 
-    def places_on_plane(self, asked: _Asked, plane: F64) -> F64:
-        """Return the points of a plane that readings see, in the reference view's array: column and row, [K, V, 2]."""
-        places = np.empty((len(asked.rays), len(self._poses), 2))
-        for view, pose in enumerate(self._poses):
-            back = asked.rays @ pose[:3, :3]
-            centre = pose[:3, :3].T @ pose[:3, 3]
-            # X = s R^T ray - centre, and n . X = 1.
-            along = back @ plane
-            far = (1 + plane @ centre) / np.where(np.abs(along) > 1e-9, along, 1e-9)
-            places[:, view] = self._at(far[:, None] * back - centre)
-        return places
+    def _of_planes(self, asked: _Asked, planes: F64, smooth: F64, *, hurried: bool) -> F64:
+        places = asked.sightlines.on_planes(planes, self._poses, self._intrinsics)
+        return self._errors(asked, places, 1 if hurried and len(asked.light) > _MANY else _FOLDS, smooth)
 
-    def places_on_map(self, asked: _Asked, inverse_depth: F32) -> F64:
-        """Return the same for the surface of a map of the reference view, [H, W]."""
-        places = np.empty((len(asked.rays), len(self._poses), 2))
-        to_rays = np.linalg.inv(self._intrinsics).T
-        for view, pose in enumerate(self._poses):
-            wanted = self._at(asked.rays)
-            place = wanted.copy()
-            for _ in range(_ROUNDS_OF_LOOKING):
-                depth = _sampled(inverse_depth, place[:, None])[:, 0]
-                rays = np.concatenate([place + 0.5, np.ones((len(place), 1))], axis=1) @ to_rays
-                place += wanted - self._at(rays @ pose[:3, :3].T + pose[:3, 3] * depth[:, None].astype(np.float64))
-            places[:, view] = place
-        return places
-
-    def _at(self, points: F64) -> F64:
-        """Project points, [K, 3], to the reference picture: column and row of its array, [K, 2]."""
-        seen = points @ self._intrinsics.T
-        found: F64 = seen[:, :2] / np.where(seen[:, 2:] > 1e-9, seen[:, 2:], 1e-9) - 0.5
-        return found
-
-    def _left(self, asked: _Asked, places: F64, *, hurried: bool) -> F64:
-        slow = np.stack([_sampled(one, places) for one in np.ascontiguousarray(self._slow.transpose(2, 0, 1))])
-        shown = slow[asked.channel, np.arange(len(places))]
-        light = asked.light - (asked.open_share * shown).sum(axis=1)
-        # Axis by axis: NumPy takes several times as long over an axis beside one of length two.
-        low = np.floor([places[..., axis].min() for axis in (0, 1)]) - 1
-        high = np.ceil([places[..., axis].max() for axis in (0, 1)]) + 2
-        limit = np.array(self._slow.shape[1::-1], float)
-        low, high = np.clip(low, -limit, limit), np.clip(high, -limit + 2, 2 * limit)
-        columns, rows = (high - low).astype(int)
-        inside = np.ascontiguousarray(places - low)
-        left = np.zeros(len(light))
-        for fold in range(1 if hurried and len(light) > _MANY else _FOLDS):
-            out = asked.fold == fold
-            left[out] = left_over(inside, asked.open_share, light, ~out, (rows, columns), self.smooth)[out]
-        return left**2
+    def _errors(self, asked: _Asked, places: F64, folds: int, smooth: F64) -> F64:
+        return prediction_errors(
+            places, asked.sightlines, asked.light, self._slow, asked.channel, asked.fold, folds, smooth
+        )
 
 
 @dataclass(frozen=True)
@@ -249,7 +206,7 @@ def found_planes(
             continue
         evidence.tune(part, start)
         plane = _best_plane(evidence, part, evidence.of_map(part, inverse_depth), start, parallax_px)
-        gain = evidence.of_map(asked, inverse_depth) - evidence.of_plane(asked, plane)
+        gain = evidence.of_map(asked, inverse_depth) - evidence.of_planes(asked, plane[None])[0]
         taken, errors = _taken(area, asked, gain)
         if errors < _CLEARLY:
             continue
@@ -357,17 +314,6 @@ def _away_from_edges(view: F32) -> Bool:
     return away
 
 
-def _sampled(picture: F32, places: F64) -> F32:
-    """Interpolate a picture, [H, W], at places, [K, V, 2] (column and row); beyond its border it goes on as there."""
-    parts = np.array_split(places.astype(np.float32), max(1, -(-len(places) // _MOST_AT_ONCE)))
-    return np.concatenate(
-        [
-            cv2.remap(picture, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for part in parts
-        ]
-    )
-
-
 def _areas(where: Bool) -> list[Bool]:
     """Return the connected areas that are large enough, the largest first, [H, W] each."""
     # Held-out pixels are holes of one pixel.
@@ -397,36 +343,38 @@ def _best_depth(evidence: PlaneEvidence, asked: _Asked, span: tuple[float, float
     None if it lies at an end of the range, which exceeds that of the scene: then the readings do not determine a depth.
     """
     count = int(np.clip((span[1] - span[0]) * parallax_px / _FIRST_STEP_PX, 3, _MOST_PLANES))
-    planes = [np.array([0.0, 0.0, depth]) for depth in np.linspace(*span, count)]
-    best = int(np.argmin([evidence.of_plane(asked, plane, hurried=True).sum() for plane in planes]))
+    planes = np.zeros((count, 3))
+    planes[:, 2] = np.linspace(*span, count)
+    best = int(np.argmin(evidence.of_planes(asked, planes, hurried=True).sum(axis=1)))
     return planes[best] if 0 < best < count - 1 else None
 
 
 def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64, parallax_px: float) -> F64:
     """Search from a plane for the one that predicts best; blocks that the map predicts better count as the map, [3]."""
-    middle = asked.rays[:, :2].mean(axis=0)
-    reach = np.maximum(asked.rays[:, :2].std(axis=0), 1e-6)
+    across = asked.sightlines.rays[:, :2]
+    middle, reach = across.mean(axis=0), np.maximum(across.std(axis=0), 1e-6)
     blocks = _Blocks.of(asked)
     by_map = blocks.sums(before)
 
-    def plane_of(at: F64) -> F64:
-        """Return the plane from inverse depth in the middle and its change one standard deviation right and down."""
-        slopes = at[1:] / reach
-        return np.array([*slopes, at[0] - slopes @ middle])
+    def planes_of(at: F64) -> F64:
+        """Return planes of inverse depths in the middle, and their changes one standard deviation right and down."""
+        slopes = at[:, 1:] / reach
+        return np.column_stack([slopes, at[:, 0] - slopes @ middle])
 
-    def left(at: F64) -> float:
-        """Return the error; blocks that the map predicts better are another surface."""
-        return float(np.minimum(blocks.sums(evidence.of_plane(asked, plane_of(at))), by_map).sum())
+    def left(at: F64) -> list[float]:
+        """Return the errors; blocks that the map predicts better are another surface."""
+        errors = evidence.of_planes(asked, planes_of(at))
+        return [float(np.minimum(blocks.sums(one), by_map).sum()) for one in errors]
 
     at = np.array([start[2], 0.0, 0.0])
-    least = left(at)
+    (least,) = left(at[None])
     for step in _STEPS_PX:
         for axis in range(3):
-            for sign in (1, -1):
-                tried = at.copy()
-                tried[axis] += sign * step / parallax_px
-                now = left(tried)
+            # Both signs at once, so that threads have enough to share.
+            tried = np.stack([at, at])
+            tried[:, axis] += np.array([step, -step]) / parallax_px
+            for now, there in zip(left(tried), tried, strict=True):
                 if now < least:
-                    at, least = tried, now
+                    at, least = there, now
                     break
-    return plane_of(at)
+    return planes_of(at[None])[0]

@@ -1,72 +1,118 @@
 """Prediction errors of a surface's readings, by a texture estimated from other readings of it.
 
-A reading is the sum, over the views whose masks are open there, of the texture at the point that the pixel sees. The
+A reading is the sum, over the views whose masks are open there, of the texture at the place that the pixel sees. The
 texture is the least-squares solution with a penalty on differences between neighbours, by conjugate gradients.
-Here: kernels. Not here: the points that pixels see, and what follows from the errors (`plane_evidence`).
+Here: kernels, in float64. Surfaces and folds are the tasks that threads share, and each writes its own errors, so that
+the result is the same for any number of threads. Not here: the places (`sightlines`), what follows (`plane_evidence`).
 """
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F64, Bool
-
-
-def left_over(places: F64, open_share: F64, light: F64, seen: Bool, size: tuple[int, int], smooth: float) -> F64:
-    """Return the residuals of readings, [K], by a texture estimated from some of them.
-
-    Args:
-        places: Column and row in the texture, px, that each reading sees in each view, [K, N, 2]; positions outside see
-            its border.
-        open_share: Transmission of each reading's pixel in each view, [K, N].
-        light: The readings, [K].
-        seen: The readings from which the texture is estimated, [K].
-        size: Height and width of the texture, both at least 2.
-        smooth: Weight of the squared differences between neighbours, above 0.
-    """
-    found: F64 = _left_over(places, open_share, light, seen, np.zeros(size), smooth, _ITERATIONS)
-    return found
-
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.sightlines import Sightlines, corner, interpolated
 
 # More iterations changed the residual by less than a tenth of the difference between two planes.
 _ITERATIONS = 6
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _corner(place, count):
-    """Return the cell of a coordinate, and how far in it, 0 to 1."""
-    cell = min(max(int(np.floor(place)), 0), count - 2)
-    return cell, min(max(place - cell, 0.0), 1.0)
+def prediction_errors(
+    places: F64,
+    sightlines: Sightlines,
+    light: F64,
+    slow: F32,
+    channel: NDArray[np.int64],
+    fold: NDArray[np.int64],
+    folds: int,
+    smooth: F64,
+) -> F64:
+    """Return the squared errors of readings predicted from those of other folds, [P, K]; 0 where none is asked for.
 
-
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _open_places(places, open_share, size):
-    """List what readings see through open masks, since most are closed, and every iteration passes through all.
-
-    Returns:
-        Where each reading's places begin in the list, [K + 1]; the flat index of the cells, unsigned since negative
-        indices cost a test each, [E]; how far in them, column and row, and the transmissions, [E, 3].
+    Args:
+        places: Column and row that are seen along each line, for each surface, [P, E, 2]; outside of the picture they
+            see its border.
+        sightlines: Of the readings.
+        light: The readings, [K].
+        slow: What is known of the reference view, of which the texture is the rest, [C, H, W]; H, W >= 2.
+        channel: Which of its channels each reading sees, [K].
+        fold: Of each reading, [K].
+        folds: How many of the folds are predicted, the first ones.
+        smooth: Weight of the squared differences between neighbours of each texture, above 0, [P].
     """
-    count = 0
-    begin = np.empty(len(places) + 1, np.int64)
-    for k in range(len(places)):
-        begin[k] = count
-        for v in range(places.shape[1]):
-            count += open_share[k, v] != 0
-    begin[-1] = count
-    cells, inside = np.empty(count, np.uint64), np.empty((count, 3))
-    e = 0
-    for k in range(len(places)):
-        for v in range(places.shape[1]):
-            if open_share[k, v] != 0:
-                column, inside[e, 0] = _corner(places[k, v, 0], size[1])
-                row, inside[e, 1] = _corner(places[k, v, 1], size[0])
-                cells[e], inside[e, 2] = row * size[1] + column, open_share[k, v]
-                e += 1
-    return begin, cells, inside
+    found = np.zeros((len(places), len(light)))
+    _predict(
+        places, sightlines.begin, sightlines.share, light, slow, channel, fold, folds, smooth, _ITERATIONS, found
+    )  # fmt: skip
+    return found
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _seen_through(texture, begin, cells, inside, found):
+@numba.njit(cache=True, parallel=True)
+def _predict(places, begin, share, light, slow, channel, fold, folds, smooth, iterations, found):
+    for task in numba.prange(len(places) * folds):
+        surface, out = task // folds, task % folds
+        _predict_fold(
+            places[surface], begin, share, light, slow, channel, fold, out, smooth[surface], iterations, found[surface]
+        )
+
+
+@numba.njit(cache=True)
+def _predict_fold(places, begin, share, light, slow, channel, fold, out, smooth, iterations, found):
+    """Enter the squared errors of the readings of one fold, [K]."""
+    seen = fold != out
+    left = _without_slow(places, begin, share, light, slow, channel)
+    low, size = _extent(places, slow.shape)
+    left = left_over(places, low, begin, share, left, seen, np.zeros(size), smooth, iterations)
+    for k in range(len(left)):
+        if not seen[k]:
+            found[k] = left[k] ** 2
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _without_slow(places, begin, share, light, slow, channel):
+    """Return the readings without what the known part of the view contributes, [K]."""
+    left = light.copy()
+    for k in range(len(left)):
+        for e in range(begin[k], begin[k + 1]):
+            left[k] -= share[e] * interpolated(slow[channel[k]], places[e, 0], places[e, 1])
+    return left
+
+
+@numba.njit(cache=True)
+def _extent(places, shape):
+    """Return the first column and row of a texture that covers the places, and its height and width.
+
+    They are between 2 and thrice the picture's, which has the shape [C, H, W].
+    """
+    low, high = np.empty(2), np.empty(2)
+    for axis in range(2):
+        limit = float(shape[2 - axis])
+        least, most = 0.0, 0.0
+        for e in range(len(places)):
+            place = places[e, axis]
+            least = place if e == 0 else min(least, place)
+            most = place if e == 0 else max(most, place)
+        low[axis] = min(max(np.floor(least) - 1, -limit), limit)
+        high[axis] = min(max(np.ceil(most) + 2, 2 - limit), 2 * limit)
+    return low, (int(high[1] - low[1]), int(high[0] - low[0]))
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _cells(places, low, size):
+    """Return the flat index of the cell of each place, unsigned since negative indices cost a test each, [E].
+
+    Also how far in it the place is, column and row, [E, 2].
+    """
+    cells, inside = np.empty(len(places), np.uint64), np.empty((len(places), 2))
+    for e in range(len(places)):
+        column, inside[e, 0] = corner(places[e, 0] - low[0], size[1])
+        row, inside[e, 1] = corner(places[e, 1] - low[1], size[0])
+        cells[e] = row * size[1] + column
+    return cells, inside
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _seen_through(texture, begin, share, cells, inside, found):
     flat, one, row = texture.ravel(), np.uint64(1), np.uint64(texture.shape[1])
     for k in range(len(found)):
         total = 0.0
@@ -74,26 +120,26 @@ def _seen_through(texture, begin, cells, inside, found):
             at, x, y = cells[e], inside[e, 0], inside[e, 1]
             above = (1 - x) * flat[at] + x * flat[at + one]
             below = (1 - x) * flat[at + row] + x * flat[at + row + one]
-            total += inside[e, 2] * ((1 - y) * above + y * below)
+            total += share[e] * ((1 - y) * above + y * below)
         found[k] = total
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _sent_back(values, seen, begin, cells, inside, found):
+@numba.njit(cache=True, fastmath={"contract"})
+def _sent_back(values, seen, begin, share, cells, inside, found):
     """Add the adjoint of `_seen_through`, of readings that are seen."""
     flat, one, row = found.ravel(), np.uint64(1), np.uint64(found.shape[1])
     for k in range(len(values)):
         if not seen[k]:
             continue
         for e in range(begin[k], begin[k + 1]):
-            at, x, y, value = cells[e], inside[e, 0], inside[e, 1], inside[e, 2] * values[k]
+            at, x, y, value = cells[e], inside[e, 0], inside[e, 1], share[e] * values[k]
             flat[at] += (1 - x) * (1 - y) * value
             flat[at + one] += x * (1 - y) * value
             flat[at + row] += (1 - x) * y * value
             flat[at + row + one] += x * y * value
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@numba.njit(cache=True, fastmath={"contract"})
 def _add_roughness(texture, smooth, found):
     """Add half the gradient of `smooth` times the squared differences between neighbours."""
     height, width = texture.shape
@@ -109,25 +155,38 @@ def _add_roughness(texture, smooth, found):
                 found[r + 1, c] += step
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _left_over(places, open_share, light, seen, texture, smooth, iterations):
+@numba.njit(cache=True, fastmath={"contract"})
+def left_over(places, low, begin, share, light, seen, texture, smooth, iterations):
+    """Return the residuals of readings, [K], by a texture estimated from those that are seen.
+
+    Args:
+        places: Column and row that is seen along each line, [E, 2].
+        low: Column and row of the texture's first pixel, [2].
+        begin: Where the lines of each reading begin, [K + 1].
+        share: Transmission of each, [E].
+        light: The readings, [K].
+        seen: Those from which the texture is estimated, [K].
+        texture: Where it is estimated, from zeros; sides of at least 2.
+        smooth: Weight of the squared differences between neighbours, above 0.
+        iterations: Of conjugate gradients.
+    """
     left, coded = light.copy(), np.empty_like(light)
-    begin, cells, inside = _open_places(places, open_share, texture.shape)
+    cells, inside = _cells(places, low, texture.shape)
     against = np.zeros_like(texture)
-    _sent_back(left, seen, begin, cells, inside, against)
+    _sent_back(left, seen, begin, share, cells, inside, against)
     along = against.copy()
     power = (against * against).sum()
     for _ in range(iterations):
         if power == 0:
             break
-        _seen_through(along, begin, cells, inside, coded)
+        _seen_through(along, begin, share, cells, inside, coded)
         bent = np.zeros_like(texture)
-        _sent_back(coded, seen, begin, cells, inside, bent)
+        _sent_back(coded, seen, begin, share, cells, inside, bent)
         _add_roughness(along, smooth, bent)
         step = power / (along * bent).sum()
         texture += step * along
         against -= step * bent
         before, power = power, (against * against).sum()
         along = against + power / before * along
-    _seen_through(texture, begin, cells, inside, coded)
+    _seen_through(texture, begin, share, cells, inside, coded)
     return left - coded

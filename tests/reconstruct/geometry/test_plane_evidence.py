@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import cv2
+import numba
 import numpy as np
 import pytest
 
 from gs2ci.reconstruct.geometry import plane_evidence, texture_kernels
 from gs2ci.reconstruct.geometry.plane_evidence import FoundPlane, Readings, found_planes, with_plane
+from gs2ci.reconstruct.geometry.sightlines import Sightlines
 from gs2ci.reconstruct.geometry.sweep import plane_homographies
-from gs2ci.reconstruct.geometry.texture_kernels import left_over
+from gs2ci.reconstruct.geometry.texture_kernels import left_over, prediction_errors
 
 SIZE = (72, 96)
 VIEWS = 6
@@ -85,8 +87,8 @@ def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
     assert found[0].where.mean() > 0.8
 
 
-def test_an_area_of_more_pixels_than_opencv_samples_at_once(monkeypatch):
-    """A wall that fills 182 x 190 px: OpenCV ends with an error from 2^15 places on."""
+def test_an_area_of_more_pixels_than_are_asked(monkeypatch):
+    """A wall that fills 182 x 190 px."""
     size = (182, 190)
     assert size[0] * size[1] > 2**15
     middle = np.array([[FOCAL, 0, size[1] / 2], [0, FOCAL, size[0] / 2], [0, 0, 1]])
@@ -95,15 +97,6 @@ def test_an_area_of_more_pixels_than_opencv_samples_at_once(monkeypatch):
     found = ask(readings(wall()), flat(WRONG))
     assert found[0].plane[2] == pytest.approx(WALL, abs=1.0 / PARALLAX_PX)
     assert found[0].where.mean() > 0.8
-
-
-def test_many_places_are_sampled_like_few():
-    rng = np.random.default_rng(0)
-    picture = rng.random((9, 11)).astype(np.float32)
-    places = rng.uniform(-3, 13, (2**15 + 5, 2, 2))
-    sampled = plane_evidence._sampled(picture, places)
-    assert (sampled[:100] == plane_evidence._sampled(picture, places[:100])).all()
-    assert (sampled[-100:] == plane_evidence._sampled(picture, places[-100:])).all()
 
 
 def test_a_plane_at_the_end_of_the_range_is_none():
@@ -197,26 +190,47 @@ def test_no_plain_area_keeps_a_map():
     assert (entered(found, np.full((*SIZE, 1), 0.5, np.float32), np.eye(4)) == WRONG).all()
 
 
+def evidence_of(taken):
+    return plane_evidence.PlaneEvidence(taken, wall()[REFERENCE], poses()[REFERENCE], INTRINSICS)
+
+
 def test_places_through_a_plane_are_those_of_its_homography():
     """The sweep's homographies, the other way round."""
     taken, plane = readings(wall()), np.array([0.0, 0.0, WALL])
-    evidence = plane_evidence.PlaneEvidence(taken, wall()[REFERENCE], poses()[REFERENCE], INTRINSICS)
     asked = plane_evidence._Asked.of(taken, taken.usable)
-    places = evidence.places_on_plane(asked, plane)
+    lines, from_reference = asked.sightlines, poses() @ np.linalg.inv(poses()[REFERENCE])
+    places = lines.on_planes(plane[None], from_reference, INTRINSICS)[0]
     forward = plane_homographies(poses(), INTRINSICS, np.array([WALL]))[0]
-    seen = np.concatenate([places, np.ones((*places.shape[:2], 1))], axis=2)
-    again = np.einsum("vij,kvj->kvi", forward, seen)
-    at = np.stack([asked.at[1], asked.at[0]], axis=1)
-    assert np.abs(again[..., :2] / again[..., 2:] - at[:, None]).max() < 1e-5
+    again = np.einsum("eij,ej->ei", forward[lines.view], np.concatenate([places, np.ones((len(places), 1))], axis=1))
+    reading = np.repeat(np.arange(len(asked.light)), np.diff(lines.begin))
+    at = np.stack([asked.at[1], asked.at[0]], axis=1)[reading]
+    assert np.abs(again[:, :2] / again[:, 2:] - at).max() < 1e-5
     # A map of that plane sends them to the same places.
-    by_map = evidence.places_on_map(asked, flat(WALL))
+    by_map = lines.on_map(flat(WALL), from_reference, INTRINSICS)[0]
     assert np.abs(by_map - places).max() < 1e-3
 
 
+def test_lines_are_those_of_open_masks():
+    taken = readings(wall())
+    rows, columns = (at.astype(np.int64) for at in np.nonzero(taken.usable))
+    lines = Sightlines.of(taken.open_share, rows, columns, np.ones((len(rows), 3)))
+    whole = np.zeros((len(rows), VIEWS))
+    whole[np.repeat(np.arange(len(rows)), np.diff(lines.begin)), lines.view] = lines.share
+    assert (whole == taken.open_share[:, rows, columns].T).all()
+    assert (lines.share != 0).all()
+
+
 def some_readings(count=60, size=(7, 9), seed=0):
+    """Places, [K, 3, 2], of which each reading sees some."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(-1, 1, (count, 3, 2)) * np.array([6, 5]) + np.array([4, 3])
     return places, (rng.random((count, 3)) < 0.6).astype(float), rng.normal(size=count), rng.random(count) < 0.7, size
+
+
+def listed(places, open_share):
+    """Places and transmissions along open lines, [E, 2] and [E], and where those of each reading begin, [K + 1]."""
+    through = open_share != 0
+    return places[through], open_share[through], np.concatenate([[0], np.cumsum(through.sum(axis=1))])
 
 
 def matrix(places, open_share, size):
@@ -232,32 +246,86 @@ def matrix(places, open_share, size):
     return found
 
 
-def test_what_is_left_is_that_of_least_squares(monkeypatch):
-    """To 1e-9 of the readings, by dense normal equations, once conjugate gradients have converged."""
-    monkeypatch.setattr(texture_kernels, "_ITERATIONS", 300)
-    places, open_share, light, seen, size = some_readings()
-    coded = matrix(places, open_share, size)
+def by_least_squares(coded, light, seen, size, smooth):
+    """What is left of readings by dense normal equations."""
     number = np.arange(size[0] * size[1]).reshape(size)
     pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
     rough = np.concatenate([
         np.eye(number.size)[one.ravel()] - np.eye(number.size)[other.ravel()] for one, other in pairs
     ])  # fmt: skip
-    normal = coded[seen].T @ coded[seen] + 0.5 * rough.T @ rough
-    texture = np.linalg.lstsq(normal, coded[seen].T @ light[seen], rcond=None)[0]
-    left = left_over(places, open_share, light, seen, size, 0.5)
-    assert np.abs(left - (light - coded @ texture)).max() < 1e-9
+    normal = coded[seen].T @ coded[seen] + smooth * rough.T @ rough
+    return light - coded @ np.linalg.lstsq(normal, coded[seen].T @ light[seen], rcond=None)[0]
+
+
+def left_by_kernel(places, open_share, light, seen, size, smooth, iterations=6):
+    there, share, begin = listed(places, open_share)
+    return left_over(there, np.zeros(2), begin, share, light, seen, np.zeros(size), smooth, iterations)
+
+
+def test_what_is_left_is_that_of_least_squares():
+    """To 1e-9 of the readings, once conjugate gradients have converged."""
+    places, open_share, light, seen, size = some_readings()
+    coded = matrix(places, open_share, size)
+    left = left_by_kernel(places, open_share, light, seen, size, 0.5, iterations=300)
+    assert np.abs(left - by_least_squares(coded, light, seen, size, 0.5)).max() < 1e-9
+
+
+def test_each_fold_is_predicted_from_the_others_beside_what_is_known(monkeypatch):
+    """Two surfaces with a penalty of their own, and two channels, to 1e-9; the last fold is not asked for."""
+    monkeypatch.setattr(texture_kernels, "_ITERATIONS", 300)
+    places, open_share, light, _, size = some_readings()
+    rng = np.random.default_rng(1)
+    slow = rng.random((2, *size)).astype(np.float32)
+    channel, fold = rng.integers(0, 2, len(light)), rng.integers(0, 3, len(light))
+    smooth = np.array([0.5, 2.0])
+    surfaces = [places, places[::-1].copy()]
+    there, share, begin = zip(*(listed(one, open_share) for one in surfaces), strict=True)
+    lines = Sightlines(begin[0], np.zeros(len(share[0]), np.int64), share[0], np.ones((len(light), 3)))
+    found = prediction_errors(np.stack(there), lines, light, slow, channel, fold, 2, smooth)
+    known = [slow[c].astype(np.float64).ravel() for c in channel]
+    for at, weight, errors in zip(surfaces, smooth, found, strict=True):
+        # The texture covers all places, some of them beyond the known picture.
+        seen_there = at[open_share != 0]
+        low = np.floor(seen_there.min(axis=0)) - 1
+        columns, rows = (np.ceil(seen_there.max(axis=0)) + 2 - low).astype(int)
+        by_known = (matrix(at, open_share, size) * np.stack(known)).sum(axis=1)
+        coded = matrix(at - low, open_share, (rows, columns))
+        for out in (0, 1):
+            expected = by_least_squares(coded, light - by_known, fold != out, (rows, columns), weight) ** 2
+            assert np.abs(errors - expected)[fold == out].max() < 1e-9
+        assert (errors[fold == 2] == 0).all()
+
+
+def test_errors_have_the_same_bits_on_any_number_of_threads():
+    taken = readings(wall())
+    asked = plane_evidence._Asked.of(taken, taken.usable)
+    planes = np.array([[0.0, 0.0, WALL], [0.1, -0.1, WRONG]])
+    found, threads = [], numba.get_num_threads()
+    try:
+        for count in (1, threads):
+            numba.set_num_threads(count)
+            found.append(evidence_of(taken).of_planes(asked, planes))
+    finally:
+        numba.set_num_threads(threads)
+    assert (found[0] == found[1]).all()
 
 
 def test_of_nothing_that_is_seen_everything_is_left():
     places, open_share, light, seen, size = some_readings()
-    assert (left_over(places, open_share, light, np.zeros_like(seen), size, 1.0) == light).all()
+    assert (left_by_kernel(places, open_share, light, np.zeros_like(seen), size, 1.0) == light).all()
     dark = np.zeros_like(open_share)
-    assert (left_over(places, dark, light, seen, size, 1.0) == light).all()
+    assert (left_by_kernel(places, dark, light, seen, size, 1.0) == light).all()
+
+
+def test_readings_behind_closed_masks_alone_give_numbers():
+    taken = readings(wall())
+    dark = replace(taken, open_share=np.zeros_like(taken.open_share))
+    asked = plane_evidence._Asked.of(dark, taken.usable)
+    errors = evidence_of(dark).of_planes(asked, np.array([[0.0, 0.0, WALL]]))
+    assert np.allclose(errors, asked.light**2)
 
 
 def test_a_plane_that_is_seen_from_its_edge_gives_numbers():
     taken = readings(wall())
-    evidence = plane_evidence.PlaneEvidence(taken, wall()[REFERENCE], poses()[REFERENCE], INTRINSICS)
     asked = plane_evidence._Asked.of(taken, taken.usable)
-    assert np.isfinite(evidence.of_plane(asked, np.array([1.0, 0.0, 0.0]))).all()
-    assert np.isfinite(evidence.of_plane(asked, np.zeros(3))).all()
+    assert np.isfinite(evidence_of(taken).of_planes(asked, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))).all()
