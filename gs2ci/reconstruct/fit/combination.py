@@ -112,7 +112,7 @@ def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: 
     light = (weighted**2).sum(axis=0)  # |M|², [K]
     pixel_weights = _pixel_weights(weighted)
     measured = holdout.shot.weights >= _LEAST_WEIGHT * holdout.shot.weights.max()  # [N]
-    noise = min(noise, *(_power(_residual(holdout, one)) for one in candidates))
+    noise = min(noise, *(_power(holdout.residual_at_pixels(one.blind)) for one in candidates))
     seen = [_Seen.of(holdout, one, noise) for one in candidates]
     hidden = _hidden(weighted)  # [K]
     worth = [hidden if one.cancels else np.ones_like(hidden) for one in candidates]
@@ -154,12 +154,14 @@ class _Seen:
 
     @classmethod
     def of(cls, holdout: Holdout, candidate: Candidate, noise: float) -> "_Seen":
-        residual, step = _residual(holdout, candidate), candidate.full - candidate.blind
-        coded, power = _at(holdout, holdout.coded(step)), _power(residual)
+        residual = holdout.residual_at_pixels(candidate.blind)
+        step = holdout.at_pixels(candidate.full).astype(np.float64) - holdout.at_pixels(candidate.blind)
+        coded = holdout.coded_at_pixels(candidate.full) - holdout.coded_at_pixels(candidate.blind)
+        power = _power(residual)
         taken = float(np.clip(np.mean(coded * residual) / power, 0, 1)) if power > 0 else 0.0
         signal = 1 - noise / power if power > 0 else 1.0
         learned = signal / max(taken, signal, _LEAST_LEARNED)
-        return cls(residual, step[:, holdout.pixels].astype(np.float64), coded, taken, learned)
+        return cls(residual, step, coded, taken, learned)
 
 
 def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | None:
@@ -181,7 +183,7 @@ def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | No
         return None
     weighted, blind = _weighted(holdout), Candidate(views.blind, views.blind)
     spread = np.average(1 / (weighted**2).sum(axis=0), weights=_pixel_weights(weighted))
-    least = min(noise, _power(_residual(holdout, views))) * len(weighted) * float(spread)
+    least = min(noise, _power(holdout.residual_at_pixels(views.blind))) * len(weighted) * float(spread)
     seen, unseen = (max(0.0, float(expected_products(holdout, [one], noise)[0, 0]) - least) for one in (views, blind))
     lit = float(holdout.shot.lit.mean())
     return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
@@ -197,7 +199,7 @@ def _hidden(weighted: F64) -> F64:
 
 def _weighted(holdout: Holdout) -> F64:
     """Return the masks times their weights at the held-out pixels, M, [N, K]."""
-    found: F64 = (holdout.shot.weights[:, None, None] * holdout.shot.masks)[:, holdout.pixels].astype(np.float64)
+    found: F64 = holdout.shot.weights[:, None].astype(np.float64) * holdout.at_pixels(holdout.shot.masks)
     return found
 
 
@@ -205,15 +207,6 @@ def _pixel_weights(weighted: F64) -> F64:
     """Return the weights of pixels, [K], by the light that their masks, [N, K], let through."""
     found: F64 = np.minimum(1.0, (weighted**2).sum(axis=0) / weighted.max() ** 2) ** 2
     return found
-
-
-def _at(holdout: Holdout, image: F32) -> F64:
-    found: F64 = image[holdout.pixels].astype(np.float64)
-    return found
-
-
-def _residual(holdout: Holdout, candidate: Candidate) -> F64:
-    return _at(holdout, holdout.shot.measurement - holdout.coded(candidate.blind))
 
 
 def _power(values: F64) -> float:

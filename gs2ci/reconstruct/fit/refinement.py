@@ -77,11 +77,9 @@ class Refinement:
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""
-        heldout = self._holdout.pixels
-        if not heldout.any():
+        if not self._holdout.pixels.any():
             return 1.0
-        left = (self._holdout.shot.measurement - self._holdout.coded(views))[heldout].astype(np.float64)
-        gained = self._holdout.coded(added)[heldout].astype(np.float64)
+        left, gained = self._holdout.residual_at_pixels(views), self._holdout.coded_at_pixels(added)
         if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
             return 1.0
         power = float((gained**2).sum())

@@ -377,4 +377,5 @@ def _best_plane(evidence: PlaneEvidence, asked: _Asked, before: F64, start: F64,
                 if now < least:
                     at, least = there, now
                     break
-    return planes_of(at[None])[0]
+    found: F64 = planes_of(at[None])[0]
+    return found

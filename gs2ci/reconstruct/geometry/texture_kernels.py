@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.geometry.sightlines import Sightlines, corner, interpolated
+from gs2ci.reconstruct.geometry.sightline_kernels import corner, interpolated
+from gs2ci.reconstruct.geometry.sightlines import Sightlines
 
 # More iterations changed the residual by less than a tenth of the difference between two planes.
 _ITERATIONS = 6

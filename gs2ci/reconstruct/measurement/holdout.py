@@ -12,7 +12,13 @@ import torch
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, Coding, beyond_white, without_pixels
+from gs2ci.reconstruct.measurement.coding import (
+    MOST_OUTLIERS,
+    Coding,
+    beyond_white,
+    cfa_channels,
+    without_pixels,
+)
 
 _HELDOUT_STREAM: Final = 0x4E1D  # makes this random draw independent of all others of the same seed
 # Share of the eligible pixels held out by default: enough for a judgement, few enough to lose no detail.
@@ -54,7 +60,12 @@ class Holdout:
     def __init__(self, shot: Shot, pixels: Bool) -> None:
         self.shot = shot
         self.pixels = pixels
-        self._coding = Coding.of(shot)
+        self._flat = np.flatnonzero(pixels)
+        whole = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size)
+        channels = None if whole is None else whole.reshape(-1)[self._flat][:, None]
+        # As pictures of one column.
+        weighted = shot.weights[:, None] * self.at_pixels(shot.masks)
+        self._coding = Coding(torch.from_numpy(weighted[..., None]), channels)
 
     @classmethod
     def of(cls, shot: Shot, share: float, seed: int) -> Self:
@@ -70,7 +81,24 @@ class Holdout:
 
     def coded(self, views: F32) -> F32:
         """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""
-        coded: F32 = self._coding.forward(torch.from_numpy(views)).numpy()
+        coded: F32 = Coding.of(self.shot).forward(torch.from_numpy(views)).numpy()
+        return coded
+
+    def at_pixels(self, views: F32) -> F32:
+        """Return the held-out pixels of views or masks, [N, H, W, ...], as [N, K, ...]."""
+        count, height, width = views.shape[:3]
+        return views.reshape(count, height * width, *views.shape[3:])[:, self._flat]
+
+    def coded_at_pixels(self, views: F32) -> F64:
+        """Return the readings of the held-out pixels, [K, C] float64, that views [N, H, W, C] would give."""
+        return self._coded(self.at_pixels(views))
+
+    def residual_at_pixels(self, views: F32) -> F64:
+        """Return the readings of the held-out pixels, [K, C] float64, less those of views [N, H, W, C]."""
+        return self.shot.measurement[self.pixels].astype(np.float64) - self.coded_at_pixels(views)
+
+    def _coded(self, at_pixels: F32) -> F64:
+        coded: F64 = self._coding.forward(torch.from_numpy(at_pixels[:, :, None]))[:, 0].double().numpy()
         return coded
 
     def residual_rms(self, views: F32) -> float | None:
@@ -85,8 +113,7 @@ class Holdout:
 
     def squared_residuals(self, views: F32) -> F64:
         """Return the mean squared residual of views [N, H, W, C] at each held-out pixel, [K] float64."""
-        residual = (self.coded(views) - self.shot.measurement)[self.pixels].astype(np.float64)
-        squared: F64 = np.mean(residual**2, axis=1)
+        squared: F64 = np.mean(self.residual_at_pixels(views) ** 2, axis=1)
         return squared
 
     def grey_rms(self) -> float | None:
@@ -96,8 +123,7 @@ class Holdout:
         """
         if not self.pixels.any():
             return None
-        white = np.ones((self.shot.views, *self.shot.size, self.shot.channels), np.float32)
-        light = self.coded(white)[self.pixels].astype(np.float64)
+        light = self._coded(np.ones((self.shot.views, len(self._flat), self.shot.channels), np.float32))
         measured = self.shot.measurement[self.pixels].astype(np.float64)
         level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
         return float(np.sqrt(np.mean((measured - level * light) ** 2)))
