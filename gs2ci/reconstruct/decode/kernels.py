@@ -8,7 +8,7 @@ for any number of threads. The readable float64 statement of the same steps is i
 import numba
 import numpy as np
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Bool
 
 _ONE = np.float32(1.0)
 
@@ -50,6 +50,49 @@ def project_onto_measurement(
             for col in range(width):
                 views[i, c, r, col] += masks[i, r, col] * change[col]
     return row_energy
+
+
+@numba.njit(cache=True, parallel=True)
+def separate(views: F32, planes: F32) -> None:
+    """Write views, [N, H, W, C], as planes, [N, C, H, W]."""
+    count, height, width, channels = views.shape
+    for task in numba.prange(count * height):
+        i, r = task // height, task % height
+        for c in range(channels):
+            for col in range(width):
+                planes[i, c, r, col] = views[i, r, col, c]
+
+
+@numba.njit(cache=True, parallel=True)
+def interleave(planes: F32, views: F32) -> None:
+    """Write planes, [N, C, H, W], as views, [N, H, W, C]."""
+    count, channels, height, width = planes.shape
+    for task in numba.prange(count * height):
+        i, r = task // height, task % height
+        for c in range(channels):
+            for col in range(width):
+                views[i, r, col, c] = planes[i, c, r, col]
+
+
+@numba.njit(cache=True, parallel=True)
+def repeat(planes: F32, stack: F32) -> None:
+    """Write planes, [C, H, W], into every view of a stack, [N, C, H, W]."""
+    count, _, height, _ = stack.shape
+    for task in numba.prange(count * height):
+        stack[task // height, :, task % height] = planes[:, task % height]
+
+
+@numba.njit(cache=True, parallel=True)
+def are_finite(stack: F32) -> Bool:
+    """Tell of each view of a stack, [N, C, H, W], whether all its numbers are finite, [N]."""
+    found = np.empty(len(stack), np.bool_)
+    for i in numba.prange(len(stack)):
+        # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
+        total = 0.0
+        for value in stack[i].flat:
+            total += value
+        found[i] = np.isfinite(total)
+    return found
 
 
 @numba.njit(cache=True)

@@ -22,8 +22,8 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
-from gs2ci.reconstruct.decode.kernels import project_onto_measurement
-from gs2ci.reconstruct.decode.planes import interleaved, planar
+from gs2ci.reconstruct.decode.kernels import are_finite, project_onto_measurement
+from gs2ci.reconstruct.decode.planes import interleaved, planar, repeated
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
@@ -129,7 +129,9 @@ def _relative(row_energy: F64, measured: F32) -> float:
 
 def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
     """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 at pixels that do not count."""
-    energy = (masks.astype(np.float64) ** 2).sum(0)
+    energy = np.zeros(masks.shape[1:])
+    for mask in masks:  # one by one, since memory may not hold the squares of all masks of a large shot
+        energy += np.square(mask, dtype=np.float64)
     inverse = 1.0 / (np.maximum(energy, _ENERGY_FLOOR * energy.mean()) + gamma)
     counts = energy > 0
     if saturated is not None:
@@ -152,7 +154,7 @@ def _average_exposure(masks: F32, measured: F32, counts: Bool) -> F32:
         for plane, level in zip(average, mean, strict=True)
     ]
     average = np.where(counts, average, filled).astype(np.float32)
-    return np.repeat(average[None], len(masks), axis=0)
+    return repeated(average, len(masks))
 
 
 def _blur(plane: F32) -> F32:
@@ -196,8 +198,7 @@ def _checked(denoise: Denoiser, views: F32, sigma: float) -> F32:
     denoised = np.ascontiguousarray(denoise(views, sigma), np.float32)
     if denoised.shape != shape:
         raise NumericsError(f"the denoiser made {list(denoised.shape)} of {list(shape)}", allowed="the same shape")
-    # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
-    if not np.isfinite(denoised.sum(dtype=np.float64)):
+    if not are_finite(denoised).all():
         raise NumericsError(
             f"the denoiser returned numbers that are not finite at sigma {sigma:.4g}",
             remedy="use another denoiser; for a model, check that it takes images in [0, 1]",

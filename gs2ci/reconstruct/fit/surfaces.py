@@ -6,7 +6,8 @@ plane sweep. So a few of them are swept during the fit, depth on which the sweep
 loss penalises light that is stopped elsewhere. The weight of this term decreases, so that the measurement decides in
 the end; light that has been drawn to surfaces stays there.
 
-Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`).
+Here: the sweeps, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`), the agreement
+of several (`geometry.map_agreement`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -33,7 +34,7 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
-from gs2ci.reconstruct.geometry.plain import rays_through
+from gs2ci.reconstruct.geometry.map_agreement import agreement
 from gs2ci.reconstruct.geometry.plane_evidence import Readings, found_planes, with_plane
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -42,11 +43,6 @@ from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import MaskSet
 
-# Sweeps that differ by at most so much parallax along the whole path, px, show the same surface.
-_SAME_PX = 1.5
-# The share of the other sweeps that see a pixel's surface too: up to the first value its weight is 0, from the second
-# on 1.
-_AGREEMENT = (0.3, 0.8)
 # The planes' range: that of the scene between these quantiles of inverse depth, widened at both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
 _BEYOND = (0.5, 1.25)
@@ -320,41 +316,6 @@ def _with_planes(
             to_reference = np.linalg.inv(from_reference[order[0]])
             maps[k] = with_plane(maps[k], views[order], found, from_view, to_reference, intrinsics)
     return maps
-
-
-def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
-    """Return weights by how far several maps of inverse depth agree, [K, H, W] in [0, 1].
-
-    Each pixel's point is compared with the other maps. A single map, or a point that no other map sees, gets weight 0.
-
-    Args:
-        inverse_depth: [K, H, W].
-        world_to_camera: Their poses, [K, 4, 4].
-        intrinsics: [3, 3], px.
-        parallax_px: The parallax along the whole path at an inverse depth of 1.
-    """
-    count, height, width = inverse_depth.shape
-    rays = rays_through((height, width), intrinsics)
-    trust = np.zeros_like(inverse_depth)
-    for k in range(count):
-        agreeing, seeing = np.zeros((height, width)), np.zeros((height, width))
-        for other in range(count):
-            if other == k:
-                continue
-            moved = world_to_camera[other] @ np.linalg.inv(world_to_camera[k])
-            # In units of the depth: X = R ray + t ρ.
-            points = rays @ moved[:3, :3].T + moved[:3, 3] * inverse_depth[k][..., None]
-            ahead = points[..., 2] > NEAR
-            at = (points / np.where(ahead, points[..., 2], 1.0)[..., None]) @ intrinsics.T
-            column, row = np.floor(at[..., 0]), np.floor(at[..., 1])
-            inside = ahead & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            there = inverse_depth[other][np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)]
-            expected = inverse_depth[k] / np.where(ahead, points[..., 2], 1.0)
-            seeing += inside
-            agreeing += inside & (np.abs(there - expected) * parallax_px < _SAME_PX)
-        low, high = _AGREEMENT
-        trust[k] = np.where(seeing > 0, np.clip((agreeing / np.maximum(seeing, 1) - low) / (high - low), 0, 1), 0)
-    return trust
 
 
 def _span(depth: F32) -> tuple[float, float] | None:

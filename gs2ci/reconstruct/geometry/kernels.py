@@ -30,6 +30,29 @@ _FAR = np.float32(1e9)
 _LEAST_BEND = np.float32(1e-9)
 
 
+@numba.njit(cache=True, parallel=True)
+def describe(view: F32, right: F32, down: F32, colour: np.float32, gradient: np.float32, features: F32) -> None:
+    """Write the features of a view's pixels, [H, W, 8]: weighted colours and derivatives, then zeros.
+
+    Args:
+        view: [H, W, C] with C <= 6.
+        right: Its derivative along rows, [H, W].
+        down: Its derivative along columns, [H, W].
+        colour: Weight of each channel.
+        gradient: Weight of each derivative.
+        features: Written.
+    """
+    height, width, channels = view.shape
+    for r in numba.prange(height):
+        for c in range(width):
+            for k in range(channels):
+                features[r, c, k] = colour * view[r, c, k]
+            features[r, c, channels] = gradient * right[r, c]
+            features[r, c, channels + 1] = gradient * down[r, c]
+            for k in range(channels + 2, FEATURES):
+                features[r, c, k] = _ZERO
+
+
 @numba.njit(cache=True, fastmath={"contract", "nsz"})
 def _aim_pixel(
     u: np.float32, v: np.float32, z: np.float32, size: tuple[int, int], c: int, corner: I32, aim: F32

@@ -4,6 +4,7 @@ Here: the range of planes, features, homographies, image size; the cost of a map
 loops (`kernels`). Semi-global matching: Hirschmüller 2008, four directions.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.geometry.eight import FEATURES
-from gs2ci.reconstruct.geometry.kernels import best_plane, cost_of_map, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.kernels import best_plane, cost_of_map, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 
 _GRADIENT_WEIGHT = 4.0
@@ -80,14 +81,12 @@ def sweep(
     height, width = views.shape[1:3]
     small = reduced(views, settings.most_pixels)
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
-    features = features_of(small, settings.blur_px)
     others = [i for i in range(len(views)) if i != reference]
+    features = features_of([small[i] for i in (reference, *others)], settings.blur_px)
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
-    cost = matching_cost(
-        features[reference], np.ascontiguousarray(features[others]), homographies, best, settings.window_px
-    )
+    cost = matching_cost(features[0], features[1:], homographies, best, settings.window_px)
     index = best_plane(cost, sum_along_rows(cost))
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
@@ -129,22 +128,21 @@ def _seen_by(others: int) -> int:
     return others * 2 // 3
 
 
-def features_of(views: F32, blur_px: float) -> F32:
+def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
     """Describe each pixel by its colour, of total weight 3, and its luminance gradient; zeros up to [N, H, W, 8].
 
     Args:
-        views: [N, H, W, C] in full scales.
+        views: N of them, [H, W, C] in full scales.
         blur_px: Standard deviation of a blur before that.
     """
-    count, height, width, channels = views.shape
-    features = np.zeros((count, height, width, FEATURES), np.float32)
+    height, width, channels = views[0].shape
+    features = np.empty((len(views), height, width, FEATURES), np.float32)
     for view, described in zip(views, features, strict=True):
         blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
-        described[..., :channels] = blurred * (3 / channels)
-        for k, axis in enumerate(((1, 0), (0, 1))):
-            # A Sobel operator of size 3 returns eight times the derivative of a ramp.
-            described[..., channels + k] = cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 8)
+        # A Sobel operator of size 3 returns eight times the derivative of a ramp.
+        right, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
+        describe(blurred, right, down, np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8), described)
     return features
 
 

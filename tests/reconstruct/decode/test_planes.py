@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.decode.planes import interleaved, planar
+from gs2ci.reconstruct.decode.kernels import are_finite
+from gs2ci.reconstruct.decode.planes import interleaved, planar, repeated
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -21,3 +22,18 @@ def test_a_copy_shares_no_memory_even_of_grey_views():
     planar(views)[:] = 1
     interleaved(planar(views))[:] = 1
     assert not views.any()
+
+
+def test_a_picture_in_every_view():
+    picture = np.random.default_rng(0).random((3, 4, 5), dtype=np.float32)
+    stack = repeated(picture, 6)
+    assert stack.shape == (6, 3, 4, 5)
+    assert (stack == picture).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_one_number_that_is_not_finite_marks_its_view(value):
+    stack = np.full((3, 1, 4, 5), np.finfo(np.float32).max)
+    assert are_finite(stack).all()
+    stack[1, 0, 3, 4] = value
+    assert are_finite(stack).tolist() == [True, False, True]

@@ -11,7 +11,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.depth_field import FieldStep
 from gs2ci.reconstruct.fit.relief import Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, agreement, find_surfaces
+from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
@@ -179,17 +179,6 @@ def test_views_are_looked_at_in_turn(renderer):
     each = [float(term(found, renderer, beside, turn)) for turn in range(5)]
     assert each[0] == each[4]
     assert len({round(value, 6) for value in each[:4]}) == 4
-
-
-def test_maps_that_contradict_each_other_are_not_believed():
-    poses, flat = path(3), np.full((3, *SIZE), 0.5, np.float32)
-    inside = np.s_[:, :, 14:-14]
-    assert agreement(flat, poses, INTRINSICS, 24.0)[inside].min() == 1
-    flat[1] = 0.8
-    mixed = agreement(flat, poses, INTRINSICS, 24.0)
-    assert mixed[1][:, 14:-14].max() == 0
-    assert mixed[0][:, 14:-14].mean() == pytest.approx((0.5 - 0.3) / 0.5)
-    assert not agreement(flat[:1], poses[:1], INTRINSICS, 24.0).any()
 
 
 def test_where_there_is_no_parallax_or_nothing_is_seen_no_surface_is_claimed(renderer):
