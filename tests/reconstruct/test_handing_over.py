@@ -182,7 +182,11 @@ def test_views_that_err_so_that_it_is_seen_come_with_a_doubt_that_says_by_how_mu
     """Fits follow what they see: their views, in which a residual of 0.02 or of 0.15 of full scale was put back."""
     truth = moving(sigma_px=0.7)
     first = look_at(truth, share=0.2)
-    refine = Refinement(first.holdout, SETTINGS.residual).in_full
+    decode = Refinement(first.holdout, SETTINGS.residual).decode
+
+    def refine(views):
+        return views + decode(first.holdout.coded(views))
+
     assert Code.VIEWS_ERR not in [note.code for note in handed(first, refine(astray(truth, 0.02))).notes]
     given = handed(first, refine(astray(truth, 0.15, sigma_px=1.0)))
     (note,) = [note for note in given.notes if note.code is Code.VIEWS_ERR]

@@ -33,7 +33,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.by_name import patch_settings
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_left_over
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.looks import Monitoring
@@ -240,7 +240,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
         geometry=geometry,
         settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
         seed=0,
-        monitoring=Monitoring(lambda scene: scene + decode_residual(shot, scene, ResidualSettings())),
+        monitoring=Monitoring(lambda coded: decode_left_over(shot, coded, ResidualSettings())),
         pace=watch,
     )
     return len(start), watch.iteration_s, watch.look_s

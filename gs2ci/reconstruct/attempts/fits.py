@@ -201,7 +201,7 @@ class Fits:
     def fine(self, tried: Attempt, renderer: ShotRenderer, fine: Fine) -> Ensemble:
         """Take the best of an attempt's fits through the fine stage."""
         best = tried.ensemble.best
-        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).in_full
+        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
         fined = fit_fine(
             self.fitted,
             best,
@@ -251,7 +251,7 @@ class Fits:
         return fit
 
     def _monitoring(self, progress: Progress) -> Monitoring:
-        return Monitoring(self.refine.in_full, progress, self.score, self.clock.began_s, self.halt)
+        return Monitoring(self.refine.decode, progress, self.score, self.clock.began_s, self.halt)
 
     def _trying(self, fit: CoarseSettings) -> "Fits":
         """Return the same for auxiliary fits: they are neither scored nor ended early."""

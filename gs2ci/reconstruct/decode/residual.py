@@ -57,6 +57,10 @@ def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings) ->
     Raises:
         InputError: The settings make no sense, or the views do not fit the shot.
     """
-    predicted = Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy()
+    return decode_left_over(shot, Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy(), settings)
+
+
+def decode_left_over(shot: Shot, predicted: F32, settings: ResidualSettings) -> F32:
+    """Decode what a predicted measurement, [H, W, C], leaves of a shot's; results and errors as above."""
     left_over = replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
     return decode_signed(left_over, settings.steps())

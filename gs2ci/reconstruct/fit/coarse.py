@@ -134,7 +134,7 @@ class _Loop:
         iteration = 0
         while iteration < total:
             self.fit.split_masks(iteration / total)
-            if self.fit.find_surfaces(iteration / total, self._looks.refine):
+            if self.fit.find_surfaces(iteration / total, self._looks.decode):
                 # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
                 # one may predict the held-out pixels as well, but its depth is worse.
                 self._watch.begin_again(iteration)
@@ -191,7 +191,7 @@ class _Loop:
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
         began_s = time.monotonic()
-        heldout = self._looks.take(self.fit.views(), iteration, loss, len(self.fit.optimiser.scene))
+        heldout = self._looks.take(self.fit.coded(), self.fit.views, iteration, loss, len(self.fit.optimiser.scene))
         if self._watch.note(heldout, iteration):
             self.best = self.fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)

@@ -17,7 +17,7 @@ from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
-from gs2ci.reconstruct.fit.looks import Refine
+from gs2ci.reconstruct.fit.looks import Decode
 from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
@@ -100,6 +100,12 @@ class FitState:
         """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""
         return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
 
+    def coded(self) -> F32:
+        """Render the measurement as the scene predicts it, [H, W, C]."""
+        with torch.no_grad():
+            poses = self.poses.world_to_camera()
+            return self._renderer.measurement(self.optimiser.scene, poses).numpy()
+
     def split_masks(self, share: float) -> None:
         """Give masks their moments if that is due after this share of the schedule."""
         if self.awaits_moments and share >= self.settings.mask_moments_from:
@@ -153,7 +159,7 @@ class FitState:
         """Get whether masks get their moments only later."""
         return self._renderer is not self._with_moments
 
-    def find_surfaces(self, share: float, refine: Refine) -> bool:
+    def find_surfaces(self, share: float, decode: Decode | None) -> bool:
         """Search for surfaces if a search is due, and tell whether some were found now.
 
         The plane sweep uses the views as they would be delivered, with their residual added: its depth is nearer the
@@ -164,7 +170,9 @@ class FitState:
             return False
         search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
-        views = refine(self.views())
+        views = self.views()
+        if decode is not None:
+            views += decode(self.coded())
         readings = self._readings() if search.asks_measurement else None
         found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
         self._surfaces = found or self._surfaces

@@ -28,7 +28,6 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.render.gaussians import Gaussians
@@ -38,6 +37,9 @@ _SCATTER: Final = 0.5
 """How far the first Gaussians of a companion are displaced from the leader's, in their own standard deviations: enough
 to make fits differ from the first iteration on, too little to spoil the geometry's estimate."""
 
+
+Refine = Callable[[F32], F32]
+"""Adds the decoded residual to views, [N, H, W, C]."""
 
 _NEIGHBOURHOOD_PX: Final = 1.0
 """A few fits often agree in one pixel by chance; their disagreement over a few pixels predicts the error better."""

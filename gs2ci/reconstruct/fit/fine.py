@@ -24,7 +24,7 @@ from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Looks, Monitoring, Refine
+from gs2ci.reconstruct.fit.looks import Decode, Looks, Monitoring
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
@@ -189,7 +189,7 @@ def fit_fine(
     fine: Fine,
     seed: int,
     monitoring: Monitoring,
-    detailed: Refine | None = None,
+    detailed: Decode | None = None,
 ) -> CoarseFit:
     """Refine the Gaussians of a coarse fit with fixed cameras.
 
@@ -200,20 +200,20 @@ def fit_fine(
         fine: Settings and models.
         seed: For the order of the pseudo-views.
         monitoring: What is called at looks and iterations, and what may interrupt.
-        detailed: Adds the decoded residual to views, [N, H, W, C], for priors that use them; None: the monitoring's
-            `refine`.
+        detailed: Decodes the residual for priors that use it; None: as the monitoring does.
 
     Returns:
         The state with the smallest held-out residual; the coarse fit if no state is better, if no pixel is held out, or
         if the prior or the distance fails. A note says which.
     """
     settings = fine.settings.check()
-    refine, progress = monitoring.refine, monitoring.progress
-    before = holdout.residual_rms(refine(coarse.views))
+    decode, progress = monitoring.decode, monitoring.progress
+    coded = holdout.coded(coarse.views)
+    before = holdout.residual_rms_of(coded, None if decode is None else decode(coded))
     if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
-        pseudo_loss = _pseudo_loss(coarse, renderer, fine, detailed or refine)
+        pseudo_loss = _pseudo_loss(coarse, coded, renderer, fine, detailed or decode)
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(holdout, coarse, renderer, pseudo_loss, fine, seed)
@@ -240,7 +240,9 @@ def fit_fine(
     )
 
 
-def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: Refine) -> PseudoLoss | None:
+def _pseudo_loss(
+    coarse: CoarseFit, coded: F32, renderer: ShotRenderer, fine: Fine, decode: Decode | None
+) -> PseudoLoss | None:
     """Prepare the loss on pseudo-views; None if they are skipped.
 
     Raises:
@@ -248,7 +250,8 @@ def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: 
     """
     if fine.prior is None or fine.settings.pseudo_weight == 0:
         return None
-    pseudo = make_pseudo(coarse, renderer, fine.prior, refine, fine.settings.between)
+    details = None if decode is None else decode(coded)
+    pseudo = make_pseudo(coarse, renderer, fine.prior, details, fine.settings.between)
     if not len(pseudo.poses):
         raise InputError("there is only one camera, and no path for pseudo-views")
     loss = PseudoLoss(pseudo, fine.settings, fine.distance)
@@ -258,8 +261,17 @@ def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: 
     return loss
 
 
-def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, refine: Refine, between: int) -> Pseudo:
+def make_pseudo(
+    coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, details: F32 | None, between: int
+) -> Pseudo:
     """Render pseudo-views of a scene and make their targets by the prior.
+
+    Args:
+        coarse: The scene and its path.
+        renderer: Renders for the shot.
+        prior: Makes the targets.
+        details: What the scene's views lack, [N, H, W, C]; None: nothing.
+        between: Pseudo-views between two neighbours.
 
     Raises:
         Gs2ciError: The prior failed.
@@ -272,13 +284,13 @@ def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, re
         images, alphas = renderer.images(coarse.scene, at)
         cameras = torch.from_numpy(coarse.world_to_camera).float()
         recovered, _ = renderer.images(coarse.scene, cameras)
-    details = np.broadcast_to(refine(coarse.views) - coarse.views, recovered.shape)
+    lacking = np.broadcast_to(np.float32(0) if details is None else details, recovered.shape)
     question = Question(
         pseudo=SeenViews(images.numpy(), renderer.depths(coarse.scene, poses), poses),
         recovered=SeenViews(
             recovered.numpy(), renderer.depths(coarse.scene, coarse.world_to_camera), coarse.world_to_camera
         ),
-        details=np.ascontiguousarray(details, np.float32),
+        details=np.ascontiguousarray(lacking, np.float32),
         intrinsics=renderer.intrinsics.double().numpy(),
         distortion=renderer.distortion,
     )
@@ -332,6 +344,11 @@ class _Fit:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""
         return np.isfinite(loss) and self.optimiser.gradient_is_finite()
 
+    def coded(self) -> F32:
+        """Render the measurement as the scene predicts it, [H, W, C]."""
+        with torch.no_grad():
+            return self._renderer.measurement(self.optimiser.scene, self.poses).numpy()
+
     def views(self) -> F32:
         """Render the scene as each mask saw it."""
         return self._renderer.exposed(self.optimiser.scene, self.poses)
@@ -375,7 +392,8 @@ class _Loop:
             halted = self._halt.asked
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
                 gaussians = len(self._fit.optimiser.scene)
-                residual = self._looks.take(self._fit.views(), self._first + iteration, loss, gaussians)
+                at = self._first + iteration
+                residual = self._looks.take(self._fit.coded(), self._fit.views, at, loss, gaussians)
                 if watch.note(residual if settings.gated else None, iteration):
                     best, self.best = residual, self._fit.snapshot()
                 if halted or watch.stalled(iteration):

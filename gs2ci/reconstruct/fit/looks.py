@@ -15,7 +15,8 @@ from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 Score = Callable[[F32], float]
-Refine = Callable[[F32], F32]
+Decode = Callable[[F32], F32]
+"""Decodes what a coded image of the scene, [H, W, C], leaves of the measurement, into views [N, H, W, C]."""
 
 
 @dataclass(frozen=True)
@@ -23,14 +24,14 @@ class Monitoring:
     """What a fit calls while it runs, and what may interrupt it.
 
     Args:
-        refine: Adds the decoded residual to the scene's views, [N, H, W, C], as before delivery.
+        decode: Its result is added to the scene's views, as before delivery; None: nothing is.
         progress: Called at every iteration.
         score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
         since_s: `time.monotonic()` from which the curve's seconds count, as of the whole reconstruction; None: now.
         halt: A request to end early; the fit ends after the iteration in which it is made.
     """
 
-    refine: Refine
+    decode: Decode | None = None
     progress: Progress = field(default_factory=Silent)
     score: Score | None = None
     since_s: float | None = None
@@ -47,23 +48,28 @@ class Looks:
 
     def __init__(self, holdout: Holdout, monitoring: Monitoring) -> None:
         self.curve: list[CurvePoint] = []
-        self.refine = monitoring.refine
+        self.decode = monitoring.decode
         self._holdout = holdout
         self._score = monitoring.score
         self._since_s = time.monotonic() if monitoring.since_s is None else monitoring.since_s
 
-    def take(self, views: F32, iteration: int, loss: float, gaussians: int) -> float | None:
+    def take(self, coded: F32, views: Callable[[], F32], iteration: int, loss: float, gaussians: int) -> float | None:
         """Record one look; return the held-out residual of the refined views, None if no pixel is held out.
 
+        The coded image has a quarter of the views' pixels and tells it all; the views are rendered only to be scored.
+
         Args:
-            views: The scene's, [N, H, W, C].
+            coded: The measurement as the scene predicts it, [H, W, C].
+            views: Renders the scene's views, [N, H, W, C].
             iteration: How many are done.
             loss: That of the last.
             gaussians: Size of the population.
         """
-        refined = self.refine(views)
-        heldout = self._holdout.residual_rms(refined)
+        added = None if self.decode is None else self.decode(coded)
+        heldout = self._holdout.residual_rms_of(coded, added)
         seconds = time.monotonic() - self._since_s
-        psnr_db = None if self._score is None else self._score(refined)
+        psnr_db = None
+        if self._score is not None:
+            psnr_db = self._score(views() if added is None else views() + added)
         self.curve.append(CurvePoint(seconds, iteration, loss, heldout, psnr_db, gaussians))
         return heldout

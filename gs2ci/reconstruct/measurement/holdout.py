@@ -106,9 +106,18 @@ class Holdout:
 
         None if no pixel was held out; infinite if the views are not finite.
         """
+        return self._rms(self.residual_at_pixels(views)) if self.pixels.any() else None
+
+    def residual_rms_of(self, coded: F32, added: F32 | None) -> float | None:
+        """Return the same of views that give the measurement `coded`, [H, W, C], with others, [N, H, W, C], added."""
         if not self.pixels.any():
             return None
-        rms = float(np.sqrt(np.mean(self.squared_residuals(views))))
+        residual = (self.shot.measurement - coded)[self.pixels].astype(np.float64)
+        return self._rms(residual if added is None else residual - self.coded_at_pixels(added))
+
+    @staticmethod
+    def _rms(residual: F64) -> float:
+        rms = float(np.sqrt(np.mean(residual**2)))
         return rms if np.isfinite(rms) else float("inf")
 
     def squared_residuals(self, views: F32) -> F64:

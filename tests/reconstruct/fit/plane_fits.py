@@ -31,7 +31,7 @@ def run(
     score=None,
     shot=None,
     pace=None,
-    refine=lambda views: views,
+    decode=None,
     rival=None,
     mask_moments=None,
 ):
@@ -46,7 +46,7 @@ def run(
         geometry=geometry,
         settings=settings,
         seed=seed,
-        monitoring=Monitoring(refine, listener or Silent(), score),
+        monitoring=Monitoring(decode, listener or Silent(), score),
         pace=pace,
         rival=rival,
     )

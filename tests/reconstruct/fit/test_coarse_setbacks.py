@@ -9,7 +9,6 @@ import torch
 
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
-from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.looks import Monitoring
@@ -72,7 +71,7 @@ def continued(moving_plane, warm_up, backend=None):
         geometry=replace(geometry, world_to_camera=done.world_to_camera),
         settings=settings,
         seed=0,
-        monitoring=Monitoring(lambda views: views, Silent()),
+        monitoring=Monitoring(),
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit import coarse_state
@@ -11,6 +12,7 @@ from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
+from gs2ci.reconstruct.measurement.coding import Coding
 from tests.reconstruct.fit.plane_fits import QUICK, run
 
 pytestmark = pytest.mark.slow
@@ -55,17 +57,27 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
 
 
 def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
-    swept = []
+    swept, predicted = [], []
 
     def watched(renderer, scene, poses, views, settings, seed, search, readings):
-        swept.append((search, views.copy()))
+        shown = renderer.exposed(scene, torch.from_numpy(poses).float())
+        swept.append((search, views - shown, Coding.of(renderer.shot).forward(torch.from_numpy(shown)), predicted[-1]))
         return find_surfaces(renderer, scene, poses, views, settings, seed, search, readings)
 
     monkeypatch.setattr(coarse_state, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
-    run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)), refine=lambda views: 0 * views + 0.25)
-    assert [search for search, _ in swept] == list(searches)
-    assert all((views == 0.25).all() for _, views in swept)
+    shot = moving_plane[0]
+    missing = np.full((*shot.masks.shape, shot.channels), 0.25, np.float32)
+
+    def decode(coded):
+        predicted.append(coded)
+        return missing
+
+    run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)), decode=decode)
+    assert [search for search, *_ in swept] == list(searches)
+    for _, added, coded, asked_of in swept:
+        np.testing.assert_allclose(added, 0.25, atol=1e-5)
+        np.testing.assert_allclose(asked_of, coded, atol=1e-4)
 
 
 def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, monkeypatch):

@@ -121,7 +121,7 @@ def fitted(scene, shot, geometry, degree):
     settings = replace(settings, poses=replace(settings.poses, refine=False))
     holdout = Holdout.of(shot, settings.hold_out.share, 0)
     renderer = ShotRenderer(shot, geometry.intrinsics, load_backend())
-    fit = fit_coarse(holdout, renderer, scene, geometry, settings, 0, Monitoring(lambda seen: seen))
+    fit = fit_coarse(holdout, renderer, scene, geometry, settings, 0, Monitoring())
     return fit, holdout.residual_rms(fit.views)
 
 

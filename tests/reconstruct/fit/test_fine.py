@@ -52,7 +52,7 @@ def coarse(moving_plane):
         geometry=geometry,
         settings=CoarseSettings(iterations=30, densify_every=100, hold_out=HoldOut(share=0.05, look_every=10)),
         seed=0,
-        monitoring=Monitoring(lambda views: views),
+        monitoring=Monitoring(),
     )
     return holdout, fit, renderer
 
@@ -78,7 +78,7 @@ def run(
         renderer or given_renderer,
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         0,
-        Monitoring(lambda views: views, progress or Silent(), score, halt=halt or Halt()),
+        Monitoring(None, progress or Silent(), score, halt=halt or Halt()),
     )
 
 
@@ -125,7 +125,7 @@ def test_a_prior_draws_pseudo_views_towards_its_targets(coarse):
     """Targets that are darker than the scene darken the pseudo-views; a weight a hundred times the paper's shows it."""
     _, fit, renderer = coarse
     heavy = replace(QUICK, pseudo_weight=5.0, hold_out=replace(QUICK.hold_out, patience=1000))
-    pseudo = make_pseudo(fit, renderer, Prior(), lambda views: views, 1)
+    pseudo = make_pseudo(fit, renderer, Prior(), None, 1)
     lenient = Lenient(coarse[0].shot, coarse[0].pixels)
     after = run(coarse, Prior(lambda images: 0.5 * images), heavy, holdout=lenient)
     with torch.no_grad():
@@ -136,7 +136,7 @@ def test_a_prior_draws_pseudo_views_towards_its_targets(coarse):
 class Lenient(Holdout):
     """Finds every look better than the one before."""
 
-    def residual_rms(self, views):
+    def residual_rms_of(self, coded, added):
         self.looks = getattr(self, "looks", 0) + 1
         return 1 / self.looks
 
@@ -144,7 +144,7 @@ class Lenient(Holdout):
 class Severe(Holdout):
     """Finds every look worse than the one before."""
 
-    def residual_rms(self, views):
+    def residual_rms_of(self, coded, added):
         self.looks = getattr(self, "looks", 0) + 1
         return float(self.looks)
 
@@ -270,7 +270,7 @@ def test_the_score_is_told_at_each_look(coarse):
 def test_a_prior_is_asked_about_views_between_and_beyond_the_cameras(coarse):
     _, fit, renderer = coarse
     prior = Prior()
-    pseudo = make_pseudo(fit, renderer, prior, lambda views: views + 0.25, 1)
+    pseudo = make_pseudo(fit, renderer, prior, np.full_like(fit.views, 0.25), 1)
     (question,) = prior.asked
     assert question.pseudo.images.shape == (5, 32, 40, 3)
     assert question.recovered.images.shape == (4, 32, 40, 3)

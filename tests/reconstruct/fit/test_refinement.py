@@ -46,14 +46,16 @@ def test_of_a_residual_that_is_only_noise_little_is_put_back(truth):
     wholly = truth + decode_residual(holdout.seen, truth, SETTINGS)
     refined = Refinement(holdout, SETTINGS)(truth)
     assert rms(refined - truth) < 0.5 * rms(wholly - truth)
-    np.testing.assert_array_equal(Refinement(holdout, SETTINGS).in_full(truth), wholly)
+    np.testing.assert_array_equal(truth + Refinement(holdout, SETTINGS).decode(holdout.coded(truth)), wholly)
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, None])
 def test_both_ways_from_one_decode_are_those_by_themselves(truth, settings):
-    refine, flat = Refinement(holdout_of(truth, noise=0.05), settings), np.full_like(truth, truth.mean())
+    holdout, flat = holdout_of(truth, noise=0.05), np.full_like(truth, truth.mean())
+    refine = Refinement(holdout, settings)
     in_full, by_share = refine.in_full_and_by_share(flat)
-    np.testing.assert_array_equal(in_full, refine.in_full(flat))
+    added = np.float32(0) if settings is None else refine.decode(holdout.coded(flat))
+    np.testing.assert_array_equal(in_full, flat + added)
     np.testing.assert_array_equal(by_share, refine(flat))
 
 
