@@ -56,7 +56,7 @@ class Looks:
     def take(self, coded: F32, views: Callable[[], F32], iteration: int, loss: float, gaussians: int) -> float | None:
         """Record one look; return the held-out residual of the refined views, None if no pixel is held out.
 
-        The coded image has a quarter of the views' pixels and tells it all; the views are rendered only to be scored.
+        For the coded image only the open pixels of each view are rendered; all of them only if a score asks for them.
 
         Args:
             coded: The measurement as the scene predicts it, [H, W, C].

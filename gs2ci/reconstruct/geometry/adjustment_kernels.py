@@ -114,8 +114,12 @@ def eliminate_depths(A: F64, b: F64, C: F64, d: F64, E: F64) -> tuple[F64, F64]:
             share = row[m] / C[p]
             if share != 0:  # a view that does not see the point
                 right[m] -= share * d[p]
-                for n in range(unknowns):
+                # The lower half; the system is symmetric.
+                for n in range(m + 1):
                     system[m, n] -= share * row[n]
+    for m in range(unknowns):
+        for n in range(m):
+            system[n, m] = system[m, n]
     return system, right
 
 
