@@ -4,10 +4,12 @@
 
 The wheel is built from the unpacked sdist, so that the sdist is known to be complete. Two environments: what a bench's
 computer installs (`pip install gs2ci`), where a bench is captured without torch; and `gs2ci[reconstruct]`, where the
-demo runs small. With --quick the second one borrows the packages of this environment, so that no gigabyte is fetched.
+kernels are compiled, every one, and the demo runs small. With --quick the second one borrows the packages of this
+environment, so that no gigabyte is fetched.
 """
 
 import argparse
+import ast
 import os
 import shutil
 import subprocess
@@ -106,10 +108,30 @@ def whole(wheel: Path, folder: Path, *, borrowed: bool) -> None:
     where = run([python, "-c", "import gs2ci; print(gs2ci.__file__)"], folder).strip()
     assert Path(where).is_relative_to(folder), f"{where} is not the wheel's"
     helped(python, folder)
+    run([python, "-m", "gs2ci", "compile"], folder)
+    missing = jitted(Path(where).parent) - compiled(Path(where).parent)
+    assert not missing, f"`gs2ci compile` left out {sorted(missing)}"
     small = ["--views", "4", "--height", "64", "--width", "96"]
     run([python, "-m", "gs2ci", "demo", "-o", "demo", *small], folder)
     for name in ("shot.h5", "run/report.html", "run/scene.ply"):
         assert (folder / "demo" / name).is_file(), name
+
+
+def jitted(package: Path) -> set[str]:
+    """Name the functions that Numba compiles, as file.function."""
+    found = set()
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                decorators = [ast.unparse(one).removeprefix("numba.") for one in node.decorator_list]
+                if any(one.startswith(("njit", "kernel(")) for one in decorators):
+                    found.add(f"{path.stem}.{node.name}")
+    return found
+
+
+def compiled(package: Path) -> set[str]:
+    """Name the functions whose machine code lies on disk, as file.function (Numba's indices: file.function-line...)."""
+    return {path.name.rpartition("-")[0] for path in package.rglob("*.nbi")}
 
 
 def environment(folder: Path) -> str:

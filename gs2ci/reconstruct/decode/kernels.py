@@ -13,7 +13,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 _ONE = np.float32(1.0)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def project_onto_measurement(
     views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32, accelerated: bool = True
 ) -> F64:
@@ -52,7 +52,7 @@ def project_onto_measurement(
     return row_energy
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def separate(views: F32, planes: F32) -> None:
     """Write views, [N, H, W, C], as planes, [N, C, H, W]."""
     count, height, width, channels = views.shape
@@ -63,7 +63,7 @@ def separate(views: F32, planes: F32) -> None:
                 planes[i, c, r, col] = views[i, r, col, c]
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def interleave(planes: F32, views: F32) -> None:
     """Write planes, [N, C, H, W], as views, [N, H, W, C]."""
     count, channels, height, width = planes.shape
@@ -74,7 +74,7 @@ def interleave(planes: F32, views: F32) -> None:
                 views[i, r, col, c] = planes[i, c, r, col]
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def repeat(planes: F32, stack: F32) -> None:
     """Write planes, [C, H, W], into every view of a stack, [N, C, H, W]."""
     count, _, height, _ = stack.shape
@@ -82,7 +82,7 @@ def repeat(planes: F32, stack: F32) -> None:
         stack[task // height, :, task % height] = planes[:, task % height]
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def are_finite(stack: F32) -> Bool:
     """Tell of each view of a stack, [N, C, H, W], whether all its numbers are finite, [N]."""
     found = np.empty(len(stack), np.bool_)
@@ -143,7 +143,7 @@ def _denoise_plane(image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: floa
         image[r] = rows[0]
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def denoise_planes(planes: F32, weight: float, inner: int) -> None:
     """Lower the total variation of each plane, in place, by `inner` steps of projected gradient on the dual.
 
@@ -191,7 +191,7 @@ def _coupled_ascend_row(dual: F32, image: F32, step: float, coupling: float, i: 
         dual[2, i, r, col] = dt * scale
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def denoise_coupled(views: F32, weight: float, coupling: float, inner: int) -> None:
     """Lower the total variation of a stack of planes, differences between consecutive planes included, in place.
 

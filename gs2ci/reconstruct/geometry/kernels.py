@@ -30,7 +30,7 @@ _FAR = np.float32(1e9)
 _LEAST_BEND = np.float32(1e-9)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def describe(view: F32, right: F32, down: F32, colour: np.float32, gradient: np.float32, features: F32) -> None:
     """Write the features of a view's pixels, [H, W, 8]: weighted colours and derivatives, then zeros.
 
@@ -214,7 +214,7 @@ def _cost_of_strip(
             _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def matching_cost(reference: F32, views: F32, homographies: F64, best: int, window: int) -> F32:
     """Compare every pixel of the reference view with the others, on every plane.
 
@@ -242,7 +242,7 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
     return cost
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64, best: int, window: int) -> F32:
     """Compare every pixel of the reference view with the others at its own inverse depth.
 
@@ -303,7 +303,7 @@ def _start(cost: F32, after: F32, total: F32) -> None:
         total[d] += cost[d]
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def sum_along_rows(cost: F32) -> F32:
     """Sum the path costs from the left and from the right, [H, W, D]."""
     height, width, planes = cost.shape
@@ -342,7 +342,7 @@ def _lowest(total: F32) -> float:
     return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def best_plane(cost: F32, along_rows: F32) -> F32:
     """Add the path costs from above and from below and find the best plane of each pixel.
 

@@ -39,7 +39,7 @@ def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, paralla
     return trust
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def _agree(inverse_depth, turned, shift, parallax_px, trust):
     count, height, width = inverse_depth.shape
     for task in numba.prange(count * height):

@@ -158,7 +158,7 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
     return found
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def _slopes(inverse_depth, view, plain, gate):
     """Weight by similarity of colour, and solve the two normal equations."""
     height, width = inverse_depth.shape
@@ -213,7 +213,7 @@ def plane_votes(
     return found
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
     """Find the weighted median by a histogram, and return the mean of the votes in its cell."""
     height, width = inverse_depth.shape

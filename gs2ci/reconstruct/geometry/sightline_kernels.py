@@ -76,7 +76,7 @@ def _at(intrinsics, x, y, z):
     return u / w - 0.5, v / w - 0.5
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def places_on_planes(begin, view, rays, turned, centres, planes, intrinsics, places):
     """Find the places on planes.
 
@@ -103,7 +103,7 @@ def places_on_planes(begin, view, rays, turned, centres, planes, intrinsics, pla
                 places[p, e, 0], places[p, e, 1] = _at(intrinsics, far * x - a, far * y - b, far * z - c)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def places_on_map(begin, view, rays, poses, inverse_depth, intrinsics, back, places):
     """Find the places on a map's surface, by moving each until it is seen where the reading is.
 

@@ -67,7 +67,7 @@ def _weights(planes, channels, apart, here, there):  # type: ignore[no-untyped-d
     return exp2_blend(maximum(squares * _LOG2_PER_SQUARE, _LEAST_LOG2))
 
 
-@numba.njit(cache=True, parallel=True, fastmath={"contract"})
+@numba.njit(cache=True, nogil=True, parallel=True, fastmath={"contract"})
 def _snap(inverse_depth, levels, planes, channels, still, found):  # type: ignore[no-untyped-def]
     """Move pixels of `found` to the weighted median of the levels around them.
 

@@ -48,7 +48,7 @@ def prediction_errors(
     return found
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def _predict(places, begin, share, light, slow, channel, fold, folds, smooth, iterations, found):
     for task in numba.prange(len(places) * folds):
         surface, out = task // folds, task % folds

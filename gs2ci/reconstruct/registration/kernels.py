@@ -10,7 +10,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F64:
     """Interpolate each picture at c + A⁻¹ (p − c − t − f(p − c)), with coordinates clamped to it or wrapped around.
 
@@ -92,7 +92,7 @@ def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, flo
     return strips, corners - 2 * strips
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def widen(masks: F64, px: float) -> F64:
     """Return the open share of each pixel, [N, H, W], if open elements reach so far beyond their edges."""
     count, height, width = masks.shape
@@ -107,7 +107,7 @@ def widen(masks: F64, px: float) -> F64:
     return out
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def edge_bands(masks: F64, weights: F64) -> F64:
     """Return the factors of |px| and px² in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
     count, height, width = masks.shape

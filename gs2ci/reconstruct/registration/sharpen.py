@@ -79,11 +79,11 @@ def binary_source(masks: F32) -> Source | None:
         return None
     part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
     whole = masks.astype(np.float64)
-    shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, _unshifted, _shifted)
+    shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
     step = _FRACTION_STEP_PX
     while step > _FINEST_PX:
         around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-        shift, step = _search(around, part, _unshifted, _shifted), step / 2
+        shift, step = _search(around, part, unshifted, _shifted), step / 2
     blur = _search(
         [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest], sample, _filtered, _blurred
     )
@@ -91,7 +91,7 @@ def binary_source(masks: F32) -> Source | None:
     while step * blur[0] > _FINEST_PX:
         around = [(blur[0] * (1 + a * step), blur[1]) for a in (-1, 0, 1)]
         blur, step = _search(around, sample, _tried, _blurred), step / 2
-    interpolated = _open_or_closed(_unshifted(whole, *shift))
+    interpolated = _open_or_closed(unshifted(whole, *shift))
     unblurred = _open_or_closed(unblur(whole, *blur, _STEPS))
     left_shift, left_blur = _left(whole, _shifted(interpolated, *shift)), _left(whole, _blurred(unblurred, *blur))
     if min(left_shift, left_blur) > _EXPLAINED:
@@ -165,7 +165,7 @@ def _blurred(masks: F64, sigma: float, _lost: float) -> F64:
     return gaussian(masks, variance_of(sigma))
 
 
-def _unshifted(masks: F64, down: float, right: float) -> F64:
+def unshifted(masks: F64, down: float, right: float) -> F64:
     """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, with repeated borders."""
     undone: F64 = undo(undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
     return undone

@@ -43,7 +43,7 @@ def denoise_groups(views: F32, corners: NDArray[np.int32], patch: tuple[int, int
     return denoised
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def _denoise(
     views: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32, parts: int
 ) -> F32:

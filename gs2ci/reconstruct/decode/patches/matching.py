@@ -122,7 +122,7 @@ def _within_reach(size: tuple[int, int], patch: tuple[int, int], reach: int) -> 
     return rows * columns
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, nogil=True, parallel=True)
 def match_patches(
     views: F32, at: int, corners: _Corners, around: _Corners, first: int, patch: tuple[int, int], reach: int, each: int
 ) -> _Corners:
