@@ -1,13 +1,16 @@
-"""One task a core: tables whose rows are whole reconstructions, each in a process of its own with one thread.
+"""Tables whose rows are whole reconstructions, each in a process of its own: one task a core, or one after the other.
 
-Rows come back in their order. For figures of accuracy; seconds that are taken side by side say little.
+Rows come back in their order. Side by side for figures of accuracy; seconds that are taken so say little.
 """
 
+import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 Task = TypeVar("Task")
 Row = TypeVar("Row")
@@ -29,3 +32,13 @@ def side_by_side(work: Callable[[Task], Row], tasks: Iterable[Task], jobs: int |
     os.environ.update(ONE_THREAD)
     with ProcessPoolExecutor(jobs or len(os.sched_getaffinity(0)), mp_context=get_context("spawn")) as pool:
         yield from pool.map(work, tasks)
+
+
+def answer_of(module: str, arguments: list[str], environment: Mapping[str, str]) -> dict[str, Any]:
+    """Run a module's `one()` in a process of its own, and return the JSON of the last line that it prints."""
+    code = f"from {module} import one; one()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], env=environment, check=True, capture_output=True, text=True
+    )
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found

@@ -22,7 +22,6 @@ seconds ∝ pixels^p.
 import gc
 import json
 import os
-import subprocess
 import sys
 import threading
 import time
@@ -50,7 +49,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
-from tests.processes import ONE_THREAD
+from tests.processes import ONE_THREAD, answer_of
 
 EVERY_S = 0.02
 STAGES = (
@@ -244,12 +243,7 @@ def run() -> None:
     for name in cases:
         rows = []
         for size in sizes:
-            code = "from tests.benchmarks.sizes import one; one()"
-            environment = {**ONE_THREAD, **wanted, **os.environ}
-            done = subprocess.run(
-                [sys.executable, "-c", code, name, size], env=environment, check=True, capture_output=True, text=True
-            )
-            row = json.loads(done.stdout.splitlines()[-1])
+            row = answer_of("tests.benchmarks.sizes", [name, size], {**ONE_THREAD, **wanted, **os.environ})
             rows.append(row)
             print(
                 f"{name} {size}: CPU {sum(row['seconds'].values()):.1f} s, {row['wall_s']:.0f} s, "

@@ -20,7 +20,6 @@ The digest is of views, depth and path.
 import hashlib
 import json
 import os
-import subprocess
 import sys
 import time
 from typing import Any
@@ -30,7 +29,7 @@ import numpy as np
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.presets.named import preset
 from tests.benchmarks.sizes import Meter, metered, taken
-from tests.processes import ONE_THREAD
+from tests.processes import ONE_THREAD, answer_of
 
 LEAST_S = 0.2
 
@@ -84,13 +83,4 @@ def _compare(name: str, size: str, numbers: list[int]) -> None:
 def _reconstructed(name: str, size: str, threads: int) -> dict[str, Any]:
     wanted = {"GS2CI_PRESET": "standard", "GS2CI_SEED": "0", "GS2CI_VIEWS": "8"}
     own = {key: str(threads) if key.startswith(("NUMBA", "OMP_NUM")) else v for key, v in ONE_THREAD.items()}
-    code = "from tests.benchmarks.threads import one; one()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, name, size],
-        env={**wanted, **os.environ, **own},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return answer_of("tests.benchmarks.threads", [name, size], {**wanted, **os.environ, **own})

@@ -53,33 +53,14 @@ def project_onto_measurement(
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def separate(views: F32, planes: F32) -> None:
-    """Write views, [N, H, W, C], as planes, [N, C, H, W]."""
-    count, height, width, channels = views.shape
+def copy(source: F32, target: F32) -> None:
+    """Copy a stack, [N, C, H, W], into another; each may be laid out in any way."""
+    count, channels, height, width = target.shape
     for task in numba.prange(count * height):
         i, r = task // height, task % height
         for c in range(channels):
             for col in range(width):
-                planes[i, c, r, col] = views[i, r, col, c]
-
-
-@numba.njit(cache=True, nogil=True, parallel=True)
-def interleave(planes: F32, views: F32) -> None:
-    """Write planes, [N, C, H, W], as views, [N, H, W, C]."""
-    count, channels, height, width = planes.shape
-    for task in numba.prange(count * height):
-        i, r = task // height, task % height
-        for c in range(channels):
-            for col in range(width):
-                views[i, r, col, c] = planes[i, c, r, col]
-
-
-@numba.njit(cache=True, nogil=True, parallel=True)
-def repeat(planes: F32, stack: F32) -> None:
-    """Write planes, [C, H, W], into every view of a stack, [N, C, H, W]."""
-    count, _, height, _ = stack.shape
-    for task in numba.prange(count * height):
-        stack[task // height, :, task % height] = planes[:, task % height]
+                target[i, c, r, col] = source[i, c, r, col]
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)

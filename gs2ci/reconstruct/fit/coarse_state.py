@@ -159,7 +159,7 @@ class FitState:
         """Get whether masks get their moments only later."""
         return self._renderer is not self._with_moments
 
-    def find_surfaces(self, share: float, decode: Decode | None) -> bool:
+    def find_surfaces(self, share: float, decode: Decode) -> bool:
         """Search for surfaces if a search is due, and tell whether some were found now.
 
         The plane sweep uses the views as they would be delivered, with their residual added: its depth is nearer the
@@ -171,8 +171,9 @@ class FitState:
         search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
         views = self.views()
-        if decode is not None:
-            views += decode(self.coded())
+        added = decode(self._holdout.coded(views))
+        if added is not None:
+            views += added
         readings = self._readings() if search.asks_measurement else None
         found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
         self._surfaces = found or self._surfaces

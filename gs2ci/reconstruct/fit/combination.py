@@ -108,7 +108,7 @@ def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: 
     Returns:
         Summed over the views, per pixel and channel.
     """
-    weighted = _weighted(holdout)
+    weighted = holdout.weighted.astype(np.float64)
     light = (weighted**2).sum(axis=0)  # |M|², [K]
     pixel_weights = _pixel_weights(weighted)
     measured = holdout.shot.weights >= _LEAST_WEIGHT * holdout.shot.weights.max()  # [N]
@@ -181,7 +181,7 @@ def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | No
     """
     if not holdout.pixels.any() or not _is_finite(views):
         return None
-    weighted, blind = _weighted(holdout), Candidate(views.blind, views.blind)
+    weighted, blind = holdout.weighted.astype(np.float64), Candidate(views.blind, views.blind)
     spread = np.average(1 / (weighted**2).sum(axis=0), weights=_pixel_weights(weighted))
     least = min(noise, _power(holdout.residual_at_pixels(views.blind))) * len(weighted) * float(spread)
     seen, unseen = (max(0.0, float(expected_products(holdout, [one], noise)[0, 0]) - least) for one in (views, blind))
@@ -195,12 +195,6 @@ def _hidden(weighted: F64) -> F64:
     shown = light - weighted.sum(axis=0) ** 2 / len(weighted)
     hidden: F64 = np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
     return hidden
-
-
-def _weighted(holdout: Holdout) -> F64:
-    """Return the masks times their weights at the held-out pixels, M, [N, K]."""
-    found: F64 = holdout.shot.weights[:, None].astype(np.float64) * holdout.at_pixels(holdout.shot.masks)
-    return found
 
 
 def _pixel_weights(weighted: F64) -> F64:

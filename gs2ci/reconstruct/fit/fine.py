@@ -209,7 +209,7 @@ def fit_fine(
     settings = fine.settings.check()
     decode, progress = monitoring.decode, monitoring.progress
     coded = holdout.coded(coarse.views)
-    before = holdout.residual_rms_of(coded, None if decode is None else decode(coded))
+    before = holdout.residual_rms_of(coded, decode(coded))
     if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
@@ -241,7 +241,7 @@ def fit_fine(
 
 
 def _pseudo_loss(
-    coarse: CoarseFit, coded: F32, renderer: ShotRenderer, fine: Fine, decode: Decode | None
+    coarse: CoarseFit, coded: F32, renderer: ShotRenderer, fine: Fine, decode: Decode
 ) -> PseudoLoss | None:
     """Prepare the loss on pseudo-views; None if they are skipped.
 
@@ -250,8 +250,7 @@ def _pseudo_loss(
     """
     if fine.prior is None or fine.settings.pseudo_weight == 0:
         return None
-    details = None if decode is None else decode(coded)
-    pseudo = make_pseudo(coarse, renderer, fine.prior, details, fine.settings.between)
+    pseudo = make_pseudo(coarse, renderer, fine.prior, decode(coded), fine.settings.between)
     if not len(pseudo.poses):
         raise InputError("there is only one camera, and no path for pseudo-views")
     loss = PseudoLoss(pseudo, fine.settings, fine.distance)

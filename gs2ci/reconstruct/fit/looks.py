@@ -15,8 +15,13 @@ from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 Score = Callable[[F32], float]
-Decode = Callable[[F32], F32]
-"""Decodes what a coded image of the scene, [H, W, C], leaves of the measurement, into views [N, H, W, C]."""
+Decode = Callable[[F32], F32 | None]
+"""Decodes what a coded image of the scene, [H, W, C], leaves of the measurement, into what is added to its views,
+[N, H, W, C]; None: nothing is."""
+
+
+def nothing(coded: F32) -> None:
+    """Add nothing to views, whatever the coded image."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,14 @@ class Monitoring:
     """What a fit calls while it runs, and what may interrupt it.
 
     Args:
-        decode: Its result is added to the scene's views, as before delivery; None: nothing is.
+        decode: Its result is added to the scene's views, as before delivery.
         progress: Called at every iteration.
         score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
         since_s: `time.monotonic()` from which the curve's seconds count, as of the whole reconstruction; None: now.
         halt: A request to end early; the fit ends after the iteration in which it is made.
     """
 
-    decode: Decode | None = None
+    decode: Decode = nothing
     progress: Progress = field(default_factory=Silent)
     score: Score | None = None
     since_s: float | None = None
@@ -65,7 +70,7 @@ class Looks:
             loss: That of the last.
             gaussians: Size of the population.
         """
-        added = None if self.decode is None else self.decode(coded)
+        added = self.decode(coded)
         heldout = self._holdout.residual_rms_of(coded, added)
         seconds = time.monotonic() - self._since_s
         psnr_db = None

@@ -14,7 +14,6 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_left_over, decode_residual
-from gs2ci.reconstruct.fit.looks import Decode
 from gs2ci.reconstruct.measurement.holdout import SURE, Holdout
 
 
@@ -48,16 +47,14 @@ class Refinement:
         share = self.share(views, added)
         return _plus(views, share, added), share
 
-    @property
-    def decode(self) -> Decode | None:
-        """Get what decodes the whole residual of a coded image, without the held-out pixels; None: nothing is added.
+    def decode(self, coded: F32) -> F32 | None:
+        """Decode the whole residual of a coded image, [H, W, C], without the held-out pixels; None: nothing is added.
 
         Running fits are judged by their views with all of it. With a fitted share, which compensates for what an early
         scene lacks, the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`)
         at its first look.
         """
-        settings = self._settings
-        return None if settings is None else lambda coded: decode_left_over(self._seen, coded, settings)
+        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings)
 
     def in_full_and_by_share(self, views: F32) -> tuple[F32, F32]:
         """Refine views, [N, H, W, C] float32, by their whole residual and as a call does, with one decode."""

@@ -55,6 +55,8 @@ class Holdout:
     Args:
         shot: The whole measurement.
         pixels: Its held-out pixels, [H, W] bool.
+
+    `weighted` are the masks times their weights at these pixels, [N, K].
     """
 
     def __init__(self, shot: Shot, pixels: Bool) -> None:
@@ -64,8 +66,8 @@ class Holdout:
         whole = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size)
         channels = None if whole is None else whole.reshape(-1)[self._flat][:, None]
         # As pictures of one column.
-        weighted = shot.weights[:, None] * self.at_pixels(shot.masks)
-        self._coding = Coding(torch.from_numpy(weighted[..., None]), channels)
+        self.weighted: F32 = shot.weights[:, None] * self.at_pixels(shot.masks)
+        self._coding = Coding(torch.from_numpy(self.weighted[..., None]), channels)
 
     @classmethod
     def of(cls, shot: Shot, share: float, seed: int) -> Self:

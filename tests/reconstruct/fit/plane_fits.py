@@ -7,7 +7,7 @@ import numpy as np
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.looks import Monitoring
+from gs2ci.reconstruct.fit.looks import Monitoring, nothing
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
@@ -31,7 +31,7 @@ def run(
     score=None,
     shot=None,
     pace=None,
-    decode=None,
+    decode=nothing,
     rival=None,
     mask_moments=None,
 ):

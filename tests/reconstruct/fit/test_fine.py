@@ -78,7 +78,7 @@ def run(
         renderer or given_renderer,
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         0,
-        Monitoring(None, progress or Silent(), score, halt=halt or Halt()),
+        Monitoring(progress=progress or Silent(), score=score, halt=halt or Halt()),
     )
 
 
