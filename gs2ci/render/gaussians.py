@@ -5,7 +5,7 @@ densification rules (`gs2ci.reconstruct.fit.density`).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -128,6 +128,12 @@ class Gaussians:
                 wanted = (count,) if columns is None else (count, columns)
             check_tensor(f"{name} of the Gaussians", tensor, wanted)
         return self
+
+
+def joined(parts: Sequence[Gaussians]) -> Gaussians:
+    """Return the Gaussians of several scenes with the same fields as one scene, in their order."""
+    fields = [part.parameters() for part in parts]
+    return Gaussians(**{name: torch.cat([one[name] for one in fields]) for name in fields[0]})
 
 
 def _harmonics_of(tensor: Tensor) -> int:

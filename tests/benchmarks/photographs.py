@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
+from gs2ci.evaluate.novel_views import beside_path
 
 _RAYS = 3
 """A side of the lattice of rays in a pixel."""
@@ -118,15 +119,16 @@ def expose(
         blur: Of the large photograph (`cards`).
 
     Returns:
-        The shot with its truth; the true depths [N, H, W]; a view half way between the two middle ones and one that
-        lies a step beyond the last, [2, H, W, 3], with their poses [2, 4, 4].
+        The shot with its truth; the true depths [N, H, W]; the views beside its path (`beside_path`), [2, H, W, 3],
+        with their poses, [2, 4, 4].
     """
     rng = np.random.default_rng(seed)
     intrinsics = pinhole(1.1 * size[1], size)
     places = np.linspace(-0.5, 0.5, views) * travel
     step = places[1] - places[0]
-    elsewhere = np.array([(places[views // 2 - 1] + places[views // 2]) / 2, places[-1] + step])
-    poses = rail(np.concatenate([places, elsewhere]))
+    # The rail reaches one step farther than the path.
+    path = rail(np.append(places, places[-1] + step))[:views]
+    poses = np.concatenate([path, beside_path(path)])
     scene = cards(which, blur)
     seen = [render(scene, pose, intrinsics, size) for pose in poses]
     images, depths = (np.stack([one[i] for one in seen]) for i in (0, 1))

@@ -189,7 +189,7 @@ class Fits:
         alike = [fit for fit in still.fits if np.array_equal(fit.intrinsics, still.geometry.intrinsics)]
         for number, fit in enumerate(alike):
             start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
-            team.append(Member(start, freed.settings.fit.density, number))
+            team.append(Member(start, freed.settings.fit.density, number, fit.outside))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
@@ -246,6 +246,7 @@ class Fits:
                 monitoring=self._monitoring(progress),
                 pace=pace,
                 rival=rival,
+                outside=member.outside,
             )
 
         return fit

@@ -7,6 +7,8 @@ Here: the loop, its bookkeeping, and the return to the last good state. Not here
 import time
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
@@ -34,6 +36,7 @@ class CoarseFit:
         stopped: Why it ended.
         notes: Other findings: each time that the fit diverged and was set back.
         intrinsics: The camera matrix of the fit, [3, 3].
+        outside: Which Gaussians continue the scene beyond the borders of all views, [G] bool; None: none (`margin.py`).
     """
 
     scene: Gaussians
@@ -43,6 +46,7 @@ class CoarseFit:
     stopped: Finding
     notes: tuple[Finding, ...]
     intrinsics: F64
+    outside: Tensor | None = None
 
 
 # Each rollback halves the step. A fit that still diverges with an eighth of the step does not do so because of its
@@ -65,6 +69,7 @@ def fit_coarse(
     monitoring: Monitoring,
     pace: Pace | None = None,
     rival: Rival | None = None,
+    outside: Tensor | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -78,6 +83,7 @@ def fit_coarse(
         monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
         rival: Another fit; this one ends at the first look at which it is far behind.
+        outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
 
     Returns:
         The state with the smallest held-out residual.
@@ -88,7 +94,7 @@ def fit_coarse(
         ResourceError: The population exceeds the memory guard.
     """
     settings.check()
-    fit = FitState(holdout, renderer, start, geometry, settings, seed)
+    fit = FitState(holdout, renderer, start, geometry, settings, seed, outside)
     looks = Looks(holdout, monitoring)
     pace = pace or Fixed(settings.iterations)
     loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(holdout.pixels.any()))
@@ -102,6 +108,7 @@ def fit_coarse(
         stopped=stopped,
         notes=tuple(loop.notes),
         intrinsics=geometry.intrinsics,
+        outside=loop.best.outside,
     )
 
 

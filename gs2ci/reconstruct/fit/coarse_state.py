@@ -19,6 +19,7 @@ from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Decode
 from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
+from gs2ci.reconstruct.fit.margin import MarginSource, margin
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
 from gs2ci.reconstruct.fit.raster_order import raster_order
@@ -31,7 +32,7 @@ from gs2ci.reconstruct.geometry.plane_evidence import Readings
 from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, joined
 
 
 @dataclass
@@ -42,6 +43,7 @@ class Snapshot:
     twists: Tensor
     iteration: int
     surfaces: Surfaces | None
+    outside: Tensor | None
 
 
 class FitState:
@@ -54,6 +56,7 @@ class FitState:
         geometry: Initial poses.
         settings: The schedule.
         seed: For the density rule's draws.
+        outside: Which initial Gaussians lie beyond the borders of all views, [G] bool; None: none.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class FitState:
         geometry: Geometry,
         settings: CoarseSettings,
         seed: int,
+        outside: Tensor | None = None,
     ) -> None:
         shot = holdout.shot
         self._seed = seed
@@ -72,6 +76,7 @@ class FitState:
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
+        self._outside = outside
         self._depth_field = _depth_field(settings, geometry, renderer) if moved and start.motion is None else None
         self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
@@ -177,7 +182,21 @@ class FitState:
         readings = self._readings() if search.asks_measurement else None
         found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
         self._surfaces = found or self._surfaces
+        if found is not None and not self._searches and settings.margin is not None:
+            source = MarginSource(found.views, views, found.inverse_depth)
+            self._continue_outwards(margin(self._renderer, scene, poses, source, settings.margin))
         return found is not None
+
+    def _continue_outwards(self, added: Gaussians | None) -> None:
+        """Add the Gaussians that continue the scene beyond the borders of all views, if there are any."""
+        if added is None:
+            return
+        scene = self.optimiser.scene.detach()
+        present = torch.arange(len(scene))
+        new = torch.full((len(added),), -1, dtype=torch.int64)
+        self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
+        self._outside = torch.cat([present < 0, new < 0])
+        self._meet_others()
 
     def _readings(self) -> Readings | None:
         """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
@@ -202,6 +221,8 @@ class FitState:
     def step(self, share: float, damping: float) -> None:
         """Step the parameters by their gradients, and let the density rule shake the Gaussians."""
         exchange = self._exchange
+        if self._outside is not None:
+            self.optimiser.hold(self._outside)
         self.optimiser.step(share, damping)
         self.poses.step(share, damping)
         if exchange is not None:
@@ -245,7 +266,10 @@ class FitState:
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         middle = poses[len(poses) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
-        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), change.source[order], change.forget)
+        source = change.source[order]
+        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), source, change.forget)
+        if self._outside is not None:
+            self._outside = (source >= 0) & self._outside[source]
         self._meet_others()
         return bool(change.forget)
 
@@ -263,7 +287,7 @@ class FitState:
     def snapshot(self, iteration: int) -> Snapshot:
         """Copy the present state."""
         copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
-        return Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces)
+        return Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces, self._outside)
 
     def restore(self, state: Snapshot) -> None:
         """Go back to a state."""
@@ -271,6 +295,7 @@ class FitState:
         self.poses.restore(state.twists)
         # Surfaces are kept once they are found; those of the state fit its path, which later exchanges moved.
         self._surfaces = state.surfaces or self._surfaces
+        self._outside = state.outside
         self._meet_others()
 
 

@@ -26,6 +26,7 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
+from gs2ci.reconstruct.fit.margin import MarginSettings
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import (
@@ -86,6 +87,7 @@ class SurfaceSettings(Bounded):
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
         depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
+        margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
 
     searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3, asks_measurement=True))
@@ -95,6 +97,7 @@ class SurfaceSettings(Bounded):
     pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
     depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
+    margin: MarginSettings | None = field(default_factory=MarginSettings)
 
     def check(self) -> Self:
         """Return self if the numbers make sense.

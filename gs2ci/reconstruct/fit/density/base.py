@@ -13,7 +13,12 @@ from typing import Literal, Protocol
 import torch
 from torch import Tensor
 
-from gs2ci.render.gaussians import Gaussians, rotation_matrices, transmittance_preserving_opacity
+from gs2ci.render.gaussians import (
+    Gaussians,
+    joined,
+    rotation_matrices,
+    transmittance_preserving_opacity,
+)
 
 SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
 
@@ -121,11 +126,8 @@ def grow(
     if preserving == "both":
         children.opacity_logits = halved[parents]
     parts = (revised.map(lambda tensor: tensor[kept]), revised.map(lambda tensor: tensor[copied]), children)
-    joined = Gaussians(
-        **{name: torch.cat([part.parameters()[name] for part in parts]) for name in present.parameters()}
-    )
     newcomers = torch.full((len(copied) + len(parents),), -1, dtype=torch.int64)
-    return PopulationChange(joined, torch.cat([kept, newcomers]))
+    return PopulationChange(joined(parts), torch.cat([kept, newcomers]))
 
 
 def within(room: int, priority: Tensor, split: Tensor, duplicate: Tensor) -> tuple[Tensor, Tensor]:
