@@ -69,7 +69,9 @@ def _doubts_about_scale(shot: Shot) -> list[Finding]:
 def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     """Report if some views are brighter than others, by the readings under their open elements.
 
-    The regression of the readings on the masks gives each view's mean brightness and its standard error.
+    The regression of the readings on the masks gives each view's mean brightness and its standard error. No view has
+    clearly negative light: where the regression says so, masks are correlated with the scene (masks of whole rows are),
+    and it says nothing about the others either.
     """
     coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
     gram = coded @ coded.T
@@ -80,11 +82,11 @@ def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     variance = np.mean((reading - brightness @ coded) ** 2)
     error = float(np.sqrt(variance * np.diag(np.linalg.inv(gram)).max()))
     middle = float(np.median(brightness))
-    apart = float(np.abs(brightness - middle).max())
-    if middle <= 0 or apart < max(_BRIGHTER * middle, _STANDARD_ERRORS * error):
+    notable = max(_BRIGHTER * middle, _STANDARD_ERRORS * error)
+    least, most = float(brightness.min()), float(brightness.max())
+    if middle <= 0 or least < -notable or max(most - middle, middle - least) < notable:
         return []
-    least, most = float(brightness.min()) / middle, float(brightness.max()) / middle
-    return [finding(Code.UNEVEN_VIEWS, least=least, most=most)]
+    return [finding(Code.UNEVEN_VIEWS, least=max(least, 0.0) / middle, most=most / middle)]
 
 
 def _doubts_about_masks(shot: Shot) -> list[Finding]:

@@ -50,6 +50,24 @@ def test_wrong_weights_are_told_and_right_ones_are_not(smooth_shot):
     assert Code.UNEVEN_VIEWS not in found_in(replace(smooth_shot, measurement=measured, weights=weights))
 
 
+def test_a_view_without_light_is_told_as_dark_and_not_as_negative(smooth_shot):
+    weights = np.array([1, 0, 1, 1], np.float32)
+    measured = (weights[:, None, None, None] * smooth_shot.masks[..., None] * smooth_shot.truth.views).sum(axis=0)
+    measured -= np.float32(0.01) * smooth_shot.masks[1][..., None]
+    said = found_in(replace(smooth_shot, measurement=measured))[Code.UNEVEN_VIEWS]
+    assert said.figures["least"] == 0
+    assert said.figures["most"] > 0.9
+
+
+def test_masks_of_whole_rows_do_not_make_light_negative(smooth_shot):
+    """Where a scene is bright above and dark below, the regression wants a negative view to make the rest dark."""
+    masks, measured = np.zeros_like(smooth_shot.masks), np.zeros_like(smooth_shot.measurement)
+    for mask, rows in zip(masks, (slice(0, 16), slice(0, 12), slice(8, 24), slice(24, None)), strict=True):
+        mask[rows] = 1
+    measured[:8] = 2
+    assert Code.UNEVEN_VIEWS not in found_in(replace(smooth_shot, masks=masks, measurement=measured))
+
+
 def test_brightness_is_not_compared_behind_masks_that_do_not_tell_views_apart(smooth_shot):
     masks = np.repeat(smooth_shot.masks[:1], 4, axis=0)
     found = found_in(replace(smooth_shot, masks=masks))
