@@ -170,7 +170,7 @@ def _refined(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEs
         normal = np.einsum("ihw,jhw,hw->ij", jacobian, jacobian, weights)
         slope = np.einsum("ihw,hw,hw->i", jacobian, errors, weights)
         step = -share * np.linalg.lstsq(normal, slope, rcond=None)[0]
-        longest = _corner_px(problem.size, names, step)
+        longest = _corner_px(bases, step)
         step = step * min(1.0, _LONGEST_STEP_PX / max(longest, 1e-300))
         trial = replace(misfit, placement=_moved(misfit.placement, names, step))
         trial_errors = problem.errors(trial)
@@ -224,10 +224,18 @@ def _jacobian(problem: Problem, misfit: Misfit, bases: F64) -> F64:
     return jacobian
 
 
-def _corner_px(size: tuple[int, int], names: tuple[str, ...], step: F64) -> float:
-    """Return the largest displacement of masks at a corner by a step, px."""
-    moved = _moved(Placement(), names, step)
-    return float(np.linalg.norm(moved.displacement_px(size), axis=1).max())
+def _corner_px(bases: F64, step: F64) -> float:
+    """Return the largest displacement of masks at a corner by a step, px, to first order.
+
+    To first order, since steps that are far too long are shortened by it: those of terms that the masks hardly show may
+    move corners by thousands of pixels, where the polynomials of the field leave the range of numbers.
+
+    Args:
+        bases: The displacement by a unit of each parameter, [P, 2, H, W].
+        step: Of each, [P].
+    """
+    moved = np.einsum("p,pdc->dc", step, bases[:, :, [0, 0, -1, -1], [0, -1, 0, -1]])
+    return float(np.linalg.norm(moved, axis=0).max())
 
 
 def _moved(placement: Placement, names: tuple[str, ...], step: F64) -> Placement:
