@@ -177,7 +177,7 @@ class RegistrationSection(ReportSection):
     `bent_px` is the largest displacement of masks by a smooth field beyond the best affine map. `first_mask` is the
     index, from 0, in the given list of the mask that was shown first. `widening_px` is how far open elements extend
     beyond their stated edges. `not_let_in` holds parameters that were estimated and not corrected: value and standard
-    error.
+    error, which is null where the measurement does not determine the value at all.
     """
 
     changed: bool
@@ -196,7 +196,7 @@ class RegistrationSection(ReportSection):
     clipped_share: Number
     first_mask: int
     standard_errors: dict[str, Number]
-    not_let_in: dict[str, list[Number]]
+    not_let_in: dict[str, list[Number | None]]
 
 
 class LightSection(ReportSection):

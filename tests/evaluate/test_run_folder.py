@@ -67,6 +67,16 @@ def test_a_corrected_measurement_is_kept_and_drawn(tmp_path, make_run, scene):
     assert np.ptp(picture) > 200
 
 
+def test_a_run_is_written_though_masks_that_do_not_differ_determine_nothing_about_where_they_are(
+    tmp_path, make_run, scene
+):
+    """Standard errors are infinite there; a report that refused them would lose the run after all its work."""
+    shot, result = make_run()
+    found = replace(Registered(shot), tried={"down_px": (0.0, np.inf), "scale": (0.1, 0.2)}).summary()
+    folder = write_run(tmp_path / "run", shot, replace(result, registration=found), scene)
+    assert read_report(folder).registration.not_let_in == {"down_px": [0.0, None], "scale": [0.1, 0.2]}
+
+
 def test_views_are_the_recovered_ones(written):
     folder, _, result = written
     np.testing.assert_array_equal(np.load(folder / "views.npy"), result.views)

@@ -4,6 +4,8 @@
     python -m tests.stability --only saturation  those whose titles contain this; prints only
     python -m tests.stability --jobs 4           in this number of processes
     python -m tests.stability --record cases.jsonl   record outcomes in this file; a second run continues from them
+    python -m tests.stability --random 100       instead, measurements of random form (`random_forms.py`); prints only
+    python -m tests.stability --random 100 --from 500   others
 
 Exits with 1 if any case has a problem: a result that is not finite, bounded, honest, or worse than the decode alone.
 """
@@ -17,6 +19,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from tests.processes import side_by_side
+from tests.stability import random_forms
 from tests.stability.cases import CASES, Case
 from tests.stability.judge import Outcome, judge_by_number
 from tests.stability.page import write_page
@@ -69,13 +72,27 @@ def line_of(case: Case, outcome: Outcome, seconds: float) -> str:
     return f"{outcome.grade:8} {loss:13} {seconds:5.1f} s  {case.title}{problems}"
 
 
+def judge_random(seeds: range, jobs: int) -> int:
+    """Judge measurements of random form and say how each fared; return 1 if the result of any is wrong."""
+    bad = 0
+    for line, problem in side_by_side(random_forms.judge, seeds, jobs):
+        bad += problem is not None
+        print(line if problem is None else f"{line}\n{problem}", flush=True)
+    print(f"{len(seeds)} measurements of random form, {bad} with problems")
+    return int(bad > 0)
+
+
 def main() -> int:
     """Run the suite."""
     parser = argparse.ArgumentParser(prog="python -m tests.stability", description="Run the hard cases.")
     parser.add_argument("--only", default="", help="cases whose titles contain this; writes no page")
     parser.add_argument("--jobs", type=int, default=max(1, (os.cpu_count() or 2) // 2), help="processes")
     parser.add_argument("--record", type=Path, help="keep outcomes in this file, and go on from those it holds")
+    parser.add_argument("--random", type=int, default=0, help="instead, so many measurements of random form")
+    parser.add_argument("--from", type=int, default=0, dest="first", help="the first seed of these")
     arguments = parser.parse_args()
+    if arguments.random:
+        return judge_random(range(arguments.first, arguments.first + arguments.random), arguments.jobs)
     numbers = [number for number, case in enumerate(CASES) if arguments.only in case.title]
     outcomes = judge_all(numbers, arguments.jobs, arguments.record)
     if not arguments.only:
