@@ -8,7 +8,7 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import ALPHA_MAX
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, joined
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import NEARBY, RATIO_MAX
 
@@ -29,11 +29,6 @@ def sheet(depth=4.0, logit=8.0, scales=(3.0, 3.0, 1e-4), turn_deg=0.0, x=0.0):
         opacity_logits=torch.tensor([logit]),
         colours=torch.tensor([[0.2, 0.5, 0.9]]),
     )
-
-
-def together(*scenes):
-    parts = [scene.parameters() for scene in scenes]
-    return Gaussians(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
 
 def logit(alpha):
@@ -66,7 +61,7 @@ def test_a_slanted_sheet_is_a_plane_along_every_ray(name):
 def test_between_two_surfaces_depth_is_one_of_them_and_never_their_mean(name):
     backend = load_backend(name)
     for alpha, depth in ((0.6, 2.0), (0.4, 6.0)):
-        scene = together(sheet(2.0, logit(alpha)), sheet(6.0, 8.0))
+        scene = joined([sheet(2.0, logit(alpha)), sheet(6.0, 8.0)])
         found = backend.depths(scene, POSE, INTRINSICS, SIZE)
         assert found.depth[MIDDLE].item() == pytest.approx(depth, rel=1e-4)
         assert found.nearby[MIDDLE].item() < 0.7
@@ -76,7 +71,7 @@ def test_between_two_surfaces_depth_is_one_of_them_and_never_their_mean(name):
 @pytest.mark.parametrize("name", BACKENDS)
 def test_at_a_tie_the_nearer_surface_has_it(name):
     # The first stops a third, the second half of the rest: equal shares.
-    scene = together(sheet(2.0, logit(1 / 3)), sheet(6.0, logit(1 / 2)))
+    scene = joined([sheet(2.0, logit(1 / 3)), sheet(6.0, logit(1 / 2))])
     found = load_backend(name).depths(scene, POSE, INTRINSICS, SIZE)
     # Its far side, within which a whole half of all light has been stopped.
     assert found.depth[MIDDLE].item() == pytest.approx(2.0, rel=1e-3)

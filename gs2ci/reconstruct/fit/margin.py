@@ -87,7 +87,8 @@ def margin(
         known = ahead > 0
         depth = (1 + _BEHIND) / np.where(known, ahead, 1.0)
         points = _to_world(outside.rays * depth[:, None], world_to_camera[number])
-        new = known & ~frame.sees(points, world_to_camera, 0) & ~frame.sees(points, world_to_camera[taken], width)
+        shown = frame.sees(points, world_to_camera, frame.seen)
+        new = known & ~shown & ~frame.sees(points, world_to_camera[taken], outside.within)
         taken.append(number)
         colours = frame.at_border(source.views[number][None])[0][outside.nearest]
         parts.append((points[new], depth[new], colours[new]))
@@ -105,10 +106,12 @@ class _Outside:
     Args:
         rays: At z = 1 in camera coordinates, [P, 3].
         nearest: Of each the nearest place of the border, an index into `_Frame.border`, [P].
+        within: The pixels of a picture widened by these places, those seen and those around, [Hc + 2 w, Wc + 2 w].
     """
 
     rays: F64
     nearest: NDArray[np.int64]
+    within: Bool
 
 
 @dataclass(frozen=True)
@@ -162,21 +165,18 @@ class _Frame:
         nearest = at[:, places[:, 0], places[:, 1]].T - width
         numbers = np.zeros(self.seen.shape, np.int64)
         numbers[self.border[:, 0], self.border[:, 1]] = np.arange(len(self.border))
-        return _Outside(self.rays(places - width), numbers[nearest[:, 0], nearest[:, 1]])
+        return _Outside(self.rays(places - width), numbers[nearest[:, 0], nearest[:, 1]], distance <= width)
 
-    def sees(self, points: F64, world_to_camera: F64, width: int) -> Bool:
-        """Tell which points, [P, 3], some of the poses see, in a picture that is wider by so many pixels."""
-        around = np.pad(self.seen, width)
-        if width:
-            around = distance_transform_edt(~around) <= width
-        limits = np.array(around.shape)
+    def sees(self, points: F64, world_to_camera: F64, picture: Bool) -> Bool:
+        """Tell which points, [P, 3], some pose sees, by the pixels of the picture or of one widened all around."""
+        width, limits = (len(picture) - len(self.seen)) // 2, np.array(picture.shape)
         found = np.zeros(len(points), bool)
         for pose in world_to_camera:
             place, ahead = self.project(points, pose)
             at = np.floor(np.where(ahead[:, None], place, -1.0) + width)[:, ::-1]
             inside = ahead & ((at >= 0) & (at < limits)).all(axis=1)
             row, column = at[inside].astype(np.int64).T
-            found[inside] |= around[row, column]
+            found[inside] |= picture[row, column]
         return found
 
     def project(self, points: F64, pose: F64) -> tuple[F64, Bool]:

@@ -16,7 +16,7 @@ from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, joined
 
 SIZE = (40, 56)
 INTRINSICS = np.array([[60.0, 0, 28], [0, 60.0, 20], [0, 0, 1]])
@@ -45,11 +45,6 @@ def wall(depth=DEPTH, logit=6.0, seed=0):
         opacity_logits=torch.full((count,), logit),
         colours=torch.tensor(rng.random((count, 3)), dtype=torch.float32),
     )
-
-
-def together(*scenes):
-    parts = [scene.parameters() for scene in scenes]
-    return Gaussians(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +103,7 @@ def test_the_term_is_small_on_the_surface_and_grows_with_the_distance(renderer):
 
 def test_fog_before_a_wall_costs_and_its_gradient_thins_it_and_moves_it_to_the_wall(renderer):
     found = surfaces_of(renderer)
-    foggy = together(wall(1.5, logit=-1.0, seed=3), wall())
+    foggy = joined([wall(1.5, logit=-1.0, seed=3), wall()])
     fog = slice(0, len(foggy) // 2)
     assert term(found, renderer, foggy) > term(found, renderer, wall()) + 0.5
     leaf = foggy.map(torch.clone)
@@ -121,7 +116,7 @@ def test_fog_before_a_wall_costs_and_its_gradient_thins_it_and_moves_it_to_the_w
 
 
 def test_surfaces_and_their_gradient_are_the_same_bits_on_any_number_of_threads(renderer, threads):
-    foggy, found = together(wall(1.5, logit=-1.0, seed=3), wall()), []
+    foggy, found = joined([wall(1.5, logit=-1.0, seed=3), wall()]), []
     for count in (1, 2, 2):
         with threads(count):
             surfaces = surfaces_of(renderer, foggy)
@@ -159,7 +154,7 @@ def definition(found, renderer, scene, turn):
 @pytest.mark.parametrize("moves", [False, True])
 def test_the_term_and_its_gradient_are_those_of_the_definition(renderer, moves):
     found = surfaces_of(renderer)
-    foggy = together(wall(1.5, logit=-1.0, seed=3), wall())
+    foggy = joined([wall(1.5, logit=-1.0, seed=3), wall()])
     foggy.means[:5, 2] = -1.0  # behind the camera
     if moves:
         foggy = replace(foggy, motion=torch.full((len(foggy), 2, 3), 0.01))

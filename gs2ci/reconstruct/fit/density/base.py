@@ -13,12 +13,7 @@ from typing import Literal, Protocol
 import torch
 from torch import Tensor
 
-from gs2ci.render.gaussians import (
-    Gaussians,
-    joined,
-    rotation_matrices,
-    transmittance_preserving_opacity,
-)
+from gs2ci.render.gaussians import Gaussians, joined, rotation_matrices, transmittance_preserving_opacity
 
 SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
 
