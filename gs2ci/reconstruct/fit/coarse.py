@@ -145,6 +145,8 @@ class _Loop:
                 # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
                 # one may predict the held-out pixels as well, but its depth is worse.
                 self._watch.begin_again(iteration)
+                # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
+                self._least_loss = float("inf")
             loss = self.fit.backward(iteration / total, iteration)
             ran_away = self._how_it_ran_away(iteration, loss)
             if ran_away is not None:

@@ -38,11 +38,13 @@ from gs2ci.reconstruct.registration.proposals import beside, propose
 from gs2ci.reconstruct.registration.rim import Rim
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import binary_source
-from gs2ci.reconstruct.registration.ways import Way, chosen, from_source, ways_of
+from gs2ci.reconstruct.registration.ways import Way, chosen, decodes_better, from_source, ways_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
+# A picture with fewer elements of the pattern looks like itself turned too often.
+_LEAST_ELEMENTS: Final = 36
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,11 @@ class _Registration:
         return share
 
     def _orientation(self) -> tuple[Peak, str]:
-        """Find the coarse shift and the orientation of the masks; turn the shot's masks if that is sure."""
+        """Find the coarse shift and the orientation of the masks; turn the shot's masks if that is sure.
+
+        Sure is a clear peak whose masks, turned and shifted, also decode better: in small pictures of wide elements a
+        wrong orientation correlates by chance.
+        """
         total = white_reading(self.shot)
         if is_flat(total) or min(total.shape) < _LEAST_SIDE_PX:
             return Peak.nothing(), "as given"
@@ -203,7 +209,7 @@ class _Registration:
         seen = readable(self.shot, element)
         reach = reach_of(self.shot.size, self.settings.most_shift_px)
         peak = find_peak(seen, fine_pattern(total, element), reach, element)
-        if peak.is_sure:
+        if peak.is_sure or total.size < _LEAST_ELEMENTS * element**2:
             return peak, "as given"
         best, how = peak, "as given"
         for name, turn in ORIENTATIONS.items():
@@ -215,7 +221,10 @@ class _Registration:
         if how == "as given" or not best.is_sure:
             return peak, "as given"
         masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
-        self.shot = replace(self.shot, masks=masks)
+        turned = replace(self.shot, masks=masks)
+        if not decodes_better(self.shot, turned, Misfit().moved(best.down_px, best.right_px), self.seed):
+            return peak, "as given"
+        self.shot = turned
         self.notes.append(finding(Code.MASKS_TURNED, how=how, ratio=best.ratio))
         return best, how
 

@@ -18,11 +18,13 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.ranks import ranks
 
-# Fewer views have too few distances for a rank correlation.
-LEAST_VIEWS: Final = 4
+# Of four views any start follows by chance in one case of six, in any threshold.
+LEAST_VIEWS: Final = 5
 # The right order of a moving camera's decoded views has 0.7 to 0.97, wrong starts at most 0.55; without motion or with
-# much noise any start has about 0 to 0.5.
+# much noise any start of eight views or more has about 0 to 0.5.
 _FOLLOWS: Final = 0.75
+# Fewer views have few distances: the thresholds that the best start of unrelated views passes once in a thousand.
+_FOLLOWS_OF_FEW: Final = {5: 0.94, 6: 0.86, 7: 0.78}
 _LEAST_GAIN: Final = 0.25
 
 
@@ -32,18 +34,21 @@ class Beginning:
 
     Args:
         first: Its index in the list, from 0.
+        views: Of how many views.
         rank: Rank correlation of the views' distances with their distances in time, for this start.
         rank_as_given: The same for the given order.
     """
 
     first: int
+    views: int
     rank: float
     rank_as_given: float
 
     @property
     def is_other(self) -> bool:
         """Get whether the list surely starts with another mask than stated."""
-        return self.first != 0 and self.rank >= _FOLLOWS and self.rank - self.rank_as_given >= _LEAST_GAIN
+        follows = self.rank >= _FOLLOWS_OF_FEW.get(self.views, _FOLLOWS)
+        return self.first != 0 and follows and self.rank - self.rank_as_given >= _LEAST_GAIN
 
 
 def find_beginning(views: F32) -> Beginning | None:
@@ -69,7 +74,7 @@ def find_beginning(views: F32) -> Beginning | None:
         order = (np.arange(count) + first) % count
         found.append(float(np.corrcoef(ranks(distances[order[one], order[other]]), apart)[0, 1]))
     best = int(np.argmax(found))
-    return Beginning(best, found[best], found[0])
+    return Beginning(best, count, found[best], found[0])
 
 
 def _squared_distances(views: F32) -> F64:

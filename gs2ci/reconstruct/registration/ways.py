@@ -84,6 +84,20 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     return ways[best] if surely_larger(before, squares[best]) else rival
 
 
+def decodes_better(shot: Shot, other: Shot, misfit: Misfit, seed: int) -> bool:
+    """Tell whether a measurement with other masks, displaced by a misfit, surely predicts held-out pixels better.
+
+    Args:
+        shot: As stated.
+        other: The same with the other masks.
+        misfit: Where these lie.
+        seed: Of the held-out pixels.
+    """
+    displaced, _ = complete(other, misfit)
+    trial = Trial(shot, level_of(displaced), seed)
+    return trial.can_tell and surely_larger(trial.squares(shot), trial.squares(displaced))
+
+
 def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
     """Return the corner that a field moves most; None without a field."""
     if not misfit.placement.field.any():

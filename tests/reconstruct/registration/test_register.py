@@ -11,6 +11,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 from tests.reconstruct.registration.warps import blurred, warped
+from tests.stability.random_forms import Form
 
 pytestmark = pytest.mark.slow
 
@@ -59,6 +60,12 @@ def test_turned_masks_are_turned_back(bench, turn, word):
     found = register(bench.shoot(stated=turn(bench.masks)))
     assert found.orientation == word
     assert np.array_equal(found.shot.masks, bench.masks)
+
+
+@pytest.mark.parametrize("seed", [20, 162, 380])
+def test_masks_of_few_elements_are_not_turned_because_a_wrong_orientation_correlates_by_chance(seed):
+    """Pictures of 19 x 30, 10 x 16 and 16 x 9 px, whose peaks are 4 and many times the thirtieth best."""
+    assert register(Form.draw(seed).shot()).orientation == "as given"
 
 
 @pytest.mark.parametrize(
