@@ -4,6 +4,7 @@
     GS2CI_DRAWS=20 python -m tests.benchmarks right_shots  the first 20 of them
     GS2CI_FIRST=100 python -m tests.benchmarks right_shots  others: from number 100 on
     GS2CI_EACH=1 python -m tests.benchmarks right_shots    with what each shot was estimated at, value/standard error
+    GS2CI_FORMS=1 python -m tests.benchmarks right_shots   undamaged ones of random form, however small, instead
 
 Only the registration step runs. Every shot is drawn at random, and believed as it was taken: scenes of the simulator,
 walls that give little to hold on to, photographs of scikit-image on two planes, and smooth scenes; 4 to 64 views,
@@ -22,12 +23,14 @@ from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
 from skimage.data import astronaut, chelsea, coffee
 
+from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.registration.misfit import NAMES
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from tests.stability.benches import WALLS, Bench, aside
 from tests.stability.laboratory import laboratory_masks
+from tests.stability.random_forms import Form
 
 DRAWS = 100
 SIZES = ((64, 80), (96, 128), (144, 192))
@@ -82,6 +85,15 @@ def drawn(number: int) -> Drawn:
     return Drawn(
         f"{source}: {common}, noise {noise:g}", _coded(scene, kind, open_share, feature_px, noise, mosaic, dark, rng)
     )
+
+
+def of_random_form(number: int) -> Drawn | None:
+    """Draw the undamaged measurement of random form of this number; None where its lens would be refused."""
+    form = replace(Form.draw(number), damage="none")
+    try:
+        return Drawn(str(form), form.shot())
+    except InputError:
+        return None
 
 
 def _picture(source: str, size: tuple[int, int], views: int, rng: np.random.Generator) -> np.ndarray:
@@ -154,10 +166,14 @@ def run() -> None:
     """Print what was corrected, and how errors compare with their standard errors."""
     count, first = int(os.environ.get("GS2CI_DRAWS", DRAWS)), int(os.environ.get("GS2CI_FIRST", "0"))
     scored: dict[str, list[tuple[float, float, str]]] = {}
+    draw = of_random_form if os.environ.get("GS2CI_FORMS") else drawn
     corrected, silent, began = 0, 0, time.process_time()
     seconds = 0.0
     for number in range(first, first + count):
-        one = drawn(number)
+        one = draw(number)
+        if one is None:
+            count -= 1
+            continue
         started = time.process_time()
         found = register(one.shot)
         seconds += time.process_time() - started

@@ -68,7 +68,7 @@ MASKS: Final[dict[str, Callable[[Draw, int, tuple[int, int]], F32]]] = {
     "one open": lambda rng, n, size: (rng.integers(0, n, size) == np.arange(n)[:, None, None]).astype(np.float32),
     "complementary": _complementary,
     "grey": lambda rng, n, size: rng.random((n, *size)).astype(np.float32),
-    "leaking": lambda rng, n, size: (0.05 + 0.9 * (rng.random((n, *size)) < 0.5)).astype(np.float32),
+    "leaking": lambda rng, n, size: (0.05 + 0.95 * (rng.random((n, *size)) < 0.5)).astype(np.float32),
     "blocks": _blocks,
     "whole rows": lambda rng, n, size: (rng.random((n, size[0], 1)) < 0.4).repeat(size[1], axis=2).astype(np.float32),
     "all the same": lambda rng, n, size: (rng.random((1, *size)) < 0.5).repeat(n, axis=0).astype(np.float32),
