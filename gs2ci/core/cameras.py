@@ -1,4 +1,4 @@
-"""Helpers for cameras: the matrix of a pinhole camera, camera centres, and two conventions of axes.
+"""Helpers for cameras: the matrix of a pinhole camera, camera centres, points in the world, two conventions of axes.
 
 Here: numpy only. Not here: lens distortion (`gs2ci.core.lens`), checks (`gs2ci.core.records`), comparison of paths
 (`gs2ci.evaluate.trajectory`).
@@ -28,3 +28,9 @@ def pinhole(focal_px: float, size: tuple[int, ...]) -> F64:
 def camera_centres(world_to_camera: F64) -> F64:
     """Return the camera centres in the world, [N, 3], in its unit, from the poses, [N, 4, 4]."""
     return np.asarray(np.linalg.inv(world_to_camera)[:, :3, 3], np.float64)
+
+
+def in_world(in_camera: F64, world_to_camera: F64) -> F64:
+    """Return points given in a camera's coordinates, [P, 3], in the world of its rigid pose, [4, 4]."""
+    points: F64 = (in_camera - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]
+    return points

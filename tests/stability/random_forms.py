@@ -27,6 +27,7 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import CFA_PATTERNS, Shot, Truth
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 from tests.benchmarks.photographs import cards, render
 
 Draw = np.random.Generator
@@ -152,7 +153,7 @@ class Form:
         weights = rng.uniform(0.3, 1.7, self.views) if flickers else np.ones(self.views)
         light = np.einsum("n,nhw,nhwc->hwc", weights, masks, views.astype(np.float64))
         if self.sensor in CFA_PATTERNS:
-            light = np.take_along_axis(light, _colours_of(self.sensor, self.size)[..., None], axis=2)
+            light = np.take_along_axis(light, cfa_channels(self.sensor, self.size).numpy()[..., None], axis=2)
         light += rng.normal(0, self.noise, light.shape)
         light, saturated = self._damaged(light, rng)
         known = rng.random() < 0.6
@@ -202,12 +203,6 @@ class Form:
             case "below zero":
                 light -= light.mean()
         return light, None
-
-
-def _colours_of(pattern: str, size: tuple[int, int]) -> np.ndarray:
-    """Return the channel that each pixel of a mosaic reads, [H, W]."""
-    cell = np.array(["RGB".index(colour) for colour in pattern]).reshape(2, 2)
-    return np.tile(cell, (-(-size[0] // 2), -(-size[1] // 2)))[: size[0], : size[1]]
 
 
 def judge(seed: int) -> tuple[str, str | None]:

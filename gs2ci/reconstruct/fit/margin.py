@@ -9,21 +9,22 @@ Here: where these Gaussians lie and what they look like. Not here: when they are
 them (`coarse_state.py`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from pydantic import PositiveInt
 from scipy.ndimage import distance_transform_edt
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.cameras import in_world
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.start import round_gaussians
 from gs2ci.render.conventions import NEAR
-from gs2ci.render.gaussians import Gaussians, logit
+from gs2ci.render.gaussians import Gaussians
 
 _OPACITY: Final = 0.95
 # Standard deviation per distance of neighbours; with these two no light passes between neighbours.
@@ -86,7 +87,7 @@ def margin(
         ahead = inverse_depth[k][outside.nearest].astype(np.float64)
         known = ahead > 0
         depth = (1 + _BEHIND) / np.where(known, ahead, 1.0)
-        points = _to_world(outside.rays * depth[:, None], world_to_camera[number])
+        points = in_world(outside.rays * depth[:, None], world_to_camera[number])
         shown = frame.sees(points, world_to_camera, frame.seen)
         new = known & ~shown & ~frame.sees(points, world_to_camera[taken], outside.within)
         taken.append(number)
@@ -96,7 +97,10 @@ def margin(
     if not len(positions):
         return None
     sizes = _SIZE_PER_STRIDE * settings.stride * depth / frame.focal_px
-    return _like(scene, positions, sizes, colours)
+    found = round_gaussians(positions, sizes, _OPACITY, colours)
+    # They do not move, and have one colour in all directions.
+    further = {name: one for name, one in scene.parameters().items() if getattr(found, name) is None}
+    return replace(found, **{name: one.new_zeros((len(found), *one.shape[1:])) for name, one in further.items()})
 
 
 @dataclass(frozen=True)
@@ -195,7 +199,7 @@ def _width(
     shifts = [np.zeros(1)]
     for ahead, view in zip(inverse_depth, numbers, strict=True):
         known = ahead > 0
-        points = _to_world(rays[known] / ahead[known, None], world_to_camera[view])
+        points = in_world(rays[known] / ahead[known, None], world_to_camera[view])
         for other in {max(view - 1, 0), min(view + 1, len(world_to_camera) - 1)} - {view}:
             place, there = frame.project(points, world_to_camera[other])
             shifts.append(np.linalg.norm(place - at[known], axis=1)[there])
@@ -208,23 +212,3 @@ def _width(
 def _outer_first(count: int) -> list[int]:
     """Order views from the ends of the path to its middle: the ends see farthest to their sides."""
     return sorted(range(count), key=lambda k: min(k, count - 1 - k))
-
-
-def _to_world(points: F64, pose: F64) -> F64:
-    """Return points in the world, [P, 3], from camera coordinates."""
-    found: F64 = (points - pose[:3, 3]) @ pose[:3, :3]
-    return found
-
-
-def _like(scene: Gaussians, positions: F64, sizes: F64, colours: F32) -> Gaussians:
-    """Make round Gaussians with the fields of a scene; what it has of motion and harmonics is zero in them."""
-    count = len(positions)
-    first = {
-        "means": torch.from_numpy(positions).float(),
-        "log_scales": torch.from_numpy(np.log(sizes)).float()[:, None].repeat(1, 3),
-        "quaternions": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        "opacity_logits": logit(torch.full((count,), _OPACITY)),
-        "colours": torch.from_numpy(np.broadcast_to(colours, (count, 3)).copy()),
-    }
-    further = {name: tensor for name, tensor in scene.parameters().items() if name not in first}
-    return Gaussians(**first, **{name: one.new_zeros((count, *one.shape[1:])) for name, one in further.items()})

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
@@ -271,9 +272,7 @@ def _within_masks(
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
     rays = pixels @ np.linalg.inv(geometry.intrinsics).T
     in_middle = rays / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
-    middle = world_to_camera[geometry.reference]
-    points = (in_middle - middle[:3, 3]) @ middle[:3, :3]
-
+    points = in_world(in_middle, world_to_camera[geometry.reference])
     masks = torch.arange(len(world_to_camera))
     path = torch.from_numpy(world_to_camera)
     half = torch.from_numpy(np.asarray(open_share, np.float64)) / 2

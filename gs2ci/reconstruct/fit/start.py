@@ -1,6 +1,7 @@
 """The first Gaussians, on the points that the geometry stage found.
 
-Here: their sizes, opacities and orientations. Not here: their positions (`geometry.points`).
+Here: their sizes, opacities and orientations, and how round Gaussians are made. Not here: their positions
+(`geometry.points`), those beyond the borders of all views (`margin.py`).
 """
 
 from typing import Final
@@ -9,7 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.render.gaussians import Gaussians, logit
 
@@ -33,16 +34,27 @@ def first_gaussians(seeds: Seeds) -> Gaussians:
     Returns:
         P Gaussians, float32.
     """
-    count = len(seeds.positions)
     sizes = _SIZE_PER_DISTANCE * _neighbour_distance(seeds.positions)
     sizes = np.maximum(sizes, _LEAST_SHARE_OF_SPACING * seeds.spacing)
-    colours = np.broadcast_to(seeds.colours, (count, 3))
+    return round_gaussians(seeds.positions, sizes, INITIAL_OPACITY, seeds.colours)
+
+
+def round_gaussians(positions: F32 | F64, sizes: F32 | F64, opacity: float, colours: F32) -> Gaussians:
+    """Make isotropic Gaussians that do not move, with one colour in all directions, float32.
+
+    Args:
+        positions: [P, 3].
+        sizes: Standard deviations, [P].
+        opacity: Of all.
+        colours: [P, C]; one channel becomes three equal ones.
+    """
+    count = len(positions)
     return Gaussians(
-        means=torch.from_numpy(seeds.positions.astype(np.float32)),
+        means=torch.from_numpy(positions.astype(np.float32)),
         log_scales=torch.from_numpy(np.log(sizes).astype(np.float32))[:, None].repeat(1, 3),
         quaternions=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        opacity_logits=logit(torch.full((count,), INITIAL_OPACITY)),
-        colours=torch.from_numpy(colours.astype(np.float32)),
+        opacity_logits=logit(torch.full((count,), opacity)),
+        colours=torch.from_numpy(np.broadcast_to(colours, (count, 3)).astype(np.float32)),
     )
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import in_world
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.motion import rays
 from gs2ci.reconstruct.geometry.view_depths import ViewDepth
@@ -112,9 +113,7 @@ def _inside(pixels: F64, picture: F32) -> Bool:
 
 def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:
     """Lift pixels of a view, given as directions: points in the axes of the reference view, [P, 3]."""
-    pose = geometry.world_to_camera[view]
-    points: F64 = (directions / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
-    return points
+    return in_world(directions / inverse_depth[:, None], geometry.world_to_camera[view])
 
 
 def _known(geometry: Geometry, points: F64, depth: ViewDepth) -> Bool:

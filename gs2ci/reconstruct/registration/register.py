@@ -38,7 +38,7 @@ from gs2ci.reconstruct.registration.proposals import beside, propose
 from gs2ci.reconstruct.registration.rim import Rim
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import binary_source
-from gs2ci.reconstruct.registration.ways import Way, chosen, decodes_better, from_source, ways_of
+from gs2ci.reconstruct.registration.ways import Way, chosen, displaced, from_source, ways_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
@@ -222,7 +222,8 @@ class _Registration:
             return peak, "as given"
         masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
         turned = replace(self.shot, masks=masks)
-        if not decodes_better(self.shot, turned, Misfit().moved(best.down_px, best.right_px), self.seed):
+        way = displaced(turned, Misfit().moved(best.down_px, best.right_px))
+        if chosen(self.shot, [way], None, self.seed) is None:
             return peak, "as given"
         self.shot = turned
         self.notes.append(finding(Code.MASKS_TURNED, how=how, ratio=best.ratio))

@@ -18,7 +18,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.ranks import ranks
 
-# Of four views any start follows by chance in one case of six, in any threshold.
+# Four views have six distances: of unrelated ones the best start follows in one case of six, and no threshold helps.
 LEAST_VIEWS: Final = 5
 # The right order of a moving camera's decoded views has 0.7 to 0.97, wrong starts at most 0.55; without motion or with
 # much noise any start of eight views or more has about 0 to 0.5.

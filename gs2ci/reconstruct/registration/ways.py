@@ -49,6 +49,12 @@ def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     return ways
 
 
+def displaced(shot: Shot, misfit: Misfit) -> Way:
+    """Return a shot with its masks displaced by a misfit of which nothing is said."""
+    corrected, rim = _corrected(shot, misfit, None)
+    return Way(corrected, misfit, {}, "", rim)
+
+
 def from_source(way: Way, source: Source) -> Way:
     """Add to a correction with sharp masks how these differ from the stated ones."""
     misfit = way.misfit.moved(*source.shift_px)
@@ -82,20 +88,6 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     best = int(np.argmin([float(one.mean()) for one in squares]))
     before = trial.squares(shot if rival is None else rival.shot)
     return ways[best] if surely_larger(before, squares[best]) else rival
-
-
-def decodes_better(shot: Shot, other: Shot, misfit: Misfit, seed: int) -> bool:
-    """Tell whether a measurement with other masks, displaced by a misfit, surely predicts held-out pixels better.
-
-    Args:
-        shot: As stated.
-        other: The same with the other masks.
-        misfit: Where these lie.
-        seed: Of the held-out pixels.
-    """
-    displaced, _ = complete(other, misfit)
-    trial = Trial(shot, level_of(displaced), seed)
-    return trial.can_tell and surely_larger(trial.squares(shot), trial.squares(displaced))
 
 
 def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
