@@ -1,7 +1,7 @@
 """Where the light of each pixel is stopped: `gs2ci.render.stopping`, over the lists that a rendering made.
 
-Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles, 16
-pixels at a time in float32. Neighbouring pixels see the same Gaussians, so that their lanes need about equally many
+Here: what each Gaussian says of depth in each view, in float64, and the kernel that finds the quantiles, 16 pixels at
+a time in float32. Neighbouring pixels see the same Gaussians, so that their lanes need about equally many
 steps.
 """
 
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numba import prange
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN, DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
 from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.layout import Layout
@@ -78,66 +78,94 @@ _LEAST_RATIO = np.float32(1 / RATIO_MAX)
 _BEHIND, _AHEAD = np.float32(1 + NEARBY), np.float32(1 - NEARBY)
 # Neighbouring numbers in single precision lie up to 1.2e-7 of themselves apart, and no bracket is narrower.
 _RESOLUTION = np.float32(max(RESOLUTION, 2.5e-7))
-_BEYOND = np.float32(2.5e-7)
-# A bracket is halved at least every other step, so that these suffice for `RESOLUTION` whatever the profiles are.
-_STEPS_MAX: Final = 60
+# Two such steps are a bracket that is narrow enough.
+_BEYOND = np.float32(1.2e-7)
+# A bracket is halved in any three steps, so that these suffice for `RESOLUTION` whatever the profiles are.
+_STEPS_MAX: Final = 80
 _CELLS_PER_TASK: Final = 64
-# In float64 the intermediate arrays of a Gaussian are ten times as large as what is kept of it.
-_GAUSSIANS_AT_ONCE: Final = 2**16
+# Three numbers at 16 pixels of so many Gaussians are all that the processor's nearest cache holds.
+_MANY: Final = 300
+_SORT_OUT_EVERY: Final = 3
+_GAUSSIANS_PER_TASK: Final = 1024
 
 
 def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
-    camera = inputs.camera.astype(np.float64)
-    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3))
-    poses = inputs.poses.reshape(-1, 4, 4).astype(np.float64)
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    for first in range(0, inputs.count, _GAUSSIANS_AT_ONCE):
-        part = slice(first, first + _GAUSSIANS_AT_ONCE)
-        scales = np.exp(np.minimum(inputs.log_scales[part].astype(np.float64), LOG_SCALE_MAX))
-        factor = _rotations(inputs.quaternions[part]) * scales[:, None, :]
-        for pose, centres, out in zip(poses, means[:, part].astype(np.float64), fields[:, part], strict=True):
-            _fill_depth_fields(factor, centres, pose, camera, out)
+    _fill_depth_fields(
+        inputs.means if inputs.means.ndim == 3 else inputs.means[None],
+        inputs.log_scales,
+        inputs.quaternions,
+        inputs.poses.reshape(-1, 4, 4),
+        inputs.camera,
+        fields,
+    )
     return fields
 
 
-def _fill_depth_fields(factor: F64, centres: F64, pose: F64, camera: F64, out: F32) -> None:
-    """Fill the fields of Gaussians, [G, DEPTH_FIELDS], in one view.
+@kernel()
+def _fill_factor(log_scales, quaternion, factor):
+    """Fill the factor of a covariance, factor factorᵀ, [3, 3]; a quaternion that is too short turns nothing."""
+    w, x = np.float64(quaternion[0]), np.float64(quaternion[1])
+    y, z = np.float64(quaternion[2]), np.float64(quaternion[3])
+    norm = np.sqrt(w * w + x * x + y * y + z * z)
+    if norm >= QUATERNION_NORM_MIN:
+        w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    else:
+        w, x, y, z = np.float64(1), np.float64(0), np.float64(0), np.float64(0)
+    factor[0, 0], factor[0, 1], factor[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    factor[1, 0], factor[1, 1], factor[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    factor[2, 0], factor[2, 1], factor[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    for j in range(3):
+        scale = np.exp(min(np.float64(log_scales[j]), LOG_SCALE_MAX))
+        for i in range(3):
+            factor[i, j] *= scale
+
+
+@kernel(parallel=True)
+def _fill_depth_fields(means, log_scales, quaternions, poses, camera, fields):
+    """Fill the fields of Gaussians in all views, [V, G, DEPTH_FIELDS], in float64.
 
     Args:
-        factor: Of their covariances, factor factorᵀ, [G, 3, 3].
-        centres: [G, 3].
-        pose: World to camera, [4, 4].
+        means: [G, 3] of all views or of each, [1 or V, G, 3] float32.
+        log_scales: [G, 3] float32.
+        quaternions: Of any norm, (w, x, y, z), [G, 4] float32.
+        poses: World to camera, [V, 4, 4] float32.
         camera: Its fields, as in `record`.
-        out: Filled.
+        fields: Filled.
     """
-    points = centres @ pose[:3, :3].T + pose[:3, 3]
-    depth = np.maximum(points[:, 2], NEAR)
-    slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
-    shape = pose[:3, :3] @ factor
-    along = shape[:, 2]
-    focal = camera[[FOCAL_X, FOCAL_Y]]
-    on_screen = (shape[:, :2] - slopes[:, :, None] * along[:, None]) * (focal / depth[:, None])[:, :, None]
-    with_screen = np.einsum("gij,gj->gi", on_screen, along)
-    covariance = on_screen @ on_screen.transpose(0, 2, 1) + DILATION_PX2 * np.eye(2)
-    gain = np.linalg.solve(covariance, with_screen[:, :, None])[:, :, 0]
-    variance = (along * along).sum(axis=1) - (gain * with_screen).sum(axis=1)
-    out[:, CENTRE_DEPTH] = depth
-    out[:, SLOPE_X : SLOPE_Y + 1] = gain / depth[:, None]
-    out[:, SIGMA] = np.sqrt(np.maximum(variance, 0))
-
-
-def _rotations(quaternions: F32) -> F64:
-    """Turn quaternions (w, x, y, z) of any norm, [G, 4], into matrices, [G, 3, 3]; too short ones into the identity."""
-    q = quaternions.astype(np.float64)
-    norm = np.linalg.norm(q, axis=1, keepdims=True)
-    w, x, y, z = np.where(norm >= QUATERNION_NORM_MIN, q / np.maximum(norm, QUATERNION_NORM_MIN), [1.0, 0, 0, 0]).T
-    rows = (
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack(rows, axis=1).reshape(-1, 3, 3)
+    views, count = fields.shape[0], fields.shape[1]
+    focal_x, focal_y = np.float64(camera[FOCAL_X]), np.float64(camera[FOCAL_Y])
+    for task in prange((count + _GAUSSIANS_PER_TASK - 1) // _GAUSSIANS_PER_TASK):
+        factor, axis, centre = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+        for gaussian in range(task * _GAUSSIANS_PER_TASK, min(count, (task + 1) * _GAUSSIANS_PER_TASK)):
+            _fill_factor(log_scales[gaussian], quaternions[gaussian], factor)
+            for view in range(views):
+                mean, pose = means[view if means.shape[0] > 1 else 0, gaussian], poses[view]
+                for i in range(3):
+                    centre[i] = np.float64(pose[i, 3])
+                    for j in range(3):
+                        centre[i] += np.float64(pose[i, j]) * np.float64(mean[j])
+                        axis[i, j] = 0.0
+                        for k in range(3):
+                            axis[i, j] += np.float64(pose[i, k]) * factor[k, j]
+                depth = max(centre[2], NEAR)
+                u = min(max(centre[0] / depth, np.float64(camera[U_LOW])), np.float64(camera[U_HIGH]))
+                v = min(max(centre[1] / depth, np.float64(camera[V_LOW])), np.float64(camera[V_HIGH]))
+                # Covariances of the place on screen (px) with itself and with depth.
+                xx, xy, yy, xz, yz, zz = DILATION_PX2, 0.0, DILATION_PX2, 0.0, 0.0, 0.0
+                for j in range(3):
+                    along = axis[2, j]
+                    across_x = (axis[0, j] - u * along) * (focal_x / depth)
+                    across_y = (axis[1, j] - v * along) * (focal_y / depth)
+                    xx, xy, yy = xx + across_x * across_x, xy + across_x * across_y, yy + across_y * across_y
+                    xz, yz, zz = xz + across_x * along, yz + across_y * along, zz + along * along
+                determinant = xx * yy - xy * xy
+                gain_x, gain_y = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+                fields[view, gaussian, CENTRE_DEPTH] = depth
+                fields[view, gaussian, SLOPE_X] = gain_x / depth
+                fields[view, gaussian, SLOPE_Y] = gain_y / depth
+                fields[view, gaussian, SIGMA] = np.sqrt(max(zz - (gain_x * xz + gain_y * yz), 0.0))
 
 
 def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:
@@ -215,27 +243,53 @@ def _before(limit, weights, depths, inverses, count):
 
 
 @kernel()
-def _quantile(wanted, weights, depths, inverses, count, near, far):
-    """Find at 16 pixels the nearest depth before which `wanted` is stopped.
+def _keep_open(weights, depths, inverses, count, near, far, closed, left_weights, left_depths, left_inverses):
+    """Copy what may stop light between two depths at any of 16 pixels; in place, if the arrays are the same.
 
-    Newton's steps, kept between bounds that are halved at least every other step, until all lanes are done.
+    Returns how many are left, and `closed` plus what is wholly stopped before the nearer depth.
+    """
+    left = 0
+    for i in range(count):
+        weight, depth, inverse = load(weights, i * LANES), load(depths, i * LANES), load(inverses, i * LANES)
+        from_near, from_far = (near - depth) * inverse, (far - depth) * inverse
+        inside = where_ge(_ZERO, weight, _ZERO, minimum(_ONE - from_near, _ONE + from_far))
+        if any_ge(inside, _TINY):
+            store(left_weights, left * LANES, weight)
+            store(left_depths, left * LANES, depth)
+            store(left_inverses, left * LANES, inverse)
+            left += 1
+        else:
+            closed = closed + where_ge(from_near, _ONE, weight, _ZERO)
+    return left, closed
+
+
+@kernel()
+def _quantile(wanted, weights, depths, inverses, count, near, far, left_weights, left_depths, left_inverses):
+    """Find at 16 pixels the nearest depth before which `wanted` is stopped; the last three arrays are overwritten.
+
+    Newton's steps from the last guess, each a little beyond where it finds the root, so that the bounds close in from
+    both sides. Where two of them have not halved the distance of the bounds, or lead out of them, the middle is next.
     """
     guess = _HALF * (near + far)
+    last, before_last, closed = broadcast(_INFINITY), broadcast(_INFINITY), broadcast(_ZERO)
     for step in range(_STEPS_MAX):
         if not any_ge(far - near, _RESOLUTION * far):
             break
+        if count > _MANY and step % _SORT_OUT_EVERY == _SORT_OUT_EVERY - 1:
+            count, closed = _keep_open(
+                weights, depths, inverses, count, near, far, closed, left_weights, left_depths, left_inverses
+            )
+            weights, depths, inverses = left_weights, left_depths, left_inverses
         total, density = _before(guess, weights, depths, inverses, count)
+        total = closed + total
         far = where_ge(total, wanted, guess, far)
         near = where_ge(total, wanted, near, guess)
-        middle = _HALF * (near + far)
-        if step % 2 == 0:
-            # A little beyond the root, so that both bounds close in on it.
-            beyond = where_ge(total, wanted, -_BEYOND * far, _BEYOND * far)
-            newton = guess + (wanted - total) / maximum(density, _TINY) + beyond
-            inside = where_ge(near, newton, middle, where_ge(newton, far, middle, newton))
-            guess = where_ge(density, _TINY, inside, middle)
-        else:
-            guess = middle
+        beyond = where_ge(total, wanted, -_BEYOND * far, _BEYOND * far)
+        newton = guess + (wanted - total) / maximum(density, _TINY) + beyond
+        width, middle = far - near, _HALF * (near + far)
+        guess = where_ge(near, newton, middle, where_ge(newton, far, middle, newton))
+        guess = where_ge(density, _TINY, where_ge(_HALF * before_last, width, guess, middle), middle)
+        last, before_last = width, last
     return far
 
 
@@ -248,6 +302,7 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
     for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
         weights = np.empty(LANES * longest, np.float32)
         depths, inverses = np.empty_like(weights), np.empty_like(weights)
+        left = (np.empty_like(weights), np.empty_like(weights), np.empty_like(weights))
         found = np.empty(MAPS * LANES, np.float32)
         for cell in range(task * _CELLS_PER_TASK, min(cells, (task + 1) * _CELLS_PER_TASK)):
             view, count = cell_view[cell], np.int64(entries[cell])
@@ -268,9 +323,9 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
             # Where nothing is stopped: a bracket without width, which nothing waits for.
             near = where_ge(far, near, near, _ONE)
             far = maximum(far, near)
-            depth = _quantile(_HALF_SHARE * total, weights, depths, inverses, count, near, far)
-            low = _quantile(_LOW_SHARE * total, weights, depths, inverses, count, near, depth)
-            high = _quantile(_HIGH_SHARE * total, weights, depths, inverses, count, depth, far)
+            depth = _quantile(_HALF_SHARE * total, weights, depths, inverses, count, near, far, *left)
+            low = _quantile(_LOW_SHARE * total, weights, depths, inverses, count, near, depth, *left)
+            high = _quantile(_HIGH_SHARE * total, weights, depths, inverses, count, depth, far, *left)
             behind, _ = _before(depth * _BEHIND, weights, depths, inverses, count)
             ahead, _ = _before(depth * _AHEAD, weights, depths, inverses, count)
             some = where_ge(_ZERO, total, _ZERO, broadcast(_ONE))
