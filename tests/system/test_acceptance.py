@@ -31,7 +31,7 @@ pytestmark = pytest.mark.slow
 
 BITS = 12
 # Enough for such pictures; below 250 nobody tries which order of depth is right.
-ITERATIONS = 240
+ITERATIONS = 120
 OPTIONS = ("--iterations", ITERATIONS, "--fits", 1, "--geometry", "stage", "--motion", "off")
 
 COMMON = """

@@ -19,7 +19,7 @@ MaskAxis = Literal["auto", "first", "last"]
 Layout = Literal["auto", "rgb", "stack"]
 
 # H, W: pixels; C: 1 or 3 colours; K: measurements; N: masks; T: true frames (K times N).
-_MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "KCHW")
+_MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "HWKC", "KCHW")
 _MASK_ORDERS: Final = ("HW", "NHW", "HWN")
 _TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "HWC", "HW", "KNHW", "HWNK", "KNHWC")
 
@@ -96,12 +96,19 @@ def arrange(
             f"{masks.where}: shape {list(masks.values.shape)} can be read with the masks first or last",
             remedy="say --mask-axis first or --mask-axis last",
         )
-    if len({m.order for m, _ in pairs}) > 1 and pairs[0][0].of("K") == 1:
-        guesses.append(
-            f"{measurement.where}: {list(measurement.values.shape)} taken as one colour measurement; "
-            "if the three are separate measurements, say --meas-layout stack"
-        )
     (m, k) = pairs[0]
+    if any(other.order != m.order for other, _ in pairs):
+        shape = list(measurement.values.shape)
+        if m.of("K") == 1:
+            guesses.append(
+                f"{measurement.where}: {shape} taken as one colour measurement; "
+                "if the three are separate measurements, say --meas-layout stack"
+            )
+        else:
+            guesses.append(
+                f"{measurement.where}: {shape} taken as [{', '.join(m.order)}], K measurements of C colours; "
+                "where that is wrong, save them as [K, H, W, C]"
+            )
     guesses.append(_summary(m, k))
     return Arranged(_in_order(measurement.values, m, "KHWC"), _in_order(stack, k, "NHW"))
 
@@ -204,6 +211,7 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
     return InputError(
         f"{masks.where}: shape {list(mask_shape)} fits the measurement's {list(shape)} ({measurement.where}) "
         "in no order of axes",
-        allowed="masks [N, H, W] or [H, W, N] for a measurement [H, W], [H, W, 3], [H, W, K] or [K, H, W]",
+        allowed="masks [N, H, W] or [H, W, N] for a measurement [H, W], [H, W, 3], [H, W, K], [K, H, W], "
+        "[H, W, 3, K], [H, W, K, 3] or [K, H, W, 3]",
         remedy=remedy,
     )

@@ -89,11 +89,14 @@ def require_key(
             remedy="give the masks as a second file, or as a folder of pictures",
         )
     known = {alias for aliases in ALIASES.values() for alias in aliases}
+    entries = container.entries
     free = [
         key
-        for key, entry in container.entries.items()
+        for key, entry in entries.items()
         if len(entry.shape) >= 2 and entry.kind == "number" and key != taken and key.lower() not in known
     ]
+    # MATLAB's scalars and lists have two axes as well.
+    free = [key for key in free if sum(side > 1 for side in entries[key].shape) >= 2] or free
     if len(free) == 1 and said is None:
         if free[0]:
             guesses.append(f"{role}: key {free[0]!r}, the only array without a known name")

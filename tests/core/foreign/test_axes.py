@@ -43,12 +43,27 @@ def test_a_stack_of_measurements_becomes_several_shots_with_their_own_truth(scen
     assert shots[3].name == "file-3"
 
 
-@pytest.mark.parametrize("order", ["KHWC", "HWCK", "KCHW"])
+@pytest.mark.parametrize("order", ["KHWC", "HWCK", "HWKC", "KCHW"])
 def test_colour_stacks_become_several_shots(scene, take, order):
     made = scene()
     stack = np.stack([made.meas, made.meas / 2], 0)
     shots = take(meas=np.einsum(f"KHWC->{order}", stack), mask=made.masks).shots
     assert np.array_equal(np.stack([shot.measurement for shot in shots]), stack.astype(np.float32))
+
+
+def test_as_many_measurements_as_masks_are_no_pictures_two_pixels_wide(scene, take):
+    """[H, W, 2, 3] under masks [H, W, 2] would also be H measurements of W x 2 pixels."""
+    made = scene(n=2)
+    stack = np.stack([made.meas, made.meas / 2], 2)
+    shots = take(meas=stack, mask=made.masks.transpose(1, 2, 0)).shots
+    assert [shot.size for shot in shots] == [made.meas.shape[:2]] * 2
+
+
+def test_three_measurements_of_three_colours_are_said_to_be_a_guess(scene, take, said):
+    made = scene()
+    imported = take(meas=np.stack([made.meas, made.meas / 2, made.meas / 3], 3), mask=made.masks)
+    assert np.array_equal(imported.shots[1].measurement, (made.meas / 2).astype(np.float32))
+    assert said(imported, "taken as [H, W, C, K]")
 
 
 def test_three_images_are_colour_unless_said_or_the_truth_says_otherwise(scene, take):

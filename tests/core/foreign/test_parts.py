@@ -34,6 +34,12 @@ def test_names_do_not_depend_on_case_and_a_lone_array_needs_none(scene, take, sa
     assert said(lone, "masks: key 'stuff', the only array without a known name")
 
 
+def test_matlabs_scalars_are_no_images(scene, take, said):
+    made = scene()
+    imported = take(meas=made.meas, stuff=made.masks, note=np.array([[3.0]]), rates=np.arange(4.0)[None])
+    assert said(imported, "masks: key 'stuff', the only array without a known name")
+
+
 def test_keys_that_are_not_there_are_refused_with_those_that_are(scene, take):
     made = scene()
     with pytest.raises(InputError, match=r"no key for the measurement; the file holds mask \[4, 24, 32\].*--meas-key"):
