@@ -205,9 +205,9 @@ def test_no_motion_at_all():
 
 
 def test_pure_rotation():
-    size, focal_px = (72, 96), 75.0
+    size, focal_px = (48, 64), 50.0
     camera = np.array([[focal_px, 0, size[1] / 2], [0, focal_px, size[0] / 2], [0, 0, 1]])
-    views = turned(6, size, focal_px, step_rad=0.02)
+    views = turned(6, size, focal_px, step_rad=0.03)
     result = recover(expose(views, intrinsics=camera), "depth cannot be found")
     assert result.geometry["verdict"] == "rotation_only"
     assert rms(result.views - views) < 0.15

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import dask
+import distributed  # noqa: F401  imported within `dask.config.set`, its defaults would leave Dask's configuration with it
 import psutil
 import pytest
 

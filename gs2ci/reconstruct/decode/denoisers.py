@@ -3,17 +3,16 @@
 Here: total variation and non-local means. Not here: learned denoisers (`learned.onnx_denoiser`), the decoders (`pnp`).
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import torch
 from skimage.restoration import denoise_nl_means
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
+from gs2ci.reconstruct.threads import in_threads
 
 
 class Denoiser(Protocol):
@@ -104,5 +103,4 @@ class NonLocalMeans:
             )
             return denoised.reshape(view.shape)
 
-        with ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
-            return np.stack(list(pool.map(denoise, views))).astype(np.float32, copy=False)
+        return np.stack(in_threads(denoise, views)).astype(np.float32, copy=False)

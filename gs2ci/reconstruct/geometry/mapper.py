@@ -24,6 +24,7 @@ import pycolmap
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.geometry.halves import HALVINGS, squared_distance
+from gs2ci.reconstruct.threads import in_threads
 
 # For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
 # in which a third of the matches are right, keep 15 to 30.
@@ -87,8 +88,8 @@ def grown_scene(
         database = Path(folder) / "features.db"
         ids, confirmed = _write(database, places, pairs, intrinsics, size)
         strongest = sorted(confirmed, key=lambda pair: -confirmed[pair])[:_MOST_STARTS]
-        grown = [_grown(database, ids[i], ids[j]) for i, j in strongest if confirmed[i, j] >= LEAST_MATCHES]
-        models = [model for model in grown if model is not None]
+        starts = [(ids[i], ids[j]) for i, j in strongest if confirmed[i, j] >= LEAST_MATCHES]
+        models = [model for model in in_threads(lambda start: _grown(database, *start), starts) if model is not None]
         joined = max((model.num_reg_images() for model in models), default=0)
         whole = sorted((model for model in models if model.num_reg_images() == len(places)), key=_sightings)
         return (_scene(whole.pop(), whole, len(places)) if whole else None), joined
@@ -122,9 +123,12 @@ def _write(
             ids.append(image.image_id)
         options = pycolmap.TwoViewGeometryOptions()
         options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = LEAST_MATCHES, _MATCH_PX, _SEED
-        for (i, j), matches in pairs.items():
-            one, other = (places[k].astype(np.float64) for k in (i, j))
-            geometry = pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, matches, options)
+
+        def confirm(pair: tuple[int, int]) -> Any:
+            one, other = (places[k].astype(np.float64) for k in pair)
+            return pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, pairs[pair], options)
+
+        for ((i, j), matches), geometry in zip(pairs.items(), in_threads(confirm, pairs), strict=True):
             database.write_matches(ids[i], ids[j], matches)
             database.write_two_view_geometry(ids[i], ids[j], geometry)
             confirmed[i, j] = len(geometry.inlier_matches)

@@ -25,6 +25,7 @@ from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.validity import doubts_about_path
 from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
+from gs2ci.reconstruct.threads import in_threads, one_opencv_thread
 
 # Decoded views are blurred: features are detected at twice their size, with equalised local contrast.
 _ENLARGED: Final = 2
@@ -100,7 +101,8 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
 
 def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[MappedScene | None, int]:
     """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
-    features = [_features(view, _MOST_TILTED // len(views) if tilted else None) for view in views]
+    with one_opencv_thread():
+        features = in_threads(lambda view: _features(view, _MOST_TILTED // len(views) if tilted else None), views)
     pairs = {
         (i, j): matches
         for i, j in itertools.combinations(range(len(views)), 2)

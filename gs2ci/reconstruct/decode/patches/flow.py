@@ -4,17 +4,14 @@ Here: dense optical flow between decoded views (OpenCV's DIS, Kroeger 2016), and
 the search around these positions (`matching`).
 """
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
-import torch
 
 from gs2ci.core.arrays import F32, F64, U8
+from gs2ci.reconstruct.threads import in_threads, one_opencv_thread
 
 # DIS matches windows of 8 pixels on a picture halved at least once; smaller pictures are treated as standing still.
 _LEAST_SIDE_PX: Final = 16
@@ -45,8 +42,9 @@ class Flow:
             return cls(none, none)
         seen = _as_bytes(views)
         pairs = [(i, i + 1) for i in range(count - 1)] + [(i + 1, i) for i in range(count - 1)]
-        with _one_opencv_thread(), ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
-            flows = np.stack(list(pool.map(lambda pair: _flow(seen[pair[0]], seen[pair[1]]), pairs)))
+        # DIS divides a picture into as many stripes as threads, which changes its result.
+        with one_opencv_thread():
+            flows = np.stack(in_threads(lambda pair: _flow(seen[pair[0]], seen[pair[1]]), pairs))
         return cls(flows[: count - 1], flows[count - 1 :])
 
     def follow(self, places: F64, at: int, first: int, count: int) -> F64:
@@ -86,14 +84,3 @@ def _as_bytes(views: F32) -> U8:
     white = max(float(np.percentile(views, _WHITE_PERCENTILE)), _LEAST_WHITE)
     as_bytes: U8 = (np.clip(views / white, 0, 1) * 255).astype(np.uint8)
     return as_bytes
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    """Run OpenCV on one thread: DIS divides a picture into as many stripes as threads, which changes its result."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)

@@ -7,8 +7,8 @@ Cost: with E = N(N + 1)/2 + NC box sums a window size costs O(E) for each pixel 
 whatever its width, plus one Cholesky factorisation, O(N³), and one eigendecomposition for the few that pass it.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.proxies.planes import CodedPlane, coded_planes
+from gs2ci.reconstruct.threads import in_threads
 
 _Ints = NDArray[np.int64]
 
@@ -70,17 +71,14 @@ def mask_decoded_views(shot: Shot) -> MaskDecoding:
     """
     views = np.empty((shot.views, *shot.size, shot.channels), np.float32)
     windows = np.empty((*shot.size, 3 if shot.cfa else 1), np.int32)
-    with ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
-        for p, plane in enumerate(coded_planes(shot)):
-            limit = KAPPA_FACTOR * _whole_image_condition(plane.transmissions)
-            bands = _bands(plane)
-            for rows, (band_views, band_windows) in zip(
-                bands,
-                pool.map(lambda rows, plane=plane, limit=limit: _decode_band(plane, rows, limit), bands),
-                strict=True,
-            ):
-                views[:, rows, :, plane.channels] = band_views
-                windows[rows, :, p] = band_windows
+    for p, plane in enumerate(coded_planes(shot)):
+        decode_band = partial(
+            _decode_band, plane, kappa_limit=KAPPA_FACTOR * _whole_image_condition(plane.transmissions)
+        )
+        bands = _bands(plane)
+        for rows, (band_views, band_windows) in zip(bands, in_threads(decode_band, bands), strict=True):
+            views[:, rows, :, plane.channels] = band_views
+            windows[rows, :, p] = band_windows
     return MaskDecoding(views, windows)
 
 

@@ -4,11 +4,10 @@ Here: the normalisation, each view's samples and their completion (paper, eq. 2;
 when ENI is the right choice (`gs2ci.reconstruct.decode.proxies.routing`).
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Final
 
 import numpy as np
-import torch
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, QhullError
@@ -17,6 +16,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.proxies.planes import coded_planes
+from gs2ci.reconstruct.threads import in_threads
 
 _Mask = Bool
 
@@ -46,20 +46,18 @@ def energy_normalised_views(shot: Shot) -> F32:
     """
     planes = coded_planes(shot)
     views = np.empty((shot.views, *shot.size, shot.channels), np.float32)
-    with ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
-        for plane in planes:
-            exposure = plane.transmissions.sum(axis=0)
-            if not exposure.any():
-                raise InputError(
-                    "no unsaturated pixel of the measurement is open in any mask",
-                    allowed="at least one in each colour",
-                    remedy="check the masks' order and registration, and the saturation level",
-                )
-            normalised = plane.measured / np.where(exposure > 0, exposure, 1)[..., None]
-            samples = [_samples(transmission, exposure > 0) for transmission in plane.transmissions]
-            completed = pool.map(lambda known, values=normalised: complete(values, known), samples)
-            for i, view in enumerate(completed):
-                views[i, :, :, plane.channels] = view
+    for plane in planes:
+        exposure = plane.transmissions.sum(axis=0)
+        if not exposure.any():
+            raise InputError(
+                "no unsaturated pixel of the measurement is open in any mask",
+                allowed="at least one in each colour",
+                remedy="check the masks' order and registration, and the saturation level",
+            )
+        normalised = plane.measured / np.where(exposure > 0, exposure, 1)[..., None]
+        samples = [_samples(transmission, exposure > 0) for transmission in plane.transmissions]
+        for i, view in enumerate(in_threads(partial(complete, normalised), samples)):
+            views[i, :, :, plane.channels] = view
     return views
 
 

@@ -1,0 +1,38 @@
+"""Independent pieces of work in as many threads as kernels may take.
+
+For libraries that compute without the interpreter's lock (NumPy, OpenCV, pycolmap). Not here: the threads of kernels
+(Numba's), and of fits (`gs2ci.reconstruct.fit.ensemble`).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+import cv2
+import numba
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def in_threads(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Do something with each item; the results are in the items' order, and do not depend on the number of threads.
+
+    Raises:
+        Exception: What `work` raises first.
+    """
+    # torch's own number is one while a measurement is reconstructed.
+    with ThreadPoolExecutor(max(1, numba.get_num_threads())) as pool:
+        return list(pool.map(work, items))
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """Run OpenCV's functions on one thread each, where several threads call them."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
