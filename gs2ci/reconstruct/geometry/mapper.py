@@ -11,6 +11,7 @@ pairs with the most confirmed matches, and the one that explains most is the bes
 Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
 """
 
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -156,7 +157,9 @@ def _grown(database: Path, first: int, second: int) -> Any | None:
     mapper.filter_min_tri_angle = options.triangulation.min_angle = _LEAST_ANGLE_DEG
     options.triangulation.complete_max_reproj_error = options.triangulation.merge_max_reproj_error = _POINT_PX
     with TemporaryDirectory() as folder:
-        models = pycolmap.incremental_mapping(database, Path(folder), Path(folder), options)
+        # A database that one thread opens is locked for the others.
+        own = Path(shutil.copy(database, folder))
+        models = pycolmap.incremental_mapping(own, Path(folder), Path(folder), options)
     return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
 
 
