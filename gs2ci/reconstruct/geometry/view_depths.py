@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.surface_map import surface_map
@@ -43,12 +42,12 @@ class ViewDepth:
 
 
 def turns_far(world_to_camera: F64) -> bool:
-    """Tell whether some views of a path, [N, 4, 4], are turned so far against others that tracks between them end."""
+    """Tell whether some views of a path, [N, 4, 4], are turned so far against others that they see other surfaces."""
     return largest_turn_deg(world_to_camera) >= _FAR_DEG
 
 
 def largest_turn_deg(world_to_camera: F64) -> float:
-    """Return the largest angle between two views of a path, [N, 4, 4], degrees."""
+    """Return the largest angle between the viewing directions of a path's views, [N, 4, 4], degrees."""
     return math.degrees(_turns(world_to_camera).max())
 
 
@@ -83,9 +82,13 @@ def view_depths(
 
 
 def _turns(world_to_camera: F64) -> F64:
-    """Return the angles between all pairs of views, [N, N], rad."""
-    turns = Rotation.from_matrix(world_to_camera[:, :3, :3])
-    angles: F64 = np.stack([(turn * turns.inv()).magnitude() for turn in turns])
+    """Return the angles between the viewing directions of all pairs of views, [N, N], rad.
+
+    Turning about the viewing direction shows no other surface, and leaves a reversed path possible.
+    """
+    ahead = world_to_camera[:, 2, :3]
+    across = np.linalg.norm(np.cross(ahead[:, None], ahead[None]), axis=2)
+    angles: F64 = np.arctan2(across, ahead @ ahead.T)
     return angles
 
 

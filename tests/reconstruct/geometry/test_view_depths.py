@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.reconstruct.geometry import view_depths as module
 from gs2ci.reconstruct.geometry.motion import rays
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
+from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far, view_depths
 from tests.reconstruct.geometry.orbits import PLACES, around
 
 QUICK = SweepSettings(planes=48)
@@ -92,3 +92,12 @@ def test_a_path_turns_far_if_any_two_views_do(degrees, far):
     poses = np.tile(np.eye(4), (len(degrees), 1, 1))
     poses[:, :3, :3] = Rotation.from_euler("y", np.array(degrees)[:, None], degrees=True).as_matrix()
     assert turns_far(poses) is far
+
+
+def test_a_camera_that_turns_about_its_viewing_direction_sees_the_same_surfaces(scene):
+    roll = Rotation.from_euler("z", np.linspace(0, 90, len(scene.poses))[:, None], degrees=True).as_matrix()
+    along = np.tile(np.eye(4), (len(roll), 1, 1))
+    along[:, :3, :3] = roll
+    assert not turns_far(along)
+    rolled = along @ scene.poses
+    assert largest_turn_deg(rolled) == pytest.approx(largest_turn_deg(scene.poses))
