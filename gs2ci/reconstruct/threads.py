@@ -16,14 +16,22 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-def in_threads(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+def in_threads(
+    work: Callable[[_Item], _Result], items: Iterable[_Item], *, at_most: int | None = None
+) -> list[_Result]:
     """Do something with each item; the results are in the items' order, and do not depend on the number of threads.
+
+    Args:
+        work: What is done.
+        items: What it is done with.
+        at_most: How many at once, where each takes much memory.
 
     Raises:
         Exception: What `work` raises first.
     """
     # torch's own number is one while a measurement is reconstructed.
-    with ThreadPoolExecutor(max(1, numba.get_num_threads())) as pool:
+    threads = numba.get_num_threads() if at_most is None else min(at_most, numba.get_num_threads())
+    with ThreadPoolExecutor(max(1, threads)) as pool:
         return list(pool.map(work, items))
 
 

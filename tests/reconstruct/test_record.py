@@ -67,6 +67,6 @@ def test_where_there_is_no_path_none_is_doubted():
 )
 def test_a_scene_whose_camera_turned_far_is_compared_with_the_brief_decode(turn, brief, doubted):
     poses = np.tile(np.eye(4), (2, 1, 1))
-    poses[1, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    poses[1, :3:2, :3:2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     found = _path_unconfirmed(replace(FOUND, world_to_camera=poses), beside_decode(0.13, 0.08), brief)
     assert bool(found) == doubted

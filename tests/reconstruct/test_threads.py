@@ -21,6 +21,12 @@ def test_results_are_in_the_items_order_and_several_threads_work(monkeypatch):
     assert in_threads(work, []) == []
 
 
+def test_no_more_than_allowed_work_at_once(monkeypatch):
+    monkeypatch.setattr("numba.get_num_threads", lambda: 8)
+    seen = in_threads(lambda _: threading.get_ident(), range(20), at_most=1)
+    assert len(set(seen)) == 1
+
+
 def test_the_first_error_is_raised():
     with pytest.raises(ValueError, match="3"):
         in_threads(lambda item: (_ for _ in ()).throw(ValueError(item)) if item > 2 else item, range(5))

@@ -9,6 +9,7 @@ geometry of their scene. Not here: the scene itself (`mapper`), when it is used 
 """
 
 import itertools
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Final
 
@@ -35,6 +36,10 @@ _LEAST_CONTRAST: Final = 0.01
 # all views together, which bounds time and memory for matches.
 _STEEPEST: Final = 2
 _MOST_TILTED: Final = 64_000
+# SIFT doubles the enlarged picture and keeps it at 11 levels of blur, in four bytes each and in all octaves. So much
+# memory is taken for several views at once: half a gigabyte for one view of 720 x 960 px.
+_BYTES_PER_PX: Final = 16 * 11 * 4 * 4 // 3
+_FEATURES_BYTES: Final = 2**30
 # A match must be mutual, and nearer than this share of the distance to the second nearest feature (Lowe's test).
 _RATIO: Final = 0.8
 # Features are compared with those of another view so many at a time: of two views in tilted pictures, all at once would
@@ -101,8 +106,11 @@ def _of_camera(found: Geometry) -> tuple[Any, ...]:
 
 def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[MappedScene | None, int]:
     """Build one scene from all pairs, None unless every view joins it; and return how many views joined."""
-    with one_opencv_thread():
-        features = in_threads(lambda view: _features(view, _MOST_TILTED // len(views) if tilted else None), views)
+    at_once = max(1, _FEATURES_BYTES // (_BYTES_PER_PX * views.shape[1] * views.shape[2]))
+    with one_opencv_thread() if at_once > 1 else nullcontext():
+        features = in_threads(
+            lambda view: _features(view, _MOST_TILTED // len(views) if tilted else None), views, at_most=at_once
+        )
     pairs = {
         (i, j): matches
         for i, j in itertools.combinations(range(len(views)), 2)
