@@ -1,7 +1,7 @@
 """Independent pieces of work in as many threads as kernels may take.
 
 For libraries that compute without the interpreter's lock (NumPy, OpenCV, pycolmap). Not here: the threads of kernels
-(Numba's), and of fits (`gs2ci.reconstruct.fit.ensemble`).
+(Numba's), of fits (`gs2ci.reconstruct.fit.ensemble`), and why torch has one (`gs2ci.reconstruct.fit.one_thread`).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -38,9 +38,21 @@ def in_threads(
 @contextmanager
 def one_opencv_thread() -> Iterator[None]:
     """Run OpenCV's functions on one thread each, where several threads call them."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
+    with one_thread(cv2.getNumThreads, cv2.setNumThreads):
+        yield
+
+
+@contextmanager
+def one_thread(count: Callable[[], int], limit: Callable[[int], object]) -> Iterator[None]:
+    """Keep a library on one thread, and give it back as many as it had.
+
+    Args:
+        count: Tells how many threads the library takes.
+        limit: Sets that number.
+    """
+    before = count()
+    limit(1)
     try:
         yield
     finally:
-        cv2.setNumThreads(before)
+        limit(before)

@@ -5,6 +5,8 @@ from contextlib import contextmanager
 
 import torch
 
+from gs2ci.reconstruct.threads import one_thread
+
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
@@ -13,9 +15,5 @@ def one_torch_thread() -> Iterator[None]:
     Torch divides elements among its threads, so that the last bits of sums, products and sigmoids would depend on their
     number. Besides, its thread pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
     """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_thread(torch.get_num_threads, torch.set_num_threads):
         yield
-    finally:
-        torch.set_num_threads(before)
