@@ -61,6 +61,9 @@ LEAST_PATCH_GAIN: Final = 0.065
 # that share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm,
 # 0.6 to 0.8 times (`python -m tests.stability --only "moving object"`).
 BEHIND_DECODE: Final = 0.95
+# The same for a whole decode by similar patches, which may move. Photographs far apart, along a path that is right:
+# 1.03 times; a real fan, along a path that explains its turning badly: 1.23 times.
+BEHIND_PATCHES: Final = 1.1
 # If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
 # that box, 4.9 %. So for a scene whose fit only got worse, with motion in many blocks: a skater whom a camera follows,
 # 5.2 %, 66 % of the blocks; views are 1.2 dB better if things may move, the scene alone 3 dB. And for a scene without a
@@ -86,9 +89,10 @@ class MotionQuestion:
     Args:
         left: What motion would explain of the still fits' residual; None if it was not tested.
         gain: The share by which a few steps of the patch decode reduce the held-out residual of the still scene's
-            refined views; None if they were not tried.
+            refined views, or by which that of a whole decode by patches is smaller, if there is one and it is more;
+            None if they were not tried.
         behind_decode: Whether the held-out residual of the best still scene is barely smaller than that of the decode,
-            or larger.
+            or larger; larger by a tenth than that of a whole decode by patches.
         got_worse: Whether the held-out residual of the best still fit ended clearly above its least value.
         no_path: Whether the camera was found at rest, or only to turn.
     """

@@ -29,6 +29,7 @@ from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
+    BEHIND_PATCHES,
     LEAST_GAIN,
     MOVING,
     RELEASED,
@@ -190,25 +191,29 @@ class Attempts:
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
         gain = self._gain(refined, PatchSettings.from_scene_briefly())
+        if still.look.decoder == "patches":
+            gain = max(gain, self._gain_of(refined, still.look.decoded))
         no_path = still.geometry.verdict != "full"
         return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path)
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
 
-        Never so for a whole decode by patches, which follows moving things and may be better than any scene.
+        A whole decode by patches, which follows moving things, may be better than a scene that is right: less is asked.
         """
-        if still.look.decoder == "patches":
-            return False
+        least = BEHIND_PATCHES if still.look.decoder == "patches" else BEHIND_DECODE
         fitted, decoded = (
             self.fits.holdout.residual_rms(one) for one in (still.ensemble.best.views, still.look.decoded)
         )
-        return fitted is not None and decoded is not None and fitted >= BEHIND_DECODE * decoded > 0
+        return fitted is not None and decoded is not None and fitted >= least * decoded > 0
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
         """Return the share by which a patch decode that starts from these views reduces their held-out residual."""
-        before = self.fits.holdout.residual_rms(refined)
-        after = self.fits.holdout.residual_rms(patch_decode_from(self.fits.holdout.seen, refined, steps))
+        return self._gain_of(refined, patch_decode_from(self.fits.holdout.seen, refined, steps))
+
+    def _gain_of(self, refined: F32, decoded: F32) -> float:
+        """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""
+        before, after = (self.fits.holdout.residual_rms(views) for views in (refined, decoded))
         return 0.0 if not before or after is None else 1 - after / before
 
     def _compared(

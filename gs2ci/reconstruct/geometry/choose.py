@@ -225,7 +225,7 @@ def _matched(request: Request, tracks: Geometry) -> _Answer:
     found = matched_motion(request, tracks)
     if found.verdict != "full":
         partly = tuple(note for note in found.notes if note.code == Code.VIEWS_JOIN_IN_PART)
-        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (not every view joins one scene)", partly)
+        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (no scene that all views join)", partly)
     answer = _judged(request, _WIDE, found)
     return answer if answer.left < _CLEARLY * _left_at_rest(request, found) else replace(answer, geometry=None)
 

@@ -14,16 +14,13 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth
+from gs2ci.reconstruct.geometry.view_depths import known
 
 # Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
 # The depth of a border pixel and its position in the middle view depend on each other; they are iterated, and converge
 # fast, since the motion is small.
 _RIM_STEPS = 3
-# A point of a further view is new where the depths of those before differ by more than this share. With a third of it
-# there were 40 % more points, and scenes were no better.
-_SAME_DEPTH = 0.03
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,8 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
     for number, depth in enumerate(geometry.view_depths[1:], start=1):
         along = depth.inverse_depth[at_grid].astype(np.float64)
         points = _lifted(geometry, directions, along, depth.view)
-        new = ~np.any([_known(geometry, points, before) for before in geometry.view_depths[:number]], axis=0)
+        before = geometry.view_depths[:number]
+        new = ~np.any([known(points, one, geometry.world_to_camera, geometry.intrinsics) for one in before], axis=0)
         positions.append(points[new])
         colours.append(views[depth.view][at_grid][new])
         spacing.append(1 / along[new])
@@ -114,16 +112,6 @@ def _inside(pixels: F64, picture: F32) -> Bool:
 def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:
     """Lift pixels of a view, given as directions: points in the axes of the reference view, [P, 3]."""
     return in_world(directions / inverse_depth[:, None], geometry.world_to_camera[view])
-
-
-def _known(geometry: Geometry, points: F64, depth: ViewDepth) -> Bool:
-    """Tell which points, [P, 3], lie on the surface that a view's depth shows."""
-    pixels, ahead = _project(geometry, points, depth.view)
-    inside = _inside(pixels, depth.inverse_depth)
-    known = np.zeros(len(points), bool)
-    column, row = pixels[inside].astype(int).T
-    known[inside] = np.abs(ahead[inside] * depth.inverse_depth[row, column] - 1) < _SAME_DEPTH
-    return known
 
 
 def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F64, F64]:

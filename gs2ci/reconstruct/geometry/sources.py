@@ -92,11 +92,14 @@ class FromWide:
         """Find the geometry; see `GeometryPrior`.
 
         Raises:
-            GeometryError: The views do not all join one scene.
+            GeometryError: The views do not all join one scene, or their depths along its path do not agree.
         """
         found = matched_motion(request, from_tracks(request, progress))
         if found.verdict != "full":
-            raise GeometryError("features matched between all pairs of views do not join them into one scene")
+            raise GeometryError(
+                "features matched between all pairs of views do not join them into one scene, or their depths disagree",
+                remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
+            )
         return found
 
 

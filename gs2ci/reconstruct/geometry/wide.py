@@ -25,7 +25,7 @@ from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.validity import doubts_about_path
-from gs2ci.reconstruct.geometry.view_depths import turns_far, view_depths
+from gs2ci.reconstruct.geometry.view_depths import depths_agree, turns_far, view_depths
 from gs2ci.reconstruct.threads import in_threads, one_opencv_thread
 
 # Decoded views are blurred: features are detected at twice their size, with equalised local contrast.
@@ -57,8 +57,9 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         tilted: Whether features are found in tilted pictures, too.
 
     Returns:
-        A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene or too few
-        points confirm it. A finding says how many views joined, if any did.
+        A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene, if too few
+        points confirm it, or if it turns far and the depths of the views along it do not agree. A finding says how many
+        views joined, if any did.
     """
     scene, joined = _grown(request.views, found.intrinsics, tilted=tilted)
     still = at_rest(found)
@@ -77,6 +78,8 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
     if far:
         points = (scene.points @ to_reference[:3, :3].T + to_reference[:3, 3]) * unit
         depths = view_depths(request.views, relative, still.intrinsics, still.reference, points, settings.sweep)
+        if not depths_agree(depths, relative, still.intrinsics):
+            return still
         depth = depths[0].inverse_depth
     else:
         span, depths = inverse_depth_range(ahead / unit, settings.sweep), ()

@@ -15,6 +15,7 @@ from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.choice import ranking
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import MotionQuestion
 from gs2ci.reconstruct.settings import Settings
 
@@ -218,6 +219,35 @@ def test_a_fit_got_worse_if_its_residual_ends_clearly_above_its_least(left, wors
     curve = tuple(CurvePoint(1.0, 50 * (k + 1), 0.1, one, None, 5) for k, one in enumerate(left))
     still = SimpleNamespace(ensemble=SimpleNamespace(best=SimpleNamespace(curve=curve)))
     assert choice._got_worse(still) == worse
+
+
+@pytest.mark.parametrize(
+    ("decoder", "scene", "behind"),
+    [("gap-tv", 0.096, True), ("gap-tv", 0.094, False), ("patches", 0.109, False), ("patches", 0.111, True)],
+)
+def test_a_scene_is_behind_patches_only_if_it_is_clearly_worse(decoder, scene, behind):
+    still = SimpleNamespace(
+        ensemble=SimpleNamespace(best=SimpleNamespace(views=scene)),
+        look=SimpleNamespace(decoder=decoder, decoded=0.1),
+    )
+    assert choice.Attempts(Tries({}))._is_behind_decode(still) is behind
+
+
+@pytest.mark.parametrize(
+    ("decoder", "decoded", "gain"), [("gap-tv", 0.05, 0.2), ("patches", 0.05, 0.5), ("patches", 0.09, 0.2)]
+)
+def test_a_whole_decode_by_patches_counts_as_the_steps_that_follow_the_fit_do(monkeypatch, decoder, decoded, gain):
+    monkeypatch.setattr(choice, "ask", lambda *_: LeftByMotion(0.1, 0.1, np.zeros((1, 1, 2))))
+    monkeypatch.setattr(choice, "patch_decode_from", lambda *_: 0.08)
+    tries = Tries({})
+    tries.holdout.seen = None
+    best = SimpleNamespace(views=0.1, curve=())
+    still = SimpleNamespace(
+        ensemble=SimpleNamespace(views=0.1, best=best),
+        look=SimpleNamespace(decoder=decoder, decoded=decoded),
+        geometry=SimpleNamespace(verdict="full"),
+    )
+    assert choice.Attempts(tries)._question(still).gain == pytest.approx(gain)
 
 
 class Apart(Tries):

@@ -7,7 +7,15 @@ from scipy.spatial.transform import Rotation
 from gs2ci.reconstruct.geometry import view_depths as module
 from gs2ci.reconstruct.geometry.motion import rays
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far, view_depths
+from gs2ci.reconstruct.geometry.view_depths import (
+    ViewDepth,
+    agreement,
+    depths_agree,
+    known,
+    largest_turn_deg,
+    turns_far,
+    view_depths,
+)
 from tests.reconstruct.geometry.orbits import PLACES, around
 
 QUICK = SweepSettings(planes=48)
@@ -101,3 +109,52 @@ def test_a_camera_that_turns_about_its_viewing_direction_sees_the_same_surfaces(
     assert not turns_far(along)
     rolled = along @ scene.poses
     assert largest_turn_deg(rolled) == pytest.approx(largest_turn_deg(scene.poses))
+
+
+def true_depths(scene):
+    return tuple(ViewDepth(view, true_depth(scene, view).astype(np.float32)) for view in range(len(scene.poses)))
+
+
+def test_depths_of_the_same_surfaces_agree(scene):
+    # What one view sees of the wall is hidden from others by the panel.
+    assert agreement(true_depths(scene), scene.poses, scene.intrinsics) > 0.8
+    found = swept(scene)
+    assert agreement(found, scene.poses, scene.intrinsics) > 0.4
+    assert depths_agree(found, scene.poses, scene.intrinsics)
+
+
+def test_depths_along_a_wrong_path_agree_hardly_more_than_at_random(scene):
+    poses = np.concatenate([scene.poses[2:], scene.poses[:2]])
+    found = view_depths(scene.views, poses, scene.intrinsics, REFERENCE, points_of(scene), QUICK)
+    assert not depths_agree(found, poses, scene.intrinsics)
+
+
+def test_depths_at_random_agree_by_chance_alone(scene):
+    draw = np.random.default_rng(1)
+    height, width = scene.inverse_depth.shape
+    drawn = tuple(
+        ViewDepth(view, draw.uniform(0.5, 1.5, (height, width)).astype(np.float32)) for view in range(len(scene.poses))
+    )
+    assert abs(agreement(drawn, scene.poses, scene.intrinsics)) < 0.02
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_nothing_agrees_with_a_single_view(scene, count):
+    assert agreement(true_depths(scene)[:count], scene.poses, scene.intrinsics) == 0
+    assert not depths_agree(true_depths(scene)[:count], scene.poses, scene.intrinsics)
+
+
+def test_views_that_look_away_from_each_other_share_no_surface(scene):
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, :3, :3] = Rotation.from_euler("y", 180, degrees=True).as_matrix()
+    depths = tuple(ViewDepth(view, np.ones(scene.inverse_depth.shape, np.float32)) for view in range(2))
+    assert agreement(depths, poses, scene.intrinsics) == 0
+
+
+def test_a_point_is_known_where_a_view_shows_its_surface(scene):
+    depth = ViewDepth(REFERENCE, scene.inverse_depth)
+    points = points_of(scene)[::97]
+    for scale, lies in ((1.0, True), (1.02, True), (1.05, False), (-1.0, False)):
+        found = known(points * scale, depth, scene.poses, scene.intrinsics)
+        assert found.shape == (len(points),)
+        assert (found == lies).all()

@@ -74,6 +74,14 @@ def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, w
         load_geometry_prior("wide")(request, Silent())
 
 
+def test_a_path_along_which_depths_of_views_disagree_is_not_taken(request_for, monkeypatch):
+    monkeypatch.setattr(wide, "depths_agree", lambda *_: False)
+    request = request_for()
+    found = wide_motion(request, flat(request))
+    assert (found.verdict, found.view_depths) == ("unsupported", ())
+    np.testing.assert_array_equal(found.world_to_camera, np.tile(np.eye(4), (len(PLACES), 1, 1)))
+
+
 def test_views_that_turn_less_have_one_depth_and_an_open_order(expose, scene):
     few = [3, 2, 0]  # 8° from the first to the last
     near = replace(scene, views=scene.views[few], poses=scene.poses[few])
