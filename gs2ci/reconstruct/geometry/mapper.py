@@ -11,6 +11,7 @@ pairs with the most confirmed matches, and the one that explains most is the bes
 Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
 """
 
+import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -32,6 +33,10 @@ from gs2ci.reconstruct.threads import in_threads
 LEAST_MATCHES: Final = 15
 """Fewest matches of a pair of views that are used."""
 _MATCH_PX: Final = 2.0
+# A pair needs `LEAST_MATCHES` right matches. So many trials find as many among all its matches with this probability; a
+# pair with fewer is not used, however long they are sought. The larger of the models that are tried takes so many.
+_FOUND: Final = 0.9999
+_OF_A_MODEL: Final = 7
 # For the scene: fewest points that a view needs to join, and largest errors and least angles of its points.
 _LEAST_POINTS_TO_JOIN: Final = 12
 _LEAST_TO_BEGIN: Final = 30
@@ -122,11 +127,10 @@ def _write(
             database.write_frame(frame)
             database.write_keypoints(image.image_id, at)
             ids.append(image.image_id)
-        options = pycolmap.TwoViewGeometryOptions()
-        options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = LEAST_MATCHES, _MATCH_PX, _SEED
 
         def confirm(pair: tuple[int, int]) -> Any:
             one, other = (places[k].astype(np.float64) for k in pair)
+            options = _confirming(len(pairs[pair]))
             return pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, pairs[pair], options)
 
         for ((i, j), matches), geometry in zip(pairs.items(), in_threads(confirm, pairs), strict=True):
@@ -136,6 +140,21 @@ def _write(
     finally:
         database.close()
     return ids, confirmed
+
+
+def _confirming(matches: int) -> Any:
+    """Return the options with which a pair's matches are confirmed."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = LEAST_MATCHES, _MATCH_PX, _SEED
+    options.ransac.max_num_trials = min(options.ransac.max_num_trials, _trials(matches))
+    options.ransac.min_num_trials = min(options.ransac.min_num_trials, options.ransac.max_num_trials)
+    return options
+
+
+def _trials(matches: int) -> int:
+    """Return how many draws of a model's matches find one of right matches alone, if `LEAST_MATCHES` are right."""
+    all_right = (LEAST_MATCHES / matches) ** _OF_A_MODEL
+    return 1 if all_right >= 1 else math.ceil(math.log(1 - _FOUND) / math.log1p(-all_right))
 
 
 def _grown(database: Path, first: int, second: int) -> Any | None:

@@ -98,3 +98,13 @@ def test_too_few_matches_begin_nothing(matches):
     places = seen_from(POSES, points_of(50, rng), rng)
     pairs = all_pairs(5, np.arange(matches)) if matches else {}
     assert grown_scene(list(places), pairs, INTRINSICS, SIZE) == (None, 0)
+
+
+def test_no_more_trials_than_find_as_many_right_matches_as_a_pair_needs():
+    assert mapper._trials(mapper.LEAST_MATCHES) == 1
+    for matches in (20, 30, 45):
+        missed = (1 - (mapper.LEAST_MATCHES / matches) ** 7) ** mapper._trials(matches)
+        assert 0.9e-4 < missed < 1e-4
+    few, many = mapper._confirming(16).ransac, mapper._confirming(2000).ransac
+    assert few.max_num_trials == few.min_num_trials == mapper._trials(16)
+    assert (many.min_num_trials, many.max_num_trials) == (100, 10_000)
