@@ -9,9 +9,9 @@ scenes follow the masks' times too, so a positive test is checked by a second on
 may move, continues from the fits' views for a few steps. Moving Gaussians are fitted only if the decode explains
 clearly more of the measurement, or if the still scene is barely better than the decode. There are two attempts: new
 fits start from the flow between the views, with the camera at rest; and the still fits are continued with motion
-allowed, along their camera path, or without one if the first attempt was not clearly better than the still scene. The
-held-out pixels choose between all of them; a moving scene has more freedom than a still one, and has to be clearly
-better.
+allowed, along their camera path. If there is none, or nothing confirms it, they are continued only if the first attempt
+was not clearly better than the still scene. The held-out pixels choose between all of them; a moving scene has more
+freedom than a still one, and has to be clearly better.
 
 Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fits`), the choice
 (`attempts`).

@@ -94,9 +94,11 @@ class Attempts:
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
             residuals[MOVING] = self._residual(attempts[MOVING].ensemble.views)
-        # Without a path both moving scenes are of a camera at rest, and differ by their start alone.
-        alike = still.look.geometry.verdict != "full" and _clearly_less(residuals.get(MOVING), residuals[STILL])
-        if not (alike or self.fits.halt.asked):
+        # Without a path both moving scenes are of a camera at rest, and differ by their start alone. Along a doubtful
+        # path that explains less than things that move before a camera at rest, nothing is worth continuing.
+        doubtful = is_wanted(still.look.geometry, self.fits.settings.geometry)
+        settled = doubtful and _clearly_less(residuals.get(MOVING), residuals[STILL])
+        if not (settled or self.fits.halt.asked):
             attempts[RELEASED] = self.fits.release(still)
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views)
         tried = self._moving_or_still(attempts, residuals)

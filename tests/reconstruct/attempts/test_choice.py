@@ -158,13 +158,22 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
 
 
 @pytest.mark.parametrize(
-    ("verdict", "moves", "released"),
-    [("unsupported", 0.02, False), ("unsupported", 0.0299, True), ("full", 0.02, True)],
+    ("source", "verdict", "error", "moves", "released"),
+    [
+        ("tracks", "unsupported", None, 0.02, False),
+        ("tracks", "unsupported", None, 0.0299, True),
+        ("uniform", "full", None, 0.02, False),
+        ("uniform", "full", None, 0.0299, True),
+        ("tracks", "full", 0.3, 0.02, False),
+        ("tracks", "full", 0.01, 0.02, True),
+        ("file", "full", None, 0.02, True),
+    ],
 )
-def test_still_fits_are_continued_along_a_path_or_where_new_moving_fits_are_not_clearly_better(
-    monkeypatch, moving, verdict, moves, released
+def test_still_fits_are_continued_along_a_sure_path_or_where_new_moving_fits_are_not_clearly_better(
+    monkeypatch, moving, source, verdict, error, moves, released
 ):
-    first = Named(None, 0.05, replace(moving.geometry, verdict=verdict), None)
+    geometry = replace(moving.geometry, source=source, verdict=verdict, path_error_expected=error)
+    first = Named(None, 0.05, geometry, None)
     tries, made = Tries({"first": 0.03}), []
 
     def attempt(look, left):
