@@ -77,7 +77,7 @@ def draw_overview(shot: Shot, result: RunResult, report: Report) -> Figure:
     panel = page.panels()
     view = result.views.shape[0] // 2
     _image_panels(panel, shot, result, report, view=view)
-    _depth_panel(panel["depth"], result, view)
+    _depth_panel(panel["depth"], result, report, view)
     _path_panel(panel["path"], shot, result, report)
     _curve_panel(panel["curve"], report)
     for row, line in enumerate(notes):
@@ -205,7 +205,7 @@ def _error_panel(axes: Axes, recovered: F32, truth: F32) -> None:
     panels.title(axes, "Error", "mean |result − truth|")
 
 
-def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
+def _depth_panel(axes: Axes, result: RunResult, report: Report, view: int) -> None:
     depth = None if result.depth is None else result.depth[view]
     if depth is None or not (depth > 0).any():
         panels.title(axes, "Depth")
@@ -214,13 +214,14 @@ def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
     inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
     limits = inverse_depth_limits(inverse.compressed())
     panels.scaled_map(axes, inverse, limits, colormap="viridis", reading=lambda value: 1 / value)
-    panels.title(axes, "Depth", f"view {view + 1}, {result.geometry.get('unit_of') or 'scene'} units")
+    units = f"{result.geometry.get('unit_of') or 'scene'} units" if _has_path(report) else "no path found"
+    panels.title(axes, "Depth", f"view {view + 1}, {units}")
 
 
 def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> None:
     truth, recovered = shot.truth.world_to_camera, result.world_to_camera
     if truth is None:
-        panels.title(axes, "Camera path", "from above")
+        panels.title(axes, "Camera path", "from above" if _has_path(report) else "none found")
         panels.camera_path(axes, _inverse(recovered), None)
         return
     errors = report.trajectory
@@ -228,6 +229,11 @@ def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> No
         nate = "" if errors.nate is None else f"nATE {errors.nate:.4f}  ·  "
         panels.title(axes, "Camera path", f"{nate}{errors.rotation_deg:.2f}°")
     panels.camera_path(axes, _inverse(align(recovered, truth).apply(recovered)), _inverse(truth))
+
+
+def _has_path(report: Report) -> bool:
+    """Tell whether a camera path was found; otherwise depth and path show where the fit moved a camera at rest."""
+    return report.geometry is None or report.geometry.verdict == "full"
 
 
 def _curve_panel(axes: Axes, report: Report) -> None:

@@ -103,6 +103,19 @@ def test_what_was_not_found_is_said_in_its_place(make_run):
     assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "depth", "path"),
+    [("full", "scene units", "from above"), ("unsupported", "no path found", "none found")],
+)
+def test_depth_and_path_say_that_no_path_was_found(make_run, verdict, depth, path):
+    shot, result = make_run(truth=False)
+    geometry = {**result.geometry, "verdict": verdict, "unit_of": None}
+    _, figure, axes = drawn(shot, replace(result, geometry=geometry))
+    assert axes["Depth"].get_title("right").endswith(depth)
+    assert axes["Camera path"].get_title("right") == path
+    assert_nothing_overlaps_or_leaves_the_page(figure)
+
+
 def test_depth_where_nothing_is_seen_stays_pale(make_run):
     shot, result = make_run()
     depth = result.depth.copy()

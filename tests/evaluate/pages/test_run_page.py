@@ -57,6 +57,15 @@ def test_the_error_to_be_expected_of_the_path_stands_beside_it(text):
     assert "0.0123" in facts
 
 
+@pytest.mark.parametrize(("verdict", "found"), [("full", True), ("static", False), ("unsupported", False)])
+def test_cameras_without_a_path_are_not_called_one(evidence, verdict, found):
+    geometry = evidence.report.geometry.model_copy(update={"verdict": verdict})
+    without = replace(evidence, true_world_to_camera=None, stage_world_to_camera=None)
+    page = run_page(changed(without, geometry=geometry))
+    assert ("The recovered path; its unit is the scene" in page) is found
+    assert ("No path was found" in page) is not found
+
+
 def test_the_verdict_comes_first_with_figures_and_units(text, evidence):
     report = evidence.report
     top = text[text.index("<header") : text.index("<main")]
