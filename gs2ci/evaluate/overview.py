@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.findings import Finding
+from gs2ci.core.findings import REMARK, Finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import panels
@@ -44,7 +44,7 @@ CHART_INSET: Final = 0.45
 PANEL_WIDTHS: Final = (3.4, 4.0)
 PANEL_HEIGHTS: Final = (0.7, 4.6)
 CHART_HEIGHT: Final = 2.2
-MAX_NOTE_LINES: Final = 4
+MAX_NOTE_LINES: Final = 6
 
 
 def write_overview(path: Path, shot: Shot, result: RunResult, report: Report) -> None:
@@ -265,9 +265,10 @@ def _decibels(psnr_db: OfViews | None, view: int) -> str:
 
 
 def _note_lines(notes: Sequence[Finding], room: float) -> list[str]:
-    """Break the notes into lines of `room` inches; if they do not all fit, a line refers to the report."""
+    """Break the notes into lines of `room` inches, remarks last; if not all fit, a line refers to the report."""
     # 9 pt DejaVu Sans sets 14 characters to the inch.
-    lines = [line for note in notes for line in textwrap.wrap(note.sentence, width=int(room * 14))]
+    ranked = sorted(notes, key=lambda note: note.code.weight is REMARK)
+    lines = [line for note in ranked for line in textwrap.wrap(note.sentence, width=int(room * 14))]
     if len(lines) > MAX_NOTE_LINES:
         lines = [*lines[: MAX_NOTE_LINES - 1], "More notes are in report.json."]
     return lines

@@ -178,6 +178,15 @@ def test_long_names_and_notes_are_cut_and_dollars_mean_dollars(make_run):
     assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
+def test_doubts_stand_above_remarks(make_run):
+    shot, result = make_run()
+    remark = finding(Code.VIEWS_COMBINED, refined=0.5, scene=0.5, decode=0.0)
+    doubt = finding(Code.DEPTH_STARTS_AS_PLANE)
+    _, figure, _ = drawn(shot, replace(result, notes=(remark, doubt)))
+    lines = [text.get_text() for text in figure.texts]
+    assert lines.index(doubt.sentence) < next(k for k, line in enumerate(lines) if remark.sentence.startswith(line))
+
+
 def test_a_bayer_measurement_is_named_by_its_pattern(make_run):
     shot, result = make_run()
     mosaic = replace(shot, measurement=shot.measurement[..., :1], cfa="RGGB")
