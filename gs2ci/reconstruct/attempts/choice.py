@@ -25,6 +25,7 @@ from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
+from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.moving import (
@@ -96,8 +97,9 @@ class Attempts:
             residuals[MOVING] = self._residual(attempts[MOVING].ensemble.views)
         # Without a path both moving scenes are of a camera at rest, and differ by their start alone. Along a doubtful
         # path that explains less than things that move before a camera at rest, nothing is worth continuing.
-        doubtful = is_wanted(still.look.geometry, self.fits.settings.geometry)
-        settled = doubtful and _clearly_less(residuals.get(MOVING), residuals[STILL])
+        geometry = still.look.geometry
+        sure = geometry.verdict == "full" and not is_doubtful(geometry, self.fits.settings.geometry.criteria)
+        settled = not sure and _clearly_less(residuals.get(MOVING), residuals[STILL])
         if not (settled or self.fits.halt.asked):
             attempts[RELEASED] = self.fits.release(still)
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views)
@@ -192,16 +194,18 @@ class Attempts:
         if not speaks_for_motion(left):
             return MotionQuestion(left)
         refined = self.fits.refine(still.ensemble.views)
-        gain = self._gain(refined, PatchSettings.from_scene_briefly())
+        further = [patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())]
         if still.look.decoder == "patches":
-            gain = max(gain, self._gain_of(refined, still.look.decoded))
+            further.append(still.look.decoded)
+        gain = max(self._gain(refined, decoded) for decoded in further)
         no_path = still.geometry.verdict != "full"
         return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path)
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
 
-        A whole decode by patches, which follows moving things, may be better than a scene that is right: less is asked.
+        A whole decode by patches follows moving things, and may be better than a scene that is right: against it the
+        scene has to be clearly worse.
         """
         least = BEHIND_PATCHES if still.look.decoder == "patches" else BEHIND_DECODE
         fitted, decoded = (
@@ -209,11 +213,7 @@ class Attempts:
         )
         return fitted is not None and decoded is not None and fitted >= least * decoded > 0
 
-    def _gain(self, refined: F32, steps: PatchSettings) -> float:
-        """Return the share by which a patch decode that starts from these views reduces their held-out residual."""
-        return self._gain_of(refined, patch_decode_from(self.fits.holdout.seen, refined, steps))
-
-    def _gain_of(self, refined: F32, decoded: F32) -> float:
+    def _gain(self, refined: F32, decoded: F32) -> float:
         """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""
         before, after = (self.fits.holdout.residual_rms(views) for views in (refined, decoded))
         return 0.0 if not before or after is None else 1 - after / before

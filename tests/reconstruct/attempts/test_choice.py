@@ -167,6 +167,8 @@ def test_motion_is_asked_of_the_first_fit_only_if_its_path_is_kept(monkeypatch, 
         ("tracks", "full", 0.3, 0.02, False),
         ("tracks", "full", 0.01, 0.02, True),
         ("file", "full", None, 0.02, True),
+        ("stage", "unsupported", None, 0.02, False),
+        ("file", "static", None, 0.02, False),
     ],
 )
 def test_still_fits_are_continued_along_a_sure_path_or_where_new_moving_fits_are_not_clearly_better(
