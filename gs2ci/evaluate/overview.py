@@ -214,14 +214,14 @@ def _depth_panel(axes: Axes, result: RunResult, report: Report, view: int) -> No
     inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
     limits = inverse_depth_limits(inverse.compressed())
     panels.scaled_map(axes, inverse, limits, colormap="viridis", reading=lambda value: 1 / value)
-    units = f"{result.geometry.get('unit_of') or 'scene'} units" if _has_path(report) else "no path found"
+    units = "no path found" if report.lacks_path else f"{result.geometry.get('unit_of') or 'scene'} units"
     panels.title(axes, "Depth", f"view {view + 1}, {units}")
 
 
 def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> None:
     truth, recovered = shot.truth.world_to_camera, result.world_to_camera
     if truth is None:
-        panels.title(axes, "Camera path", "from above" if _has_path(report) else "none found")
+        panels.title(axes, "Camera path", "none found" if report.lacks_path else "from above")
         panels.camera_path(axes, _inverse(recovered), None)
         return
     errors = report.trajectory
@@ -229,11 +229,6 @@ def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> No
         nate = "" if errors.nate is None else f"nATE {errors.nate:.4f}  ·  "
         panels.title(axes, "Camera path", f"{nate}{errors.rotation_deg:.2f}°")
     panels.camera_path(axes, _inverse(align(recovered, truth).apply(recovered)), _inverse(truth))
-
-
-def _has_path(report: Report) -> bool:
-    """Tell whether a camera path was found; otherwise depth and path show where the fit moved a camera at rest."""
-    return report.geometry is None or report.geometry.verdict == "full"
 
 
 def _curve_panel(axes: Axes, report: Report) -> None:

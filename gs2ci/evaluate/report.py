@@ -362,6 +362,11 @@ class Report(ReportSection):
         """Get the residual of the recovered views on the held-out pixels."""
         return self.residual.heldout_rms.of(self.verdict)
 
+    @property
+    def lacks_path(self) -> bool:
+        """Get whether no camera path was found: depth and path then show where the fit moved a camera at rest."""
+        return self.geometry is not None and self.geometry.verdict != "full"
+
     def found(self, code: Code) -> Finding | None:
         """Return the first finding of a kind; None where there is none."""
         return next((note for note in (self.stopped, *self.notes) if note.code is code), None)

@@ -14,7 +14,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import known
+from gs2ci.reconstruct.geometry.view_depths import grid, in_picture, known, project
 
 # Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
@@ -50,9 +50,9 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
         Points of the reference view; those of further views with depths of their own that are new; then those that only
         other views see, from the farthest view on.
     """
-    grid = _grid(views.shape[1:3], stride)
-    directions = rays(grid, geometry.intrinsics)
-    at_grid = (grid[..., 1].astype(int), grid[..., 0].astype(int))
+    pixels = grid(views.shape[1:3], stride)
+    directions = rays(pixels, geometry.intrinsics)
+    at_grid = (pixels[..., 1].astype(int), pixels[..., 0].astype(int))
     inverse_depth = geometry.inverse_depth[at_grid].astype(np.float64)
     positions = [directions / inverse_depth[:, None]]
     colours = [views[geometry.reference][at_grid]]
@@ -83,30 +83,13 @@ def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
     )
 
 
-def _grid(size: tuple[int, ...], stride: int) -> F64:
-    """List the centres of every `stride`-th pixel as (x, y), [P, 2]."""
-    y, x = np.mgrid[0 : size[0] : stride, 0 : size[1] : stride]
-    return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
-
-
-def _project(geometry: Geometry, points: F64, view: int) -> tuple[F64, F64]:
-    """Project points, [P, 3], to pixels, [P, 2], and depths, [P]."""
-    pose = geometry.world_to_camera[view]
-    in_camera = (points @ pose[:3, :3].T + pose[:3, 3]) @ geometry.intrinsics.T
-    depth = in_camera[:, 2]
-    return in_camera[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
+def _project(geometry: Geometry, points: F64, view: int) -> F64:
+    """Project points, [P, 3], to pixels of a view, [P, 2]; NaN behind its camera."""
+    return project(points, geometry.world_to_camera[view], geometry.intrinsics)[0]
 
 
 def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
-    pixels, _ = _project(geometry, points, view)
-    return _inside(pixels, geometry.inverse_depth)
-
-
-def _inside(pixels: F64, picture: F32) -> Bool:
-    """Tell which pixels, [P, 2], lie in a picture, [H, W]; a point behind the camera has NaN, and does not."""
-    height, width = picture.shape
-    inside = (pixels >= 0) & (pixels < (width, height))
-    return inside[:, 0] & inside[:, 1]
+    return in_picture(_project(geometry, points, view), geometry.inverse_depth.shape)
 
 
 def _lifted(geometry: Geometry, directions: F64, inverse_depth: F64, view: int) -> F64:
@@ -124,7 +107,7 @@ def _rim(geometry: Geometry, smooth: F32, directions: F64, view: int) -> tuple[F
     inverse_depth = np.full(len(directions), float(np.median(smooth)))
     for _ in range(_RIM_STEPS):
         points = _lifted(geometry, directions, inverse_depth, view)
-        pixels, _ = _project(geometry, points, geometry.reference)
+        pixels = _project(geometry, points, geometry.reference)
         nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
         inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
     return inverse_depth, _lifted(geometry, directions, inverse_depth, view)

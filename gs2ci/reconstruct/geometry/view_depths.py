@@ -8,8 +8,8 @@ swept with the views nearest to it (docs/decisions/0117-first-points-from-severa
 Along a path that is wrong the depths of the views contradict each other: along one that matches on a real turning fan
 gave, they agreed no better than depths at random (docs/decisions/0124-depths-of-views-agree.md).
 
-Here: when a path turns far, which views are swept, their depths, and how far these agree. Not here: the sweep
-(`surface_map`), the points that follow (`points`).
+Here: when a path turns far, which views are swept, their depths, how far these agree, and where views show points. Not
+here: the sweep (`surface_map`), the points that follow (`points`).
 """
 
 import math
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
+from gs2ci.reconstruct.geometry.motion import rays
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range
 
@@ -154,22 +155,36 @@ def agreement(depths: tuple[ViewDepth, ...], world_to_camera: F64, intrinsics: F
     return (agreed - by_chance) / (compared - by_chance) if compared > by_chance else 0.0
 
 
+def grid(size: tuple[int, ...], step: int) -> F64:
+    """List the centres of every `step`-th pixel, along rows and columns, as (x, y), [P, 2]."""
+    y, x = np.mgrid[0 : size[0] : step, 0 : size[1] : step]
+    return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
+
+
+def project(points: F64, pose: F64, intrinsics: F64) -> tuple[F64, F64]:
+    """Project points, [P, 3], to pixels, [P, 2], NaN behind the camera, and depths, [P]."""
+    in_camera = (points @ pose[:3, :3].T + pose[:3, 3]) @ intrinsics.T
+    depth = in_camera[:, 2]
+    return in_camera[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
+
+
+def in_picture(pixels: F64, size: tuple[int, ...]) -> Bool:
+    """Tell which pixels, [P, 2], lie in a picture of a height and width; a point behind the camera has NaN: not."""
+    inside = (pixels >= 0) & (pixels < (size[1], size[0]))
+    return inside[:, 0] & inside[:, 1]
+
+
 def _points(depth: ViewDepth, pose: F64, intrinsics: F64) -> F64:
     """Lift some pixels of a view to the world, [P, 3]."""
-    height, width = depth.inverse_depth.shape
-    rows, columns = np.mgrid[0:height:_EVERY, 0:width:_EVERY].reshape(2, -1)
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-    rays = pixels @ np.linalg.inv(intrinsics).T
-    return in_world(rays / depth.inverse_depth[rows, columns, None], pose)
+    pixels = grid(depth.inverse_depth.shape, _EVERY)
+    columns, rows = pixels.astype(int).T
+    return in_world(rays(pixels, intrinsics) / depth.inverse_depth[rows, columns, None], pose)
 
 
 def _compared(points: F64, depth: ViewDepth, world_to_camera: F64, intrinsics: F64) -> tuple[Bool, F64, F32]:
     """Return which points, [P, 3], a view's picture shows, their depths in it, and the inverse depths it has there."""
-    pose, (height, width) = world_to_camera[depth.view], depth.inverse_depth.shape
-    in_camera = (points @ pose[:3, :3].T + pose[:3, 3]) @ intrinsics.T
-    along = in_camera[:, 2]
-    pixels = in_camera[:, :2] / np.where(along > 0, along, np.nan)[:, None]
-    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    pixels, along = project(points, world_to_camera[depth.view], intrinsics)
+    inside = in_picture(pixels, depth.inverse_depth.shape)
     columns, rows = pixels[inside].astype(int).T
     return inside, along[inside], depth.inverse_depth[rows, columns]
 
