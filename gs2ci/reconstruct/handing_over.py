@@ -6,6 +6,8 @@
     best scene ───────────────────────────────────────────────────────────────┼─► weights by held-out pixels
     decode, uncoupled and coupled (unless far off) ───────────────────────────┘   ─► the combination, from all pixels
 
+Where the fits' views surely err over time and those of the decode do not, the latter take their place first.
+
 Polishing is a decode by groups of similar patches that starts from the refined views: it adds detail that the scene
 lacks, and follows moving things.
 
@@ -32,6 +34,7 @@ from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
 
@@ -71,24 +74,27 @@ def hand_over(
             things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
             at the held-out pixels.
     """
-    holdout, own = first.holdout, ensemble.best.views
+    holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
         judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
         return Recovered(own, "scene", judged, _doubts(holdout, own))
-    in_full, by_share = refine.in_full_and_by_share(ensemble.views)
+    unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
+    if unfollowed.any():
+        own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
+    in_full, by_share = refine.in_full_and_by_share(mean)
     refined_views, notes = _polished_densely(holdout, by_share, polishing)
     polished_so_far = by_share if refined_views is None else refined_views.blind
     if refined_views is None:
-        refined_views = Candidate(in_full, refine.by_all_pixels(ensemble.views, 1.0))
+        refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
         # If patches, which may move, reduced the residual much, the scenes explain the sum of views, not each view:
         # their errors cancel along the views.
-        "mean": Candidate(ensemble.views, ensemble.views, cancels=bool(notes)),
+        "mean": Candidate(mean, mean, cancels=bool(notes)),
         "scene": Candidate(own, own, cancels=bool(notes)),
     }
     noise = noise_power(holdout, ensemble.views)
-    near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(ensemble.views) or 0.0)
+    near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode.
@@ -98,11 +104,13 @@ def hand_over(
         candidates.update(_decodes(first, settings))
     wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
-    judged = _judged(holdout, {"refined": blind, "scene": own, "decode": first.decoded})
+    judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
     verdict: Verdict = next((name for name, share in of.items() if share >= _ALL_BUT), "refined")
+    if verdict == "scene" and unfollowed.any():
+        verdict = "refined"
     if verdict != "refined":
         wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
         notes = ()
@@ -111,6 +119,8 @@ def hand_over(
         notes = (*notes, mixed)
     if wanted.get("polished", 0) > 0:
         notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
+    if unfollowed.any():
+        notes = (*notes, finding(Code.SCENE_NOT_FOLLOWING, share=float(unfollowed.mean())))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),

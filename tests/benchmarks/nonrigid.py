@@ -6,12 +6,15 @@
 
 Data: photographs of scikit-image, moved by resampling: a disc that moves against its background, a disc that rotates in
 front of a wall, a photograph that bends, one that grows, rectangles that move independently. Eight views, grey, random
-masks of which half is open, no noise. There are no published results for them.
+masks of which half is open, no noise. And two as in many laboratories: a ball that falls before a camera at rest and
+flattens, three bars that topple, both blurred by their motion. Ten views, grey; one random pattern with soft edges,
+displaced by a pixel from view to view, and about 1 % noise. There are no published results for them.
 """
 
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -72,7 +75,42 @@ def videos(side: int) -> dict[str, F32]:
         return shown
 
     frames = (crossing, rotation, deformation, growth, rectangles)
-    return {one.__name__: np.stack([np.clip(one(time), 0, 1) for time in TIMES])[..., None] for one in frames}
+    made = {one.__name__: np.stack([np.clip(one(time), 0, 1) for time in TIMES])[..., None] for one in frames}
+    return {**made, **{name: _blurred(frame) for name, frame in _before_a_camera_at_rest(side).items()}}
+
+
+def _before_a_camera_at_rest(side: int) -> dict[str, Callable[[float], F32]]:
+    rows, columns = np.mgrid[:side, :side].astype(np.float32)
+    scale = side / 256
+    back = 0.05 + 0.8 * _sampled("coffee", columns / scale * 0.94 + 60, rows / scale * 0.94)
+    front = 0.25 + 0.7 * _sampled("camera", columns / scale * 1.2, rows / scale * 1.2)
+
+    def falling(time: float) -> F32:
+        wider = 1 + 0.25 * max(0.0, time - 7)
+        x = (columns / scale - 115 - time) / (35 * wider)
+        y = (rows / scale - 30 - 14 * min(time, 7.0)) / (35 / wider)
+        on_ball = _seen_at(front, scale * (35 * x + 125), scale * (35 * y + 125))
+        return _before(on_ball, back, np.hypot(x, y) < 1)
+
+    def toppling(time: float) -> F32:
+        shown = back
+        for number in range(3):
+            angle = np.deg2rad(np.clip(7 * (time - 1.5 * number), 0, 55))
+            x, y = columns / scale - 60 - 60 * number, rows / scale - 190
+            across, along = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+            bar = _seen_at(front, scale * (across + 100 + 30 * number), scale * (along + 150))
+            shown = _before(bar, shown, (np.abs(across) < 7.5) & (along < 0) & (along > -80))
+        return shown
+
+    return {"falling": falling, "toppling": toppling}
+
+
+def _blurred(frame: Callable[[float], F32]) -> F32:
+    """Average a video over the time of each of ten masks, [10, side, side, 1]."""
+    moments = (np.arange(8) + 0.5) / 8
+    views = [np.mean([frame(view + moment) for moment in moments], axis=0) for view in range(10)]
+    video: F32 = np.clip(np.stack(views), 0, 1).astype(np.float32)[..., None]
+    return video
 
 
 def _sampled(name: str, columns: F32, rows: F32) -> F32:
@@ -80,8 +118,12 @@ def _sampled(name: str, columns: F32, rows: F32) -> F32:
     photograph = getattr(data, name)()
     grey = photograph if photograph.ndim == 2 else photograph[..., :3].mean(axis=2)
     small = cv2.resize(grey.astype(np.float32) / 255, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    return _seen_at(small, columns, rows)
+
+
+def _seen_at(picture: F32, columns: F32, rows: F32) -> F32:
     places = columns.astype(np.float32), rows.astype(np.float32)
-    sampled: F32 = cv2.remap(small, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    sampled: F32 = cv2.remap(picture, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return sampled
 
 
@@ -93,7 +135,22 @@ def _before(front: F32, back: F32, inside: np.ndarray) -> F32:
 
 def exposed(views: F32) -> Shot:
     """Code views by random masks, half open."""
-    masks = (np.random.default_rng(0).random(views.shape[:3]) < 0.5).astype(np.float32)
+    return _coded(views, (np.random.default_rng(0).random(views.shape[:3]) < 0.5).astype(np.float32))
+
+
+def exposed_by_one_pattern(views: F32, noise: float = 0.01) -> Shot:
+    """Code views by one soft pattern, half open, displaced by a pixel from view to view; noise relative to white."""
+    draw, (count, height, width) = np.random.default_rng(0), views.shape[:3]
+    pattern = (draw.random((height + count, width)) < 0.5).astype(np.float32)
+    soft = cv2.GaussianBlur(pattern, (0, 0), 0.5)
+    shot = _coded(views, np.stack([soft[count - k :][:height] for k in range(count)]))
+    white = shot.measurement.max()
+    spread = 0.5 * noise * white * np.sqrt(shot.measurement / white + 0.05)
+    measured = shot.measurement + spread * draw.standard_normal(shot.measurement.shape)
+    return replace(shot, measurement=measured.astype(np.float32)).check()
+
+
+def _coded(views: F32, masks: F32) -> Shot:
     measured = (masks[..., None] * views).sum(axis=0)
     return Shot(measured, masks, np.ones(len(views), np.float32), truth=Truth(views=views)).check()
 
@@ -103,7 +160,7 @@ def run(side: int = 96, wanted: tuple[str, ...] = ()) -> None:
     names = [name for name in made if name in wanted] or list(made)
     what = [part for part in ("decoders", "reconstruct") if part in wanted] or ["decoders", "reconstruct"]
     for name in names:
-        shot = exposed(made[name])
+        shot = exposed_by_one_pattern(made[name]) if name in ("falling", "toppling") else exposed(made[name])
         if "decoders" in what:
             _decoders(name, shot)
         if "reconstruct" in what:

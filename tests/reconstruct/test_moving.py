@@ -294,6 +294,11 @@ def test_still_scene_that_explains_no_more_than_the_decode_speaks_for_motion():
     assert MotionQuestion(None, 0.05, behind_decode=True).speaks_for_motion
 
 
+@pytest.mark.parametrize(("share", "speaks"), [(0.0, False), (0.02, False), (0.04, True)])
+def test_a_still_scene_that_errs_over_time_speaks_for_motion(share, speaks):
+    assert MotionQuestion(unfollowed=share).speaks_for_motion is speaks
+
+
 @pytest.mark.parametrize("wrong", ["got_worse", "no_path"])
 @pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.3, 0.05, True), (0.2, 0.05, False), (0.3, 0.03, False)])
 def test_a_fit_that_got_worse_or_has_no_path_speaks_for_motion_if_it_lacks_it_in_many_blocks(

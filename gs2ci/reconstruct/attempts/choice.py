@@ -28,10 +28,12 @@ from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
 from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.moving import (
     BEHIND_DECODE,
     BEHIND_PATCHES,
     LEAST_GAIN,
+    LEAST_UNFOLLOWED,
     MOVING,
     RELEASED,
     STILL,
@@ -89,12 +91,13 @@ class Attempts:
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         still = self.fits.completed(still)
-        first, refined = self._decoded_better(first), self.fits.refine(still.ensemble.views)
+        first = self._decoded_better(first)
+        refined = self._delivered(still.ensemble.views, first.decoded)
         views = min((refined, first.decoded), key=lambda shown: self.fits.holdout.residual_rms(shown) or 0.0)
         attempts, residuals = {STILL: still}, {STILL: self.fits.holdout.residual_rms(refined)}
         if not self.fits.halt.asked:
             attempts[MOVING] = self.fits.attempt(rested(still.look), views, How(moving=True))
-            residuals[MOVING] = self._residual(attempts[MOVING].ensemble.views)
+            residuals[MOVING] = self._residual(attempts[MOVING].ensemble.views, first.decoded)
         # Without a path both moving scenes are of a camera at rest, and differ by their start alone. Along a doubtful
         # path that explains less than things that move before a camera at rest, nothing is worth continuing.
         geometry = still.look.geometry
@@ -102,7 +105,7 @@ class Attempts:
         settled = not sure and _clearly_less(residuals.get(MOVING), residuals[STILL])
         if not (settled or self.fits.halt.asked):
             attempts[RELEASED] = self.fits.release(still)
-            residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views)
+            residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views, first.decoded)
         tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 
@@ -190,16 +193,18 @@ class Attempts:
 
     def _question(self, still: Attempt) -> MotionQuestion:
         """Test a still scene's residual for motion, and if the test is positive, how much patches reduce it."""
-        left = ask(self.fits.holdout, still.ensemble.views)
-        if not speaks_for_motion(left):
-            return MotionQuestion(left)
-        refined = self.fits.refine(still.ensemble.views)
+        views = still.ensemble.views
+        unfollowed = float(followed_by_other_alone(self.fits.holdout, views, still.look.decoded).mean())
+        left = ask(self.fits.holdout, views)
+        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left):
+            return MotionQuestion(left, unfollowed=unfollowed)
+        refined = self.fits.refine(views)
         further = [patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())]
         if still.look.decoder == "patches":
             further.append(still.look.decoded)
         gain = max(self._gain(refined, decoded) for decoded in further)
         no_path = still.geometry.verdict != "full"
-        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path)
+        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path, unfollowed)
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.
@@ -248,9 +253,15 @@ class Attempts:
         moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
         return self._best(moving or attempts, residuals)
 
-    def _residual(self, views: F32) -> float | None:
-        """Return the held-out residual of views, [N, H, W, C], once they are refined."""
-        return self.fits.holdout.residual_rms(self.fits.refine(views))
+    def _delivered(self, views: F32, decoded: F32) -> F32:
+        """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
+        where = followed_by_other_alone(self.fits.holdout, views, decoded)
+        return self.fits.refine(replaced(views, decoded, where) if where.any() else views)
+
+    def _residual(self, views: F32, decoded: F32 | None = None) -> float | None:
+        """Return the held-out residual of a scene's views, [N, H, W, C], refined; about as delivered if decoded."""
+        shown = self.fits.refine(views) if decoded is None else self._delivered(views, decoded)
+        return self.fits.holdout.residual_rms(shown)
 
     def _report(
         self,

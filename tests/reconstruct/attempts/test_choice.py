@@ -20,6 +20,14 @@ from gs2ci.reconstruct.moving import MotionQuestion
 from gs2ci.reconstruct.settings import Settings
 
 
+@pytest.fixture(autouse=True)
+def unfollowed(monkeypatch):
+    """Where still scenes err over time: nowhere, unless a test says otherwise."""
+    where = np.zeros((2, 2), np.float32)
+    monkeypatch.setattr(choice, "followed_by_other_alone", lambda *_: where)
+    return where
+
+
 @pytest.fixture
 def moving():
     poses = np.tile(np.eye(4), (4, 1, 1))
@@ -259,6 +267,26 @@ def test_a_whole_decode_by_patches_counts_as_the_steps_that_follow_the_fit_do(mo
         geometry=SimpleNamespace(verdict="full"),
     )
     assert choice.Attempts(tries)._question(still).gain == pytest.approx(gain)
+
+
+def test_a_still_scene_that_errs_over_time_needs_no_patches_to_speak_for_motion(monkeypatch, unfollowed):
+    monkeypatch.setattr(choice, "ask", lambda *_: LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2))))
+    monkeypatch.setattr(choice, "patch_decode_from", None)
+    still = SimpleNamespace(ensemble=SimpleNamespace(views=0.1), look=SimpleNamespace(decoded=0.05))
+    assert not choice.Attempts(Tries({}))._question(still).speaks_for_motion
+    unfollowed[0] = 0.08
+    asked = choice.Attempts(Tries({}))._question(still)
+    assert asked.unfollowed == pytest.approx(0.04)
+    assert asked.speaks_for_motion
+
+
+def test_attempts_are_compared_by_views_as_delivered(monkeypatch, unfollowed):
+    monkeypatch.setattr(choice, "replaced", lambda views, decoded, where: decoded)
+    attempts = choice.Attempts(Tries({}))
+    assert attempts._residual(0.3, 0.1) == 0.3
+    unfollowed[0] = 1.0
+    assert attempts._residual(0.3, 0.1) == 0.1
+    assert attempts._residual(0.3) == 0.3
 
 
 class Apart(Tries):
