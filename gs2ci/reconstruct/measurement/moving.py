@@ -17,9 +17,9 @@ import numpy as np
 from scipy.special import fdtrc
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.measurement.blocks import in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
-_BLOCK_PX: Final = 16
 # A picture of one row or column has no gradient across it.
 _LEAST_SIDE_PX: Final = 2
 # A block with fewer pixels is not tested.
@@ -85,11 +85,6 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
 
 
 def _blocks(image: F32) -> F64:
-    """Cut an image [H, W, C] into blocks, zero beyond the border: [B, B', pixels of a block times C]."""
-    height, width, channels = image.shape
-    down, across = -(-height // _BLOCK_PX), -(-width // _BLOCK_PX)
-    padded = np.zeros((down * _BLOCK_PX, across * _BLOCK_PX, channels))
-    padded[:height, :width] = image
-    cut = padded.reshape(down, _BLOCK_PX, across, _BLOCK_PX, channels).swapaxes(1, 2)
-    blocks: F64 = cut.reshape(down, across, -1)
-    return blocks
+    """Cut an image [H, W, C] into blocks, all numbers of a block in a row: [B, B', pixels of a block times C]."""
+    blocks = in_blocks(image)
+    return blocks.reshape(*blocks.shape[:2], -1)

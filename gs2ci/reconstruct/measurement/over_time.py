@@ -23,15 +23,15 @@ import numpy as np
 from scipy.special import fdtrc, fdtri
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
-_BLOCK_PX: Final = 16
 # The same blocks, displaced by half a block down and to the right: a place belongs to four blocks, fewer at the border.
-_STEP_PX: Final = _BLOCK_PX // 2
+_STEP_PX: Final = BLOCK_PX // 2
 # A place counts if so many of its blocks do.
 _VOTES: Final = 2
 # A block with fewer usable pixels is not tested.
-_LEAST_PIXELS: Final = _BLOCK_PX**2 // 4
+_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
 # Standard deviation of the smoothing: wider than the detail that masks of a laboratory leave in common (their edges are
 # soft over one or two pixels), narrower than a block.
 _SMOOTH_PX: Final = 2.0
@@ -84,15 +84,15 @@ def errors_over_time(holdout: Holdout, views: F32) -> F32:
         (rows, _test(several[:, *rows], weighted[:, *rows], asked[rows]))
         for down in (0, _STEP_PX)
         for right in (0, _STEP_PX)
-        for rows in (np.s_[top : top + _BLOCK_PX, right:] for top in range(down, height, _BLOCK_PX))
+        for rows in (np.s_[top : top + BLOCK_PX, right:] for top in range(down, height, BLOCK_PX))
     ]
     by_chance = np.concatenate([one.by_chance.reshape(-1) for _, one in tested])
     inflated = max(1.0, float(np.quantile(by_chance, _QUANTILE))) if len(by_chance) else 1.0
     votes, power = np.zeros((height, width), np.int64), np.zeros((height, width), np.float32)
     for rows, one in tested:
         across, wrong = votes[rows].shape[1], one.wrong(inflated)
-        votes[rows] += np.repeat(wrong, _BLOCK_PX)[:across]
-        power[rows] += np.repeat(np.where(wrong, one.sure_power(inflated), 0), _BLOCK_PX)[:across].astype(np.float32)
+        votes[rows] += np.repeat(wrong, BLOCK_PX)[:across]
+        power[rows] += np.repeat(np.where(wrong, one.sure_power(inflated), 0), BLOCK_PX)[:across].astype(np.float32)
     found: F32 = np.where(votes >= _VOTES, power / np.maximum(votes, 1), 0)
     return found
 
@@ -113,7 +113,7 @@ def followed_by_other_alone(holdout: Holdout, views: F32, other: F32) -> F32:
     wrong = errors > 0
     if wrong.any():
         apart = ((views - other) ** 2).sum(axis=0).mean(axis=2)
-        wrong &= errors >= _LEAST_OF_DIFFERENCE * cv2.blur(apart, (_BLOCK_PX, _BLOCK_PX))
+        wrong &= errors >= _LEAST_OF_DIFFERENCE * cv2.blur(apart, (BLOCK_PX, BLOCK_PX))
         wrong &= ~errs_over_time(holdout, other)
     if wrong.mean() < _LEAST_SHARE:
         return np.zeros(wrong.shape, np.float32)
@@ -212,10 +212,5 @@ def _frequencies(count: int) -> F64:
 
 def _blocks(pictures: F32) -> F64:
     """Cut a row of blocks out of pictures, [K, at most 16 rows, W], zero beyond them: [B, pixels of a block, K]."""
-    count, height, width = pictures.shape
-    across = -(-width // _BLOCK_PX)
-    padded = np.zeros((count, _BLOCK_PX, across * _BLOCK_PX))
-    padded[:, :height, :width] = pictures
-    cut = padded.reshape(count, _BLOCK_PX, across, _BLOCK_PX).transpose(2, 1, 3, 0)
-    blocks: F64 = cut.reshape(across, _BLOCK_PX**2, count)
-    return blocks
+    row: F64 = in_blocks(np.moveaxis(pictures, 0, -1))[0]
+    return row
