@@ -153,6 +153,8 @@ class Code(StrEnum):
     FEW_VIEWS_TRACKED = auto()
     UNREGISTERED_VIEWS = auto()
     CAMERA_STOOD_STILL = auto()
+    CAMERA_AT_REST = auto()
+    CAMERA_GIVEN_AT_REST = auto()
     CAMERA_ONLY_TURNED = auto()
     PARALLAX_MAY_DROWN = auto()
     FEW_TRACKS_EXPLAINED = auto()

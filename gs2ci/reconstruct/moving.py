@@ -52,6 +52,9 @@ _LEAST_SURELY: Final = 0.04
 # This share of blocks is enough by itself: a first-order model explains little of a motion that is wider than the
 # detail that moves. A box that crosses half the picture: 0.9 % explained, 37 % of the blocks.
 _MANY_BLOCKS: Final = 0.25
+# The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0003 and 0.001 of a
+# wall that does not move, 0.007 and more if a thing crosses it (`tests/reconstruct/test_moving.py`).
+_LEAST_EXPLAINED_AT_REST: Final = 0.004
 # The share by which a moving scene has to reduce the residual at the held-out pixels.
 LEAST_GAIN: Final = 0.02
 # The share by which a few steps of a decode by similar patches have to reduce it before moving scenes are tried. They
@@ -100,6 +103,8 @@ class MotionQuestion:
         got_worse: Whether the held-out residual of the best still fit ended clearly above its least value.
         no_path: Whether the camera was found at rest, or only to turn.
         unfollowed: The share of the picture in which the still scene surely errs over time and the decode does not.
+        known_at_rest: Whether the camera is known to be at rest: a still scene is then one picture, without a path that
+            could explain part of what moves.
     """
 
     left: LeftByMotion | None = None
@@ -108,6 +113,7 @@ class MotionQuestion:
     got_worse: bool = False
     no_path: bool = False
     unfollowed: float = 0.0
+    known_at_rest: bool = False
 
     @property
     def speaks_for_motion(self) -> bool:
@@ -115,7 +121,9 @@ class MotionQuestion:
         if self.unfollowed >= LEAST_UNFOLLOWED:
             return True
         in_many_blocks = self.left is not None and self.left.surely >= _MANY_BLOCKS
-        still_is_wrong = self.behind_decode or ((self.got_worse or self.no_path) and in_many_blocks)
+        still_is_wrong = (
+            self.behind_decode or self.known_at_rest or ((self.got_worse or self.no_path) and in_many_blocks)
+        )
         return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if still_is_wrong else LEAST_PATCH_GAIN)
 
 
@@ -162,6 +170,7 @@ class MotionReport:
             "behind_decode": self.question.behind_decode,
             "got_worse": self.question.got_worse,
             "no_path": self.question.no_path,
+            "known_at_rest": self.question.known_at_rest,
             "unfollowed": self.question.unfollowed,
             "heldout_rms": dict(self.heldout_rms),
             "chosen": self.chosen,
@@ -176,7 +185,8 @@ class MotionReport:
 
         Args:
             speeds: Of the scene; None if it is still.
-            path: World-to-camera poses, [N, 4, 4]; None if the camera was found at rest, or only turned.
+            path: World-to-camera poses, [N, 4, 4], of a path or of a camera known to be at rest; None if neither was
+                found.
         """
         if speeds is not None and speeds.most_px < _SURELY_PX:
             return (finding(Code.MOTION_SMALL, most_px=speeds.most_px),)
@@ -247,8 +257,10 @@ def ask(holdout: Holdout, views: F32) -> LeftByMotion:
     return left_by_motion(holdout, views, mask_times(len(views)).double().numpy())
 
 
-def speaks_for_motion(left: LeftByMotion) -> bool:
+def speaks_for_motion(left: LeftByMotion, *, known_at_rest: bool = False) -> bool:
     """Tell whether motion explains enough of a residual to go on testing for it."""
+    if known_at_rest and left.explained >= _LEAST_EXPLAINED_AT_REST:
+        return True
     explains = left.explained >= _LEAST_EXPLAINED and left.surely >= _LEAST_SURELY
     return explains or left.surely >= _MANY_BLOCKS
 

@@ -20,7 +20,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import GIVEN
+from gs2ci.reconstruct.geometry.sources import GIVEN, FromRest, FromTracks
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -143,6 +143,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
 def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ...]:
     """Gather the findings of every stage, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
+    poses_known = geometry.verdict == "full" or geometry.source == FromRest.name
     return (
         *left.registered.notes,
         *(
@@ -150,7 +151,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.look.notes,
             *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
-            *left.motion.notes(left.speeds, ensemble.best.world_to_camera if geometry.verdict == "full" else None),
+            *left.motion.notes(left.speeds, ensemble.best.world_to_camera if poses_known else None),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
             *_fine_left_out(ensemble, settings),
@@ -227,7 +228,7 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
 
 def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
-    if source == "tracks":
+    if source in (FromTracks.name, FromRest.name):
         return ()
     if geometry.verdict != "full":
         return (finding(Code.POSES_NOT_TAKEN, source=source),)

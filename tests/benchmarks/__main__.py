@@ -42,6 +42,7 @@ BENCHMARKS = (
     "path_error",
     "brightness",
     "no_motion",
+    "at_rest",
     "stage_poses",
     "wide_motion",
     "photograph_rings",

@@ -299,6 +299,17 @@ def test_a_still_scene_that_errs_over_time_speaks_for_motion(share, speaks):
     assert MotionQuestion(unfollowed=share).speaks_for_motion is speaks
 
 
+@pytest.mark.parametrize(
+    ("explained", "gain", "speaks"), [(0.005, 0.04, True), (0.003, 0.04, False), (0.005, 0.03, False)]
+)
+def test_before_a_camera_known_to_be_at_rest_less_speaks_for_motion(explained, gain, speaks):
+    left = LeftByMotion(explained, 0.0, np.zeros((1, 1, 2)))
+    asked = MotionQuestion(left, gain, known_at_rest=True)
+    assert (moving.speaks_for_motion(left, known_at_rest=True) and asked.speaks_for_motion) is speaks
+    assert not moving.speaks_for_motion(left)
+    assert not MotionQuestion(left, gain).speaks_for_motion
+
+
 @pytest.mark.parametrize("wrong", ["got_worse", "no_path"])
 @pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.3, 0.05, True), (0.2, 0.05, False), (0.3, 0.03, False)])
 def test_a_fit_that_got_worse_or_has_no_path_speaks_for_motion_if_it_lacks_it_in_many_blocks(

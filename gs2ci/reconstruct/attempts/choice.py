@@ -26,7 +26,7 @@ from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
 from gs2ci.reconstruct.geometry.choose import is_doubtful
-from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
+from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromRest, FromWide
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.moving import (
@@ -196,15 +196,22 @@ class Attempts:
         views = still.ensemble.views
         unfollowed = float(followed_by_other_alone(self.fits.holdout, views, still.look.decoded).mean())
         left = ask(self.fits.holdout, views)
-        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left):
-            return MotionQuestion(left, unfollowed=unfollowed)
+        at_rest = still.look.geometry.source == FromRest.name
+        asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
+        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
+            return asked
         refined = self.fits.refine(views)
         further = [patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())]
         if still.look.decoder == "patches":
             further.append(still.look.decoded)
         gain = max(self._gain(refined, decoded) for decoded in further)
-        no_path = still.geometry.verdict != "full"
-        return MotionQuestion(left, gain, self._is_behind_decode(still), _got_worse(still), no_path, unfollowed)
+        return replace(
+            asked,
+            gain=gain,
+            behind_decode=self._is_behind_decode(still),
+            got_worse=_got_worse(still),
+            no_path=still.geometry.verdict != "full",
+        )
 
     def _is_behind_decode(self, still: Attempt) -> bool:
         """Tell whether the best still scene explains the held-out pixels barely better than a brief decode, or worse.

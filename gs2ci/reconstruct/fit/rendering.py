@@ -29,6 +29,8 @@ class ShotRenderer:
         backend: The renderer.
         lens: The lens of the camera; None for a pinhole. With a lens, every image is rendered as the sensor sees it.
         mask_moments: The moments of each mask; None if one for each is enough.
+        one_picture: Whether the camera is at rest before scenes that are, too: every mask sees the same picture, which
+            is rendered once. Poses are then those of the first mask; their gradients are left out.
     """
 
     def __init__(
@@ -38,6 +40,8 @@ class ShotRenderer:
         backend: Backend,
         lens: Lens | None = None,
         mask_moments: MaskMoments | None = None,
+        *,
+        one_picture: bool = False,
     ) -> None:
         self.shot = shot
         self.size = shot.size
@@ -49,29 +53,35 @@ class ShotRenderer:
         self.lens = lens
         self._sampling = None if lens is None else lens.sampling
         self._mask_moments = mask_moments
+        self._one_picture = one_picture
         self._mask_set = self.code(self.split_transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
     @property
     def moments_per_mask(self) -> float:
-        """Get how many moments a mask has on average."""
+        """Get how many moments a mask has on average; less than one if all masks see one picture."""
+        if self._one_picture:
+            return 1.0 / self.shot.views
         return 1.0 if self._mask_moments is None else self._mask_moments.per_mask
 
     @property
     def split_transmissions(self) -> Tensor:
-        """Get the masks' light shared among all moments, [V, H, W]."""
+        """Get the masks' light shared among all moments, or all of it for the one picture, [V, H, W]."""
+        if self._one_picture:
+            return self.transmissions.sum(dim=0, keepdim=True)
         return self.transmissions if self._mask_moments is None else self._mask_moments.split(self.transmissions)
 
     def moment_poses(self, world_to_camera: Tensor) -> Tensor:
-        """Return the poses at all moments, [V, 4, 4], from those under the masks, [N, 4, 4]."""
+        """Return the poses of all moments, or of the one picture, [V, 4, 4], from those of the masks, [N, 4, 4]."""
         return self._moments(world_to_camera)[0]
 
     def with_one_moment(self) -> "ShotRenderer":
         """Return a renderer of the same shot that gives each mask one moment."""
         if self._mask_moments is None:
             return self
-        return ShotRenderer(self.shot, self.intrinsics.double().numpy(), self._backend, self.lens)
+        matrix = self.intrinsics.double().numpy()
+        return ShotRenderer(self.shot, matrix, self._backend, self.lens, one_picture=self._one_picture)
 
     def reuse(self) -> Reuse:
         """Return a new object that holds what renderings of the same Gaussians may share."""
@@ -107,7 +117,9 @@ class ShotRenderer:
         `measurement`.
         """
         moments, times = world_to_camera.detach(), self.times
-        if self._mask_moments is not None:
+        if self._one_picture:
+            moments, times = self._moments(moments)
+        elif self._mask_moments is not None:
             own = moments.requires_grad_()
             with torch.enable_grad():
                 moments, times = self._moments(own)
@@ -124,7 +136,11 @@ class ShotRenderer:
             found: F32 = own.grad.float().numpy()
             return found
 
-        return self._to_channels(image), pull_channels
+        def pull_picture(gradient: F32) -> F32:
+            pull(self._to_colours(gradient))
+            return np.zeros(world_to_camera.shape, np.float32)
+
+        return self._to_channels(image), pull_picture if self._one_picture else pull_channels
 
     def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[F32, Pull]:
         """Render a sum of views, [V, 4, 4], of a scene that stands still under another mask set, [H, W, 3]."""
@@ -162,6 +178,8 @@ class ShotRenderer:
 
         The measurement codes these; `views` show the middle of each mask's time.
         """
+        if self._one_picture:
+            return np.repeat(self.views(scene, world_to_camera[:1]), len(world_to_camera), axis=0)
         if self._mask_moments is None:
             return self.views(scene, world_to_camera)
         poses, times = self._moments(world_to_camera)
@@ -172,7 +190,9 @@ class ShotRenderer:
         return found
 
     def _moments(self, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the poses and times of all moments."""
+        """Return the poses and times of all moments, or of the one picture."""
+        if self._one_picture:
+            return world_to_camera[:1], self.times[:1]
         if self._mask_moments is None:
             return world_to_camera, self.times
         return self._mask_moments.poses(world_to_camera), self._mask_moments.times()

@@ -2,14 +2,16 @@
 
 Here: the names, and `auto`. Not here: the sources themselves.
 
-`auto` uses every source available for this shot on this machine: the stage if it reported poses, the tracks always,
-VGGT if the user has added it. The measurement chooses (`evidence`) among those that the tracks do not contradict: a
-source is replaced by a later one only if the later one's residual is clearly smaller. The stage comes first, since blur
-and noise of the picture do not affect it, and since it distinguishes a shift from a pan; a picture cannot do so if the
-parallax is as small as the tracks' errors. Wrong poses of a stage are found by the measurement
-(`python -m tests.benchmarks stage_poses`). If tracks give no path, features are matched between all pairs of views
-(`wide`); if these give none either, or the tracks' path is doubtful, a uniform motion is estimated
-(`python -m tests.benchmarks direct`).
+`auto` takes the camera to be at rest if the measurement shows so and no stage reported poses: behind masks that are one
+displaced pattern, what a decode leaves of it is tracked as a motion, and halves of these tracks agree
+(docs/decisions/0126-a-camera-at-rest-from-the-measurement.md). Otherwise it uses every source available for this shot
+on this machine: the stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement
+chooses (`evidence`) among those that the tracks do not contradict: a source is replaced by a later one only if the
+later one's residual is clearly smaller. The stage comes first, since blur and noise of the picture do not affect it,
+and since it distinguishes a shift from a pan; a picture cannot do so if the parallax is as small as the tracks' errors.
+Wrong poses of a stage are found by the measurement (`python -m tests.benchmarks stage_poses`). If tracks give no path,
+features are matched between all pairs of views (`wide`); if these give none either, or the tracks' path is doubtful, a
+uniform motion is estimated (`python -m tests.benchmarks direct`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,6 +33,7 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sources import (
     FromFile,
+    FromRest,
     FromStage,
     FromTracks,
     FromUniform,
@@ -41,12 +44,14 @@ from gs2ci.reconstruct.geometry.sources import (
 from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
+from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 
-GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "uniform", "auto", "vggt")
+GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "uniform", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
+_REST: Final = "rest"
 _WIDE: Final = "wide"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
@@ -62,9 +67,9 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json);
-            "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks if no model has been
-            added; or the name of a plug-in, which is called for its prior.
+        name: "tracks"; "stage"; "wide"; "uniform"; "rest"; "auto"; "file:PATH" (a COLMAP model's folder or a
+            transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks if no
+            model has been added; or the name of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -78,6 +83,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromWide()
     if name == _UNIFORM:
         return FromUniform()
+    if name == _REST:
+        return FromRest()
     if name == "auto":
         return Auto()
     if name.startswith(_FILE):
@@ -139,6 +146,9 @@ class Auto:
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
+        still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
+        if still > 0:
+            return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
         tracks = FromTracks()(request, progress)
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
         if names == (_TRACKS,) and not doubtful:

@@ -168,6 +168,26 @@ def initialise(
     return geometry
 
 
+def before_camera_at_rest(
+    views: int, size: tuple[int, int], intrinsics: F64 | None, settings: FocalSettings, note: Finding
+) -> Geometry:
+    """Return the geometry of a camera that is known to be at rest: a plane at inverse depth 1.
+
+    Args:
+        views: How many.
+        size: Height and width, px.
+        intrinsics: Camera matrix in px, [3, 3], or None to assume the default field of view, on which nothing depends.
+        settings: With the latter.
+        note: Why the camera is taken to be at rest.
+    """
+    if intrinsics is None:
+        assumed = default_focal(size, "a camera at rest does not show it", settings)
+        flat = _flat(views, size, (assumed.intrinsics, assumed.source, (note,)), ())
+    else:
+        flat = _flat(views, size, (intrinsics.astype(np.float64), "file", (note,)), ())
+    return replace(flat, verdict="static")
+
+
 def usable_tracks(views: F32, settings: GeometrySettings, seen: Bool | None = None) -> Tracks:
     """Find the tracks that a geometry may be based on, from the corners of the middle view; there may be none."""
     return _followed(views, find_corners(views, len(views) // 2, settings.tracks), settings, seen)

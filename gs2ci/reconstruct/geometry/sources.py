@@ -1,6 +1,6 @@
-"""Sources of first poses that need no model: tracks, matches of all pairs, the stage, a uniform motion, a file.
+"""Sources of first poses that need no model: tracks, matches of all pairs, the stage, a uniform motion, a file, rest.
 
-Here: these five. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+Here: these six. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
 (`initialise`).
 """
 
@@ -16,7 +16,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
-from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
+from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -80,6 +80,26 @@ class FromUniform:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         return uniform_motion(request, from_tracks(request, progress))
+
+
+@dataclass(frozen=True)
+class FromRest:
+    """A camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth."""
+
+    name: str = "rest"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return self.known_by(request, progress, finding(Code.CAMERA_GIVEN_AT_REST))
+
+    def known_by(self, request: Request, progress: Progress, note: Finding) -> Geometry:
+        """Find the geometry, with the finding that says why the camera is taken to be at rest."""
+        progress.stage("geometry", 1)
+        focal, count = request.settings.focal, len(request.views)
+        found = before_camera_at_rest(count, request.size, request.intrinsics, focal, note)
+        progress.step(1)
+        progress.say(note.sentence)
+        return replace(found, source=self.name)
 
 
 @dataclass(frozen=True)

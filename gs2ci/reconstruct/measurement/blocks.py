@@ -1,6 +1,6 @@
 """Square blocks of a picture, in each of which a residual is regressed by itself.
 
-Here: how a picture is cut. Not here: the regressions (`moving`, `over_time`).
+Here: how a picture is cut. Not here: the regressions (`moving`, `over_time`, `at_rest`).
 """
 
 from typing import Final
@@ -12,7 +12,7 @@ from gs2ci.core.arrays import F32, F64
 BLOCK_PX: Final = 16
 
 
-def in_blocks(picture: F32) -> F64:
+def in_blocks(picture: F32 | F64) -> F64:
     """Cut a picture, [H, W, C], into blocks, zero beyond the border: [B, B', pixels of a block, C]."""
     height, width, channels = picture.shape
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)

@@ -126,3 +126,30 @@ def test_what_lies_behind_a_camera_has_no_depth(moving_plane, renderer, scattere
 def test_depth_is_zero_where_less_than_half_of_the_light_is_stopped(moving_plane, renderer, scattered):
     _, geometry = moving_plane
     assert not renderer().depths(scattered(3, logits=-6.0), geometry.world_to_camera).any()
+
+
+@pytest.mark.parametrize("sensor", ["colour", "mosaic"])
+def test_one_picture_for_all_masks_is_what_each_of_them_sees_from_one_pose(moving_plane, scattered, sensor):
+    shot, geometry = moving_plane
+    if sensor == "mosaic":
+        shot = replace(shot, measurement=shot.measurement[..., :1], cfa="RGGB")
+    shot = replace(shot, weights=np.array([1, 0.5, 0.8, 1.2], np.float32))
+    scene = scattered(60)
+    poses = torch.from_numpy(geometry.world_to_camera[1]).float().repeat(4, 1, 1)
+    each, once = (
+        ShotRenderer(shot, geometry.intrinsics, CpuBackend(), one_picture=one_picture) for one_picture in (False, True)
+    )
+    torch.testing.assert_close(once.measurement(scene, poses), each.measurement(scene, poses), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(once.exposed(scene, poses), each.exposed(scene, poses), rtol=1e-6, atol=1e-6)
+    ours, theirs = (scene.map(lambda tensor: tensor.clone().requires_grad_()) for _ in range(2))
+    (image, pull), (_, pull_each) = (
+        one.measurement_with_pull(own, poses) for one, own in ((once, ours), (each, theirs))
+    )
+    gradient = np.random.default_rng(4).standard_normal(image.shape).astype(np.float32)
+    assert not pull(gradient).any()
+    pull_each(gradient)
+    for name, tensor in theirs.parameters().items():
+        torch.testing.assert_close(ours.parameters()[name].grad, tensor.grad, rtol=1e-4, atol=1e-4)
+    assert once.split_transmissions.shape[0] == len(once.moment_poses(poses)) == 1
+    assert (each.moments_per_mask, once.moments_per_mask) == (1, 0.25)
+    assert once.with_one_moment().moments_per_mask == 0.25

@@ -287,6 +287,39 @@ def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
     assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
 
 
+@pytest.fixture(scope="module")
+def rest_request(seen, expose):
+    """Make a request about a camera that did not move, ten masks long."""
+    scene = seen(views=10, poses=np.tile(np.eye(4), (10, 1, 1)))
+    return lambda **parts: Request(expose(scene, **parts), scene.views, QUICK)
+
+
+def test_auto_finds_a_camera_at_rest_in_the_measurement_alone(rest_request):
+    request = rest_request()
+    # The views that a decode leaves may move.
+    request = replace(request, views=request.views + 0.2 * np.random.default_rng(0).random((10, 1, 1, 1), np.float32))
+    found = find("auto", request)
+    assert (found.source, found.verdict, found.focal_source) == ("rest", "static", "file")
+    assert [note.code for note in found.notes] == [Code.CAMERA_AT_REST]
+    assert found.notes[0].figures["share"] > 0.9
+    assert np.array_equal(found.world_to_camera, np.tile(np.eye(4), (10, 1, 1)))
+    assert (found.inverse_depth == 1).all()
+
+
+def test_a_stage_that_reports_poses_is_asked_before_a_camera_is_taken_to_be_at_rest(rest_request, scene):
+    poses = np.tile(np.eye(4), (10, 1, 1))
+    poses[:, 0, 3] = np.linspace(0, 0.1, 10)
+    assert find("auto", rest_request(telemetry_world_to_camera=poses)).source != "rest"
+
+
+def test_a_camera_may_be_said_to_be_at_rest(request_for):
+    found = find("rest", request_for())
+    assert (found.source, found.verdict) == ("rest", "static")
+    assert [note.code for note in found.notes] == [Code.CAMERA_GIVEN_AT_REST]
+    unknown = find("rest", request_for(intrinsics=None))
+    assert unknown.focal_source == "default"
+
+
 def test_auto_says_how_many_views_joined_where_not_all_did(lost_request, monkeypatch):
     partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
 

@@ -103,3 +103,17 @@ def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     said = [note.sentence for note in result.notes]
     begins = f"Geometry from {method}. Residual of each source that was tried: the stage failed"
     assert any(note.startswith(begins) for note in said)
+
+
+def test_a_camera_at_rest_gets_no_path_and_one_picture_for_all_views(monkeypatch):
+    shot = expose(wall_with_a_board()[VIEWS // 2 : VIEWS // 2 + 1].repeat(VIEWS, axis=0))
+
+    def second_look(*given):
+        raise AssertionError("a path was sought in the views of the fit")
+
+    monkeypatch.setattr(choice, "second_look", second_look)
+    result = reconstruct(shot, replace(SHORT, poses="auto", look_again=True)).result
+    assert (result.geometry["method"], result.geometry["verdict"]) == ("rest", "static")
+    assert Code.CAMERA_AT_REST in [note.code for note in result.notes]
+    assert np.array_equal(result.world_to_camera, np.tile(np.eye(4), (VIEWS, 1, 1)))
+    assert np.array_equal(result.scene_views[0], result.scene_views[-1])
