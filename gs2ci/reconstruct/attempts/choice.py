@@ -26,7 +26,7 @@ from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.stopping import Rival, has_clearly_risen
 from gs2ci.reconstruct.geometry.choose import is_doubtful
-from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromRest, FromWide
+from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromWide
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.moving import (
@@ -196,7 +196,7 @@ class Attempts:
         views = still.ensemble.views
         unfollowed = float(followed_by_other_alone(self.fits.holdout, views, still.look.decoded).mean())
         left = ask(self.fits.holdout, views)
-        at_rest = still.look.geometry.source == FromRest.name
+        at_rest = still.look.geometry.known_at_rest
         asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
         if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
             return asked

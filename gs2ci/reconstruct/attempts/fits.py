@@ -34,7 +34,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import ESTIMATED, FromRest
+from gs2ci.reconstruct.geometry.sources import ESTIMATED
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released
@@ -235,7 +235,7 @@ class Fits:
         def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             # Each fit needs a backend of its own: its buffers serve one fit at a time.
             backend = load_backend(self.settings.backend, self.settings.raster)
-            one_picture = geometry.source == FromRest.name and member.start.motion is None
+            one_picture = geometry.known_at_rest and member.start.motion is None
             renderer = ShotRenderer(
                 self.fitted.shot,
                 geometry.intrinsics,

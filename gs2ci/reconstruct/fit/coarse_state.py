@@ -29,7 +29,7 @@ from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
-from gs2ci.reconstruct.geometry.sources import GIVEN, FromRest
+from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians, joined
@@ -97,7 +97,7 @@ class FitState:
         self.optimiser = GaussianOptimiser(
             start, settings.steps, self.extent, _reference_view(geometry), self._px_per_length
         )
-        refined = replace(settings.poses, refine=settings.poses.refine and geometry.source != FromRest.name)
+        refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)

@@ -28,7 +28,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
-from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.initialise import REST, Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sources import (
@@ -51,7 +51,6 @@ GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
-_REST: Final = "rest"
 _WIDE: Final = "wide"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
@@ -83,7 +82,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromWide()
     if name == _UNIFORM:
         return FromUniform()
-    if name == _REST:
+    if name == REST:
         return FromRest()
     if name == "auto":
         return Auto()

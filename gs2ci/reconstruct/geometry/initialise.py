@@ -54,6 +54,8 @@ Bool = NDArray[np.bool_]
 
 # A point counts if at least this share of the views see it.
 _LEAST_SHARE_OF_VIEWS = 0.6
+# The source of a camera that is known to be at rest.
+REST = "rest"
 PLANE_NOTE = finding(Code.DEPTH_STARTS_AS_PLANE)
 
 
@@ -114,6 +116,11 @@ class Geometry:
     pose_errors: PoseErrors | None = None
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
+
+    @property
+    def known_at_rest(self) -> bool:
+        """Get whether the camera is known to be at rest: its poses are held, and a still scene is one picture."""
+        return self.source == REST
 
 
 def initialise(
@@ -185,7 +192,7 @@ def before_camera_at_rest(
         flat = _flat(views, size, (assumed.intrinsics, assumed.source, (note,)), ())
     else:
         flat = _flat(views, size, (intrinsics.astype(np.float64), "file", (note,)), ())
-    return replace(flat, verdict="static")
+    return replace(flat, verdict="static", source=REST)
 
 
 def usable_tracks(views: F32, settings: GeometrySettings, seen: Bool | None = None) -> Tracks:

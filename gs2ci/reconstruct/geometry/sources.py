@@ -16,7 +16,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
-from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.initialise import REST, Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -86,7 +86,7 @@ class FromUniform:
 class FromRest:
     """A camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth."""
 
-    name: str = "rest"
+    name: str = REST
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -99,7 +99,7 @@ class FromRest:
         found = before_camera_at_rest(count, request.size, request.intrinsics, focal, note)
         progress.step(1)
         progress.say(note.sentence)
-        return replace(found, source=self.name)
+        return found
 
 
 @dataclass(frozen=True)

@@ -263,7 +263,7 @@ def test_a_whole_decode_by_patches_counts_as_the_steps_that_follow_the_fit_do(mo
     best = SimpleNamespace(views=0.1, curve=())
     still = SimpleNamespace(
         ensemble=SimpleNamespace(views=0.1, best=best),
-        look=SimpleNamespace(decoder=decoder, decoded=decoded, geometry=SimpleNamespace(source="tracks")),
+        look=SimpleNamespace(decoder=decoder, decoded=decoded, geometry=SimpleNamespace(known_at_rest=False)),
         geometry=SimpleNamespace(verdict="full"),
     )
     assert choice.Attempts(tries)._question(still).gain == pytest.approx(gain)
@@ -272,7 +272,7 @@ def test_a_whole_decode_by_patches_counts_as_the_steps_that_follow_the_fit_do(mo
 def test_a_still_scene_that_errs_over_time_needs_no_patches_to_speak_for_motion(monkeypatch, unfollowed):
     monkeypatch.setattr(choice, "ask", lambda *_: LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2))))
     monkeypatch.setattr(choice, "patch_decode_from", None)
-    look = SimpleNamespace(decoded=0.05, geometry=SimpleNamespace(source="tracks"))
+    look = SimpleNamespace(decoded=0.05, geometry=SimpleNamespace(known_at_rest=False))
     still = SimpleNamespace(ensemble=SimpleNamespace(views=0.1), look=look)
     assert not choice.Attempts(Tries({}))._question(still).speaks_for_motion
     unfollowed[0] = 0.08
