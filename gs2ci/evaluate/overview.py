@@ -211,6 +211,10 @@ def _depth_panel(axes: Axes, result: RunResult, report: Report, view: int) -> No
         panels.title(axes, "Depth")
         panels.message(axes, "no depth was found")
         return
+    if report.known_at_rest:
+        panels.title(axes, "Depth")
+        panels.message(axes, "cannot be found: the camera was at rest")
+        return
     inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
     limits = inverse_depth_limits(inverse.compressed())
     panels.scaled_map(axes, inverse, limits, colormap="viridis", reading=lambda value: 1 / value)
@@ -220,6 +224,10 @@ def _depth_panel(axes: Axes, result: RunResult, report: Report, view: int) -> No
 
 def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> None:
     truth, recovered = shot.truth.world_to_camera, result.world_to_camera
+    if report.known_at_rest and truth is None:
+        panels.title(axes, "Camera path")
+        panels.message(axes, "the camera was at rest")
+        return
     if truth is None:
         panels.title(axes, "Camera path", "none found" if report.lacks_path else "from above")
         panels.camera_path(axes, _inverse(recovered), None)

@@ -371,6 +371,11 @@ class Report(ReportSection):
         """Get whether no camera path was found: depth and path then show where the fit moved a camera at rest."""
         return self.geometry is not None and self.geometry.verdict != "full"
 
+    @property
+    def known_at_rest(self) -> bool:
+        """Get whether the camera is known to have been at rest, so that there is neither a path nor a depth to show."""
+        return self.found(Code.CAMERA_AT_REST) is not None or self.found(Code.CAMERA_GIVEN_AT_REST) is not None
+
     def found(self, code: Code) -> Finding | None:
         """Return the first finding of a kind; None where there is none."""
         return next((note for note in (self.stopped, *self.notes) if note.code is code), None)

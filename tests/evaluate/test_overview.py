@@ -116,6 +116,17 @@ def test_depth_and_path_say_that_no_path_was_found(make_run, verdict, depth, pat
     assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
+@pytest.mark.parametrize("note", [finding(Code.CAMERA_AT_REST, share=0.7), finding(Code.CAMERA_GIVEN_AT_REST)])
+def test_neither_depth_nor_path_is_drawn_of_a_camera_known_to_be_at_rest(make_run, note):
+    shot, result = make_run(truth=False)
+    geometry = {**result.geometry, "method": "rest", "verdict": "static"}
+    _, figure, axes = drawn(shot, replace(result, geometry=geometry, notes=(note,)))
+    assert [text.get_text() for text in axes["Depth"].texts] == ["cannot be found: the camera was at rest"]
+    assert [text.get_text() for text in axes["Camera path"].texts] == ["the camera was at rest"]
+    assert not axes["Depth"].images
+    assert_nothing_overlaps_or_leaves_the_page(figure)
+
+
 def test_depth_where_nothing_is_seen_stays_pale(make_run):
     shot, result = make_run()
     depth = result.depth.copy()

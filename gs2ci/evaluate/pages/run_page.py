@@ -307,6 +307,8 @@ def _path_lead(evidence: RunEvidence) -> str:
         return "The recovered path, aligned with the true one by a similarity, which no image can determine."
     if evidence.stage_world_to_camera is not None:
         return "The recovered path, aligned with the stage's by a similarity, which no image can determine."
+    if evidence.report.known_at_rest:
+        return "The camera was at rest: there is no path, and what is drawn as depth is not to be relied on."
     if evidence.report.lacks_path:
         return "No path was found: cameras that were taken to be at rest, where the fit has moved them."
     return "The recovered path; its unit is the scene's own."
