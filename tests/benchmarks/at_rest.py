@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from tests.benchmarks.combination import cases
-from tests.benchmarks.nonrigid import exposed_by_one_pattern
+from tests.benchmarks.nonrigid import exposed, exposed_by_one_pattern, noisy
 
 SIDE, VIEWS = 256, 10
 TIMES = np.linspace(-0.5, 0.5, VIEWS)
@@ -70,12 +70,7 @@ def _behind(views: F32, masks: str) -> Shot:
         turned = exposed_by_one_pattern(views.swapaxes(1, 2))
         light, patterns = turned.measurement.swapaxes(0, 1), turned.masks.swapaxes(1, 2)
         return replace(turned, measurement=light, masks=patterns, truth=Truth()).check()
-    draw = np.random.default_rng(0)
-    patterns = (draw.random(views.shape[:3]) < 0.5).astype(np.float32)
-    light = (patterns[..., None] * views).sum(axis=0)
-    spread = 0.005 * light.max() * np.sqrt(light / light.max() + 0.05)
-    noisy = (light + spread * draw.standard_normal(light.shape)).astype(np.float32)
-    return Shot(noisy, patterns, np.ones(len(views), np.float32)).check()
+    return noisy(exposed(views), np.random.default_rng(1), 0.01)
 
 
 def _again(shot: Shot) -> Shot:

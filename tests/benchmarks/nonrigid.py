@@ -143,7 +143,11 @@ def exposed_by_one_pattern(views: F32, noise: float = 0.01) -> Shot:
     draw, (count, height, width) = np.random.default_rng(0), views.shape[:3]
     pattern = (draw.random((height + count, width)) < 0.5).astype(np.float32)
     soft = cv2.GaussianBlur(pattern, (0, 0), 0.5)
-    shot = _coded(views, np.stack([soft[count - k :][:height] for k in range(count)]))
+    return noisy(_coded(views, np.stack([soft[count - k :][:height] for k in range(count)])), draw, noise)
+
+
+def noisy(shot: Shot, draw: np.random.Generator, noise: float) -> Shot:
+    """Add noise of light, and some of the readings, relative to white."""
     white = shot.measurement.max()
     spread = 0.5 * noise * white * np.sqrt(shot.measurement / white + 0.05)
     measured = shot.measurement + spread * draw.standard_normal(shot.measurement.shape)

@@ -31,6 +31,8 @@ from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
 _SMOOTH_PX: Final = 1.0
 # White noise of variance 1, smoothed so, has gradients of this variance along each axis: 1 / (8 π σ⁴).
 _NOISE_OF_GRADIENT: Final = 1 / (8 * np.pi * _SMOOTH_PX**4)
+# The median of the square of a normal number of variance 1.
+_MEDIAN_OF_SQUARES: Final = 0.455
 # Noise of the gradient makes displacements too small: by a fifth, if its power is a fifth of the whole. A block with
 # less is not asked.
 _LEAST_OVER_NOISE: Final = 5.0
@@ -54,8 +56,7 @@ _AT_REST_PX: Final = 0.15
 # One that moves does so by about one of these, px over the exposure.
 _MOVING_PX: Final = (1.0, 2.5, 6.0)
 # The natural logarithm of the likelihood ratio against a picture without any block at rest, and the share of blocks at
-# rest, from which on it is believed. 47 scenes that move as a whole, each behind random masks and behind one displaced
-# pattern: 0.0, and none (docs/decisions/0126-a-camera-at-rest-from-the-measurement.md).
+# rest, from which on it is believed (`python -m tests.benchmarks at_rest`).
 _LEAST_EVIDENCE: Final = 12.0
 _LEAST_SHARE: Final = 0.3
 # The smooth field settles within so many steps.
@@ -233,10 +234,12 @@ def _regression(light: F64, masks: F64, usable: Bool, times: F64) -> tuple[F64, 
     slopes = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
     patterns = np.tensordot(times, masks, axes=1) / np.where(asked, opened, 1) * asked
     design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], axis=-1)
-    columns, left = _cut(design), _cut(several)
-    pixels = _cut(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
-    noise = float(np.median((quotient - picture)[asked] ** 2)) / 0.455 if asked.any() else 0.0
-    steep = _cut((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3)) / np.maximum(pixels, 1) / 2
+    columns, left = in_blocks(design), in_blocks(several)
+    pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
+    noise = float(np.median((quotient - picture)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
+    steep = (
+        in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3)) / np.maximum(pixels, 1) / 2
+    )
     turned = columns.swapaxes(2, 3)
     clear: Bool = steep > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
     return turned @ columns, turned @ left, (left**2).sum(axis=2), pixels, clear
@@ -268,8 +271,3 @@ def _filtered(picture: F64, gain: F64) -> F64:
 def _smooth(picture: F64) -> F64:
     found: F64 = cv2.GaussianBlur(picture, (0, 0), _SMOOTH_PX)
     return found
-
-
-def _cut(picture: F64) -> F64:
-    """Cut a picture into blocks, [B, B', pixels of a block, C]."""
-    return in_blocks(picture)

@@ -306,7 +306,7 @@ def test_auto_finds_a_camera_at_rest_in_the_measurement_alone(rest_request):
     assert (found.inverse_depth == 1).all()
 
 
-def test_a_stage_that_reports_poses_is_asked_before_a_camera_is_taken_to_be_at_rest(rest_request, scene):
+def test_a_stage_that_reports_poses_is_asked_before_a_camera_is_taken_to_be_at_rest(rest_request):
     poses = np.tile(np.eye(4), (10, 1, 1))
     poses[:, 0, 3] = np.linspace(0, 0.1, 10)
     assert find("auto", rest_request(telemetry_world_to_camera=poses)).source != "rest"
