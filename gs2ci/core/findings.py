@@ -197,6 +197,7 @@ class Code(StrEnum):
     DEPTH_RANGE_FOUND = auto()
     WIDE_MOTION = auto()
     VIEWS_JOIN_IN_PART = auto()
+    PATH_BY_DISPLACEMENTS = auto()
     UNIFORM_MOTION = auto()
     UNIFORM_TURN = auto()
     PATH_FOUND_AGAIN = auto()

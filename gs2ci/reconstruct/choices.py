@@ -9,7 +9,7 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "fine", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, wide, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
+"""auto, tracks, stage, wide, displacements, uniform, rest, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
 ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
 """Decoded views; the masked measurement; the paper's proxies by name; or the one that the masks call for."""

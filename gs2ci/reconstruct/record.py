@@ -20,7 +20,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import GIVEN, FromTracks
+from gs2ci.reconstruct.geometry.sources import GIVEN, FromDisplacements, FromTracks
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -228,7 +228,7 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
 
 def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
-    if source == FromTracks.name or geometry.known_at_rest:
+    if source in (FromTracks.name, FromDisplacements.name) or geometry.known_at_rest:
         return ()
     if geometry.verdict != "full":
         return (finding(Code.POSES_NOT_TAKEN, source=source),)

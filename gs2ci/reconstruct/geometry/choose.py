@@ -4,17 +4,19 @@ Here: the names, and `auto`. Not here: the sources themselves.
 
 `auto` takes the camera to be at rest if the measurement shows so and no stage reported poses: behind masks that are one
 displaced pattern, what a decode leaves of it is tracked as a motion, and halves of these tracks agree
-(docs/decisions/0126-a-camera-at-rest-from-the-measurement.md). Otherwise it uses every source available for this shot
-on this machine: the stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement
-chooses (`evidence`) among those that the tracks do not contradict: a source is replaced by a later one only if the
-later one's residual is clearly smaller. The stage comes first, since blur and noise of the picture do not affect it,
-and since it distinguishes a shift from a pan; a picture cannot do so if the parallax is as small as the tracks' errors.
-Wrong poses of a stage are found by the measurement (`python -m tests.benchmarks stage_poses`). If tracks give no path,
-features are matched between all pairs of views (`wide`); if these give none either, or the tracks' path is doubtful, a
-uniform motion is estimated (`python -m tests.benchmarks direct`).
+(docs/decisions/0126-a-camera-at-rest-from-the-measurement.md). Where tracks show no path, or a doubtful one, the motion
+that explains displacements of blocks of the measurement takes their place, if it is expected to err less
+(docs/decisions/0127-a-path-from-displacements.md). It uses every source available for this shot on this machine: the
+stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement chooses (`evidence`) among
+those that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
+smaller. The stage comes first, since blur and noise of the picture do not affect it, and since it distinguishes a shift
+from a pan; a picture cannot do so if the parallax is as small as the tracks' errors. Wrong poses of a stage are found
+by the measurement (`python -m tests.benchmarks stage_poses`). If tracks give no path, features are matched between all
+pairs of views (`wide`); if these give none either, or the tracks' path is doubtful, a uniform motion is estimated
+(`python -m tests.benchmarks direct`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -26,12 +28,14 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.geometry.displaced import displaced_motion
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import REST, Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sources import (
+    FromDisplacements,
     FromFile,
     FromRest,
     FromStage,
@@ -46,12 +50,14 @@ from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 
-GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "uniform", "rest", "auto", "vggt")
+GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
 _WIDE: Final = "wide"
+_DISPLACEMENTS: Final = "displacements"
+_AUTO: Final = "auto"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 _VGGT_OR_TRACKS: Final = "vggt-or-tracks"
@@ -66,26 +72,25 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "wide"; "uniform"; "rest"; "auto"; "file:PATH" (a COLMAP model's folder or a
-            transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks if no
-            model has been added; or the name of a plug-in, which is called for its prior.
+        name: "tracks"; "stage"; "wide"; "displacements"; "uniform"; "rest"; "auto"; "file:PATH" (a COLMAP model's
+            folder or a transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the
+            tracks if no model has been added; or the name of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
         StorageError: The list of added models cannot be read.
     """
-    if name == _TRACKS:
-        return FromTracks()
-    if name == _STAGE:
-        return FromStage()
-    if name == _WIDE:
-        return FromWide()
-    if name == _UNIFORM:
-        return FromUniform()
-    if name == REST:
-        return FromRest()
-    if name == "auto":
-        return Auto()
+    by_name: dict[str, Callable[[], GeometryPrior]] = {
+        _TRACKS: FromTracks,
+        _STAGE: FromStage,
+        _WIDE: FromWide,
+        _DISPLACEMENTS: FromDisplacements,
+        _UNIFORM: FromUniform,
+        REST: FromRest,
+        _AUTO: Auto,
+    }
+    if name in by_name:
+        return by_name[name]()
     if name.startswith(_FILE):
         path = Path(name.removeprefix(_FILE))
         if not path.exists():
@@ -141,19 +146,20 @@ class _Answer:
 class Auto:
     """Uses all available sources, and lets the measurement choose."""
 
-    name: str = "auto"
+    name: str = _AUTO
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
         still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
-        tracks = FromTracks()(request, progress)
+        tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
         if names == (_TRACKS,) and not doubtful:
             return tracks
         answers = [
-            _judged(request, _TRACKS, tracks) if name == _TRACKS else _asked(request, name, progress) for name in names
+            _judged(request, tracks.source, tracks) if name == _TRACKS else _asked(request, name, progress)
+            for name in names
         ]
         standing = _standing(answers)
         if standing is None:
@@ -163,7 +169,7 @@ class Auto:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
-        if _STAGE in names and chosen.source == _TRACKS:
+        if _STAGE in names and chosen is tracks:
             chosen = _in_the_order_of(answers[0].geometry, chosen)
         answered = ", ".join(answer.said for answer in answers)
         notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
@@ -179,6 +185,30 @@ class Auto:
         return replace(chosen, notes=(*notes, *chosen.notes))
 
 
+def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
+    """Return the motion from displacements of blocks, if tracks show none, or one that is expected to err more.
+
+    Tracks are measured in decoded views: small motions drown in their errors, and behind one displaced pattern they
+    follow what the decode leaves of it.
+    """
+    if tracks.verdict == "full" and not is_doubtful(tracks, request.settings.criteria):
+        return tracks
+    displaced = displaced_motion(request, tracks)
+    if displaced.verdict != "full":
+        return tracks
+    if tracks.verdict != "full":
+        return displaced
+    if _or_infinite(displaced.path_error_expected) >= _or_infinite(tracks.path_error_expected):
+        return tracks
+    if (tracks.order_errors or 0.0) <= (displaced.order_errors or 0.0):
+        return displaced
+    return replace(_with_order_of(tracks, displaced), order_errors=tracks.order_errors)
+
+
+def _or_infinite(error: float | None) -> float:
+    return float("inf") if error is None else error
+
+
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
     """Return the tracks' path in the stage's order of depth, if the stage settles one.
 
@@ -186,9 +216,15 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
     """
     if stage is None or not stage.order_given or chosen.verdict != "full":
         return chosen
-    if float(np.corrcoef(stage.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1]) < -_CLEARLY_REVERSED:
-        chosen = chosen.reverse or reversed_geometry(chosen)
-    return replace(chosen, order_given=True, reverse=None)
+    return replace(_with_order_of(stage, chosen), order_given=True, reverse=None)
+
+
+def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
+    """Return a geometry, or its reverse if its order of depth is opposite to that of another."""
+    if float(np.corrcoef(other.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1]) >= -_CLEARLY_REVERSED:
+        return chosen
+    there = chosen.reverse or reversed_geometry(chosen)
+    return replace(there, reverse=replace(chosen, reverse=None))
 
 
 def _lies_in_its_sign(request: Request) -> bool:

@@ -1,6 +1,6 @@
-"""Sources of first poses that need no model: tracks, matches of all pairs, the stage, a uniform motion, a file, rest.
+"""Sources of first poses that need no model: tracks, matches, displacements, the stage, a uniform motion, a file, rest.
 
-Here: these six. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+Here: these seven. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
 (`initialise`).
 """
 
@@ -16,6 +16,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
+from gs2ci.reconstruct.geometry.displaced import SOURCE, displaced_motion
 from gs2ci.reconstruct.geometry.initialise import REST, Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
@@ -80,6 +81,17 @@ class FromUniform:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         return uniform_motion(request, from_tracks(request, progress))
+
+
+@dataclass(frozen=True)
+class FromDisplacements:
+    """The motion that explains the displacements of blocks of the measurement."""
+
+    name: str = SOURCE
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return displaced_motion(request, from_tracks(request, progress))
 
 
 @dataclass(frozen=True)
@@ -156,7 +168,7 @@ class FromFile:
 
 GIVEN: Final = (FromStage.name, FromFile.name)
 """Sources that give the turns of the camera, which pictures of a small motion determine poorly."""
-ESTIMATED: Final = (FromTracks.name, FromWide.name, FromUniform.name)
+ESTIMATED: Final = (FromTracks.name, FromWide.name, FromUniform.name, FromDisplacements.name)
 """Sources that estimate the path from this measurement alone."""
 
 

@@ -1,56 +1,21 @@
 """Which share of the picture does not move during the exposure, from the measurement and its masks alone.
 
-If nothing moved, the measurement divided by the open share of the masks is a sharp picture, X. If a part of it is
-displaced by d(t), the quotient differs from X, to first order, by −Σ wᵢ Mᵢ (∇X·d(tᵢ)) / Σ wᵢ Mᵢ: the picture's
-gradient, with the fine pattern of the masks on it. The detail of a real picture knows nothing of that pattern. So the
-quotient is regressed on it, block by block: displacements with their standard errors, from a few transforms of the
-picture and neither a decode nor a fit. Both sides are whitened by the quotient's own spectrum, since the detail of
-pictures, the noise of this regression, falls with frequency, and the pattern does not.
+Each block of the picture is at rest or moves by some pixels, as its displacement and its standard error say
+(`displacements`); the share of those at rest is estimated by maximum likelihood. A plain block, or a noisy one, changes
+neither side. Of a camera that moves, hardly any block is at rest.
 
-This is what decoded views cannot tell behind one pattern that is displaced from view to view, as in most laboratories:
-what a decode leaves of the pattern moves with it, and points are tracked on that.
-
-Each block is at rest or moves by some pixels; the share of those at rest is estimated by maximum likelihood. A plain
-block, or a noisy one, changes neither side. Of a camera that moves, hardly any block is at rest.
-
-Here: the displacements, and the share. Not here: what follows from it (`gs2ci.reconstruct.geometry.choose`).
+Here: that share. Not here: what follows from it (`gs2ci.reconstruct.geometry.choose`).
 """
 
-from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from scipy.special import expit, logit
 
-from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
+from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 
-# Standard deviation of the smoothing before gradients are taken: the pattern of the masks is removed, edges are kept.
-_SMOOTH_PX: Final = 1.0
-# White noise of variance 1, smoothed so, has gradients of this variance along each axis: 1 / (8 π σ⁴).
-_NOISE_OF_GRADIENT: Final = 1 / (8 * np.pi * _SMOOTH_PX**4)
-# The median of the square of a normal number of variance 1.
-_MEDIAN_OF_SQUARES: Final = 0.455
-# Noise of the gradient makes displacements too small: by a fifth, if its power is a fifth of the whole. A block with
-# less is not asked.
-_LEAST_OVER_NOISE: Final = 5.0
-# Pixels that see less than this share of the median light say little, and their quotient is noisy.
-_LEAST_OPEN: Final = 0.3
-# A block with fewer usable pixels is not asked.
-_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
-# Displacements over time are sums of so many cosines at most: to and fro is the second.
-_FREQUENCIES: Final = 2
-# The spectrum is averaged over so many neighbouring frequencies along each axis, and never taken to be smaller than
-# this share of its median.
-_SPECTRUM_BINS: Final = 7
-_LEAST_OF_SPECTRUM: Final = 1e-3
-# Residuals of other places, which know nothing of a block's masks, show how much too small the standard errors are.
-_ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
-# Two frequencies along two axes: the median of a squared normal vector of so many dimensions (chi-squared) is its
-# number of dimensions less about this.
-_MEAN_LESS_MEDIAN: Final = 0.65
 # A block at rest may seem displaced by so much, px over the exposure, besides the standard error: first-order errors.
 _AT_REST_PX: Final = 0.15
 # One that moves does so by about one of these, px over the exposure.
@@ -59,11 +24,9 @@ _MOVING_PX: Final = (1.0, 2.5, 6.0)
 # rest, from which on it is believed (`python -m tests.benchmarks at_rest`).
 _LEAST_EVIDENCE: Final = 12.0
 _LEAST_SHARE: Final = 0.3
-# The smooth field settles within so many steps.
+# The smooth field settles within so many steps; its regression is kept defined relative to the mean of its diagonal.
 _FIELD_STEPS: Final = 10
-# Keeps regressions defined; relative to the mean of the diagonal, over the block and over the picture.
 _RIDGE: Final = 1e-6
-_RIDGE_OF_PICTURE: Final = 1e-9
 
 
 def share_at_rest(shot: Shot) -> float:
@@ -81,30 +44,8 @@ def share_at_rest(shot: Shot) -> float:
     share, evidence = _likeliest_share(displaced, 0.0)
     if evidence < _LEAST_EVIDENCE or share < _LEAST_SHARE:
         return 0.0
-    return 0.0 if _moves_smoothly(displaced, share, evidence) else share
-
-
-@dataclass(frozen=True)
-class BlockDisplacements:
-    """Displacements of blocks during the exposure.
-
-    Args:
-        places: Of the blocks, [B, 2], each coordinate from -1 to 1.
-        px: Over the exposure, [B, K]: along x and y, for each frequency. Gradients are taken from a smoothed picture,
-            so that fine detail seems to move up to twice as far.
-        covariance: Of their errors, [B, K, K].
-    """
-
-    places: F64
-    px: F64
-    covariance: F64
-
-    def log_ratio(self, expected: F64 | float) -> F64:
-        """Return by how much likelier blocks move as expected, [B, K], than anyhow (natural logarithm, [B])."""
-        as_expected = _log_likelihood(self.px - expected, self.covariance, _AT_REST_PX)
-        anyhow = [_log_likelihood(self.px, self.covariance, size) for size in _MOVING_PX]
-        found: F64 = as_expected - np.logaddexp.reduce(anyhow) + np.log(len(_MOVING_PX))
-        return found
+    places = displaced.centres_px / shot.size[::-1] * 2 - 1
+    return 0.0 if _moves_smoothly(displaced, places, share, evidence) else share
 
 
 def _likeliest_share(displaced: BlockDisplacements, expected: F64 | float) -> tuple[float, float]:
@@ -113,21 +54,22 @@ def _likeliest_share(displaced: BlockDisplacements, expected: F64 | float) -> tu
     The evidence is the natural logarithm of the likelihood ratio against no such block.
     """
     shares = np.linspace(0, 1, 101)
-    ratio = np.exp(np.clip(displaced.log_ratio(expected), -700, 700))
+    ratio = np.exp(np.clip(_log_ratio(displaced, expected), -700, 700))
     evidence = np.log1p(np.maximum(shares[:, None] * (ratio - 1), np.finfo(np.float64).eps - 1)).sum(axis=1)
     best = int(np.argmax(evidence))
     return float(shares[best]), float(evidence[best])
 
 
-def _moves_smoothly(displaced: BlockDisplacements, share: float, evidence: float) -> bool:
+def _moves_smoothly(displaced: BlockDisplacements, places: F64, share: float, evidence: float) -> bool:
     """Tell whether a smooth field of displacements is clearly likelier than a share at rest with this evidence.
 
-    The field is quadratic, and uniform over time. Its parameters count as in Schwarz's criterion (BIC).
+    The field is quadratic in the places, [B, 2] from -1 to 1, and uniform over time. Its parameters count as in
+    Schwarz's criterion (BIC).
     """
-    x, y = displaced.places.T
+    x, y = places.T
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     weights = np.linalg.inv(displaced.covariance + np.eye(displaced.px.shape[1]) * _AT_REST_PX**2)
-    # The design of one block: its two displacements at the first frequency, by the parameters along x, then along y.
+    # The design of one block: its two displacements of even motion, by the parameters along x, then along y.
     design = np.zeros((len(x), displaced.px.shape[1], 2 * basis.shape[1]))
     design[:, 0, : basis.shape[1]] = design[:, 1, basis.shape[1] :] = basis
     weighted = design.swapaxes(1, 2) @ weights
@@ -142,8 +84,16 @@ def _moves_smoothly(displaced: BlockDisplacements, share: float, evidence: float
         share, found = _likeliest_share(displaced, field)
         if found > evidence + penalty:
             return True
-        belongs = expit(displaced.log_ratio(field) + logit(np.clip(share, 0.01, 0.99)))
+        belongs = expit(_log_ratio(displaced, field) + logit(np.clip(share, 0.01, 0.99)))
     return False
+
+
+def _log_ratio(displaced: BlockDisplacements, expected: F64 | float) -> F64:
+    """Return by how much likelier blocks move as expected, [B, K], than anyhow (natural logarithm, [B])."""
+    as_expected = _log_likelihood(displaced.px - expected, displaced.covariance, _AT_REST_PX)
+    anyhow = [_log_likelihood(displaced.px, displaced.covariance, size) for size in _MOVING_PX]
+    found: F64 = as_expected - np.logaddexp.reduce(anyhow) + np.log(len(_MOVING_PX))
+    return found
 
 
 def _log_likelihood(found: F64, covariance: F64, size_px: float) -> F64:
@@ -152,122 +102,3 @@ def _log_likelihood(found: F64, covariance: F64, size_px: float) -> F64:
     distance = np.einsum("bi,bi->b", found, np.linalg.solve(spread, found[..., None])[..., 0])
     density: F64 = -0.5 * (distance + np.linalg.slogdet(spread)[1])
     return density
-
-
-def displacements(shot: Shot) -> BlockDisplacements | None:
-    """Regress the measurement on displacements of blocks.
-
-    The pixels of each colour of a mosaic are a picture of their own, and their regressions are added.
-
-    Returns:
-        Those of the blocks that tell; None if there are none, the shot has one view, or is smaller than a block.
-    """
-    every = 1 if shot.cfa is None else 2
-    if len(shot.masks) < 2 or min(shot.size) < every * BLOCK_PX:
-        return None
-    height, width = (side // every * every for side in shot.size)
-    times = _over_time(len(shot.masks))
-    parts = [np.s_[down:height:every, right:width:every] for down in range(every) for right in range(every)]
-    regressions = [
-        _regression(
-            shot.measurement[part].mean(axis=2, dtype=np.float64),
-            shot.weights[:, None, None].astype(np.float64) * shot.masks[:, *part],
-            shot.usable[part],
-            # A displacement by a pixel is one by half the distance of pixels of one colour.
-            times / every,
-        )
-        for part in parts
-    ]
-    gram, moment, power, pixels = (np.sum([one[part] for one in regressions], axis=0) for part in range(4))
-    clear: Bool = np.all([one[4] for one in regressions], axis=0)
-    return _solved(gram, moment, power, pixels, clear)
-
-
-def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> BlockDisplacements | None:
-    """Solve the regressions of all blocks; see `_regression`."""
-    tells = tells & (pixels >= _LEAST_PIXELS)
-    if not tells.any():
-        return None
-    down, across = (np.linspace(-1, 1, count) for count in tells.shape)
-    places = np.stack(np.meshgrid(across, down), axis=-1)[tells]
-    gram, moment, power, count = grams[tells], moments[tells], powers[tells], pixels[tells]
-    unknowns = gram.shape[-1]
-    trace = np.trace(gram, axis1=1, axis2=2) / unknowns
-    least = max(_RIDGE_OF_PICTURE * float(trace.mean()), np.finfo(np.float64).tiny)
-    inverse = np.linalg.inv(gram + np.eye(unknowns) * np.maximum(_RIDGE * trace, least)[:, None, None])
-    found = inverse @ moment
-    freedom = np.maximum(count - unknowns, 1)[:, None]
-    variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom
-    # The first residual is that of the block itself.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        by_chance = ((found * moment).sum(axis=1) / variance)[:, 1:]
-    by_chance = by_chance[np.isfinite(by_chance)]
-    expected = unknowns - _MEAN_LESS_MEDIAN
-    inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
-    return BlockDisplacements(places, found[..., 0], inverse * (inflated * variance[:, 0])[:, None, None])
-
-
-def _regression(light: F64, masks: F64, usable: Bool, times: F64) -> tuple[F64, F64, F64, F64, Bool]:
-    """Regress one picture.
-
-    Args:
-        light: The measurement, [H, W].
-        masks: With their weights, [N, H, W].
-        usable: Which pixels may be read, [H, W].
-        times: Of each view, for each frequency: displacement for 1 px over the exposure, [F, N].
-
-    Returns:
-        For each block, [B, B'] first: gram matrix, [2 F, 2 F]; moments of the residual and of those of other places,
-        [2 F, 1 + P]; their power, [1 + P]; number of pixels; and whether the block has enough texture.
-    """
-    opened = masks.sum(axis=0)
-    asked = usable & (opened > 0)
-    if asked.any():
-        asked &= opened >= _LEAST_OPEN * np.median(opened[asked])
-    weight = asked * opened**2
-    quotient = np.where(asked, light / np.where(asked, opened, 1), 0)
-    picture = _smooth(quotient * weight) / np.maximum(_smooth(weight), np.finfo(np.float32).tiny)
-    quotient = np.where(asked, quotient, picture)
-    gain = _whitening(quotient)
-    residual = _filtered(quotient, gain) * asked
-    several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
-    slopes = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
-    patterns = np.tensordot(times, masks, axes=1) / np.where(asked, opened, 1) * asked
-    design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], axis=-1)
-    columns, left = in_blocks(design), in_blocks(several)
-    pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
-    noise = float(np.median((quotient - picture)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
-    steep = (
-        in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3)) / np.maximum(pixels, 1) / 2
-    )
-    turned = columns.swapaxes(2, 3)
-    clear: Bool = steep > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
-    return turned @ columns, turned @ left, (left**2).sum(axis=2), pixels, clear
-
-
-def _over_time(count: int) -> F64:
-    """Return the displacements of so many views, [F, N]: cosines that change by 1 px over the exposure."""
-    rows = np.arange(1, min(count - 1, _FREQUENCIES) + 1)[:, None]
-    found: F64 = -0.5 * np.cos(np.pi * rows * (np.arange(count) + 0.5) / count)
-    return found
-
-
-def _whitening(picture: F64) -> F64:
-    """Return the filter, by frequency, that makes the detail of a picture, [H, W], equally strong at all of them."""
-    window = np.outer(np.hanning(picture.shape[0]), np.hanning(picture.shape[1]))
-    power = np.fft.fftshift(np.abs(np.fft.fft2((picture - picture.mean()) * window)) ** 2)
-    power = np.fft.ifftshift(cv2.blur(power, (_SPECTRUM_BINS, _SPECTRUM_BINS), borderType=cv2.BORDER_REFLECT))
-    least = max(_LEAST_OF_SPECTRUM * float(np.median(power)), np.finfo(np.float64).tiny)
-    gain: F64 = 1 / np.sqrt(power + least)
-    gain[0, 0] = 0
-    return gain
-
-
-def _filtered(picture: F64, gain: F64) -> F64:
-    found: F64 = np.fft.ifft2(np.fft.fft2(picture) * gain).real
-    return found
-
-
-def _smooth(picture: F64) -> F64:
-    found: F64 = cv2.GaussianBlur(picture, (0, 0), _SMOOTH_PX)
-    return found

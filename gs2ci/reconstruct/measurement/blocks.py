@@ -1,6 +1,6 @@
 """Square blocks of a picture, in each of which a residual is regressed by itself.
 
-Here: how a picture is cut. Not here: the regressions (`moving`, `over_time`, `at_rest`).
+Here: how a picture is cut. Not here: the regressions (`moving`, `over_time`, `displacements`).
 """
 
 from typing import Final

@@ -8,7 +8,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.at_rest import displacements, share_at_rest
+from gs2ci.reconstruct.measurement.at_rest import share_at_rest
+from gs2ci.reconstruct.measurement.displacements import displacements
 
 SIZE, VIEWS = (112, 144), 10
 # From -0.5 to 0.5 over the exposure.
@@ -84,7 +85,7 @@ def test_what_moves_before_a_picture_at_rest_does_not_hide_that(kind):
 
 def test_displacements_of_a_picture_at_rest_have_the_errors_that_they_state():
     found = displacements(exposed(AT_REST, masks_of("random")))
-    assert (found.places.min(), found.places.max()) == (-1, 1)
+    assert (found.centres_px.min(axis=0).tolist(), found.centres_px.max(axis=0).tolist()) == ([8, 8], [136, 104])
     errors = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     assert np.sqrt(np.mean((found.px / errors) ** 2)) == pytest.approx(1, abs=0.35)
 

@@ -1,0 +1,204 @@
+"""How far each part of the picture moves during the exposure, from the measurement and its masks alone.
+
+If nothing moved, the measurement divided by the open share of the masks is a sharp picture, X. If a part of it is
+displaced by d(t), the quotient differs from X, to first order, by −Σ wᵢ Mᵢ (∇X·d(tᵢ)) / Σ wᵢ Mᵢ: the picture's
+gradient, with the fine pattern of the masks on it. The detail of a real picture knows nothing of that pattern. So the
+quotient is regressed on it, block by block: displacements with their standard errors, from a few transforms of the
+picture and neither a decode nor a fit. Both sides are whitened by the quotient's own spectrum, since the detail of
+pictures, the noise of this regression, falls with frequency, and the pattern does not.
+
+This is what decoded views cannot tell behind one pattern that is displaced from view to view, as in most laboratories:
+what a decode leaves of the pattern moves with it, and points are tracked on that.
+
+Here: the displacements. Not here: whether the camera was at rest (`at_rest`), its path
+(`gs2ci.reconstruct.geometry.displaced`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
+
+# Standard deviation of the smoothing before gradients are taken: the pattern of the masks is removed, edges are kept.
+_SMOOTH_PX: Final = 1.0
+# White noise of variance 1, smoothed so, has gradients of this variance along each axis: 1 / (8 π σ⁴).
+_NOISE_OF_GRADIENT: Final = 1 / (8 * np.pi * _SMOOTH_PX**4)
+# The median of the square of a normal number of variance 1.
+_MEDIAN_OF_SQUARES: Final = 0.455
+# Noise of the gradient makes displacements too small: by a fifth, if its power is a fifth of the whole. A block with
+# less is not asked.
+_LEAST_OVER_NOISE: Final = 5.0
+# Pixels that see less than this share of the median light say little, and their quotient is noisy.
+_LEAST_OPEN: Final = 0.3
+# A block with fewer usable pixels is not asked.
+_LEAST_PIXELS: Final = BLOCK_PX**2 // 4
+# Displacements over time are polynomials of this degree at most: even motion is the first, to and fro the second.
+_DEGREE: Final = 2
+# The spectrum is averaged over so many neighbouring frequencies along each axis, and never taken to be smaller than
+# this share of its median.
+_SPECTRUM_BINS: Final = 7
+_LEAST_OF_SPECTRUM: Final = 1e-3
+# Residuals of other places, which know nothing of a block's masks, show how much too small the standard errors are.
+_ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
+# Two degrees along two axes: the median of a squared normal vector of so many dimensions (chi-squared) is its
+# number of dimensions less about this.
+_MEAN_LESS_MEDIAN: Final = 0.65
+# Keeps regressions defined; relative to the mean of the diagonal, over the block and over the picture.
+_RIDGE: Final = 1e-6
+_RIDGE_OF_PICTURE: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class BlockDisplacements:
+    """Displacements of blocks during the exposure.
+
+    Args:
+        centres_px: Of the blocks, as (x, y), [B, 2].
+        px: Over the exposure, [B, 2 F]: along x and y, for each row of `over_time`. Gradients are taken from a smoothed
+            picture, so that fine detail seems to move up to twice as far.
+        covariance: Of their errors, [B, 2 F, 2 F].
+        over_time: Displacement of each view for one of 1 px, [F, N]: even motion, then to and fro.
+        block_px: Side of a block on the sensor.
+    """
+
+    centres_px: F64
+    px: F64
+    covariance: F64
+    over_time: F64
+    block_px: int
+
+
+def displacements(shot: Shot) -> BlockDisplacements | None:
+    """Regress the measurement on displacements of blocks.
+
+    The pixels of each colour of a mosaic are a picture of their own, and their regressions are added.
+
+    Returns:
+        Those of the blocks that tell; None if there are none, the shot has one view, or is smaller than a block.
+    """
+    every = 1 if shot.cfa is None else 2
+    if len(shot.masks) < 2 or min(shot.size) < every * BLOCK_PX:
+        return None
+    height, width = (side // every * every for side in shot.size)
+    times = _over_time(len(shot.masks))
+    parts = [np.s_[down:height:every, right:width:every] for down in range(every) for right in range(every)]
+    regressions = [
+        _regression(
+            shot.measurement[part].mean(axis=2, dtype=np.float64),
+            shot.weights[:, None, None].astype(np.float64) * shot.masks[:, *part],
+            shot.usable[part],
+            # A displacement by a pixel is one by half the distance of pixels of one colour.
+            times / every,
+        )
+        for part in parts
+    ]
+    gram, moment, power, pixels = (np.sum([one[part] for one in regressions], axis=0) for part in range(4))
+    clear: Bool = np.all([one[4] for one in regressions], axis=0)
+    blocks = _solved(gram, moment, power, pixels, clear)
+    if blocks is None:
+        return None
+    rows_columns, found, covariance = blocks
+    side = BLOCK_PX * every
+    centres_px: F64 = (rows_columns[:, ::-1].astype(np.float64) + 0.5) * side
+    return BlockDisplacements(centres_px, found, covariance, times, side)
+
+
+def _solved(
+    grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool
+) -> tuple[NDArray[np.int64], F64, F64] | None:
+    """Solve the regressions of blocks; see `_regression`.
+
+    Returns:
+        Row and column of each block that tells, [B, 2], its displacements, [B, 2 F], and their covariance,
+        [B, 2 F, 2 F]; None if no block tells.
+    """
+    tells = tells & (pixels >= _LEAST_PIXELS)
+    if not tells.any():
+        return None
+    gram, moment, power, count = grams[tells], moments[tells], powers[tells], pixels[tells]
+    unknowns = gram.shape[-1]
+    trace = np.trace(gram, axis1=1, axis2=2) / unknowns
+    least = max(_RIDGE_OF_PICTURE * float(trace.mean()), np.finfo(np.float64).tiny)
+    inverse = np.linalg.inv(gram + np.eye(unknowns) * np.maximum(_RIDGE * trace, least)[:, None, None])
+    found = inverse @ moment
+    freedom = np.maximum(count - unknowns, 1)[:, None]
+    variance = np.maximum(power - (found * moment).sum(axis=1), 0) / freedom
+    # The first residual is that of the block itself.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_chance = ((found * moment).sum(axis=1) / variance)[:, 1:]
+    by_chance = by_chance[np.isfinite(by_chance)]
+    expected = unknowns - _MEAN_LESS_MEDIAN
+    inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
+    return np.argwhere(tells), found[..., 0], inverse * (inflated * variance[:, 0])[:, None, None]
+
+
+def _regression(light: F64, masks: F64, usable: Bool, times: F64) -> tuple[F64, F64, F64, F64, Bool]:
+    """Regress one picture.
+
+    Args:
+        light: The measurement, [H, W].
+        masks: With their weights, [N, H, W].
+        usable: Which pixels may be read, [H, W].
+        times: Displacement of each view for one of 1 px over the exposure, [F, N].
+
+    Returns:
+        For each block, [B, B'] first: gram matrix, [2 F, 2 F]; moments of the residual and of those of other places,
+        [2 F, 1 + P]; their power, [1 + P]; number of pixels; and whether the block has enough texture.
+    """
+    opened = masks.sum(axis=0)
+    asked = usable & (opened > 0)
+    if asked.any():
+        asked &= opened >= _LEAST_OPEN * np.median(opened[asked])
+    weight = asked * opened**2
+    quotient = np.where(asked, light / np.where(asked, opened, 1), 0)
+    picture = _smooth(quotient * weight) / np.maximum(_smooth(weight), np.finfo(np.float32).tiny)
+    quotient = np.where(asked, quotient, picture)
+    gain = _whitening(quotient)
+    residual = _filtered(quotient, gain) * asked
+    several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
+    slopes = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
+    patterns = np.tensordot(times, masks, axes=1) / np.where(asked, opened, 1) * asked
+    design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], axis=-1)
+    columns, left = in_blocks(design), in_blocks(several)
+    pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
+    noise = float(np.median((quotient - picture)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
+    steep = (
+        in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3)) / np.maximum(pixels, 1) / 2
+    )
+    turned = columns.swapaxes(2, 3)
+    clear: Bool = steep > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
+    return turned @ columns, turned @ left, (left**2).sum(axis=2), pixels, clear
+
+
+def _over_time(count: int) -> F64:
+    """Return the displacements of so many views, [F, N]: polynomials of mean 0 that change by 1 px."""
+    time = np.linspace(-1, 1, count)
+    rows = np.stack([0.5 * time, time**2 - np.mean(time**2)])
+    return rows[: min(count - 1, _DEGREE)]
+
+
+def _whitening(picture: F64) -> F64:
+    """Return the filter, by frequency, that makes the detail of a picture, [H, W], equally strong at all of them."""
+    window = np.outer(np.hanning(picture.shape[0]), np.hanning(picture.shape[1]))
+    power = np.fft.fftshift(np.abs(np.fft.fft2((picture - picture.mean()) * window)) ** 2)
+    power = np.fft.ifftshift(cv2.blur(power, (_SPECTRUM_BINS, _SPECTRUM_BINS), borderType=cv2.BORDER_REFLECT))
+    least = max(_LEAST_OF_SPECTRUM * float(np.median(power)), np.finfo(np.float64).tiny)
+    gain: F64 = 1 / np.sqrt(power + least)
+    gain[0, 0] = 0
+    return gain
+
+
+def _filtered(picture: F64, gain: F64) -> F64:
+    found: F64 = np.fft.ifft2(np.fft.fft2(picture) * gain).real
+    return found
+
+
+def _smooth(picture: F64) -> F64:
+    found: F64 = cv2.GaussianBlur(picture, (0, 0), _SMOOTH_PX)
+    return found
