@@ -50,6 +50,7 @@ BENCHMARKS = (
     "depth",
     "lengths",
     "direct",
+    "displaced",
     "depth_order",
     "calibration_geometry",
     "calibrated_reconstruction",

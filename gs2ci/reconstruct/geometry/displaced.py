@@ -37,6 +37,8 @@ from gs2ci.reconstruct.geometry.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 from gs2ci.reconstruct.measurement.lens import straightened
 
+# Rounds of the regression: more change displacements by less than their errors.
+_ROUNDS: Final = 3
 # Errors of displacements besides their standard errors: so many px, and this share of them, since they are of first
 # order, and fine detail seems to move farther than the rest.
 _FIRST_ORDER_PX: Final = 0.15
@@ -51,6 +53,9 @@ _OUTLIER: Final = 3.0
 # Blocks of a still scene are off by this at most, in the mean over the blocks: 2 to 3.6 for cameras that move, 4 to 18
 # where something else moves (docs/decisions/0127-a-path-from-displacements.md).
 _MOST_OFF: Final = 3.6
+# A camera that turns must leave so many times more: one that turns by a degree left up to 1.7 times more than with a
+# parallax of its own, motions with a parallax of a pixel and more 1.8 times and more.
+_LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
 _MOST_TRIALS: Final = 100
@@ -112,6 +117,10 @@ class DisplacedBlocks:
         """Find the motion that explains the blocks best, from several starts."""
         return min((self.adjusted(start) for start in self._starts()), key=lambda motion: motion.cost)
 
+    def turn(self) -> BlockMotion:
+        """Find the turn of a camera that stays in place that explains the blocks best."""
+        return self._searched(np.zeros((self._degrees, 6)), np.s_[:, 3:])
+
     def subset(self, chosen: Bool) -> "DisplacedBlocks":
         """Return some of the blocks."""
         some = replace(
@@ -124,12 +133,21 @@ class DisplacedBlocks:
 
     def adjusted(self, start: F64) -> BlockMotion:
         """Search for the motion near a start, [F, 6]."""
+        return self._searched(start, np.s_[:, :])
 
-        def errors(moves: F64) -> F64:
-            return self._errors(moves)[0]
+    def _searched(self, start: F64, free: tuple[slice, slice]) -> BlockMotion:
+        """Search for some of the moves, [F, 6], near a start, and keep the others."""
 
-        found = least_squares(errors, start.ravel(), max_nfev=_MOST_TRIALS, x_scale="jac")
-        return BlockMotion(found.x.reshape(start.shape), *self._errors(found.x)[1:])
+        def moves(found: F64) -> F64:
+            all_moves = start.copy()
+            all_moves[free] = found.reshape(start[free].shape)
+            return all_moves
+
+        def errors(found: F64) -> F64:
+            return self._errors(moves(found))[0]
+
+        found = moves(least_squares(errors, start[free].ravel(), max_nfev=_MOST_TRIALS, x_scale="jac").x)
+        return BlockMotion(found, *self._errors(found)[1:])
 
     def _starts(self) -> list[F64]:
         """Return moves to start from, [F, 6] each: pure travel, and travel along the largest parallax, both ways."""
@@ -175,8 +193,7 @@ class DisplacedBlocks:
         return moves
 
     def _errors(self, moves: F64) -> tuple[F64, F64, F64]:
-        """Return the errors to be squared and added, inverse depths, [B], and squares of the blocks' distances, [B]."""
-        moves = moves.reshape(self._degrees, 6)
+        """Return what moves, [F, 6], are off by: errors to be squared and added, and inverse depths and costs, [B]."""
         count = len(self._slopes)
         turned = np.einsum("bij,fj->bfi", self._turns, moves[:, 3:]).reshape(count, -1)
         left = np.einsum("bij,bj->bi", self._whiten, self.displaced.px - turned)
@@ -200,15 +217,17 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         tracks: The tracks' geometry, of which only the camera matrix and the middle view are used.
 
     Returns:
-        The geometry; a camera at rest, "unsupported", if too few blocks tell, no camera explains them, or
-        halves of them disagree.
+        The geometry; a camera at rest, "unsupported", if too few blocks tell, no camera explains them, one that
+        only turned nearly does, or halves of them disagree.
     """
     without, criteria = replace(at_rest(tracks), source=SOURCE), request.settings.criteria
     blocks = blocks_of(request, tracks)
     if blocks is None or len(blocks) < criteria.tracks or len(request.views) < _LEAST_VIEWS:
         return without
     here = blocks.motion()
-    expected = expected_error(blocks, here, tracks.reference) if here.cost <= _MOST_OFF else None
+    if here.cost > _MOST_OFF or blocks.turn().cost < _LEAST_PARALLAX * here.cost:
+        return without
+    expected = expected_error(blocks, here, tracks.reference)
     if expected is None or not halves_agree(expected, criteria):
         return without
     there = blocks.adjusted(_reversed(here))
@@ -233,7 +252,7 @@ def blocks_of(request: Request, found: Geometry) -> DisplacedBlocks | None:
         request: The measurement.
         found: A geometry with the camera matrix.
     """
-    displaced = displacements(request.shot)
+    displaced = displacements(request.shot, _ROUNDS)
     if displaced is None:
         return None
     places = displaced.centres_px

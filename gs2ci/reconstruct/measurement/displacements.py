@@ -49,6 +49,15 @@ _ELSEWHERE_PX: Final = ((9, 21), (21, -9), (-9, -21), (-21, 9))
 # Two degrees along two axes: the median of a squared normal vector of so many dimensions (chi-squared) is its
 # number of dimensions less about this.
 _MEAN_LESS_MEDIAN: Final = 0.65
+# Before the last round, so much of what is left is added to the displacements.
+_ROUND_SHARE: Final = 0.8
+# The field that is taken out is smoothed over so many blocks (standard deviation), whose displacements differ by about
+# so many px besides their errors.
+_FIELD_BLOCKS: Final = 0.7
+_FIELD_PX: Final = 0.15
+# It is taken out in so many steps, of the picture smoothed by so much (standard deviation).
+_STEPS_OUT: Final = 4
+_SHARP_PX: Final = 0.6
 # Keeps regressions defined; relative to the mean of the diagonal, over the block and over the picture.
 _RIDGE: Final = 1e-6
 _RIDGE_OF_PICTURE: Final = 1e-9
@@ -60,8 +69,7 @@ class BlockDisplacements:
 
     Args:
         centres_px: Of the blocks, as (x, y), [B, 2].
-        px: Over the exposure, [B, 2 F]: along x and y, for each row of `over_time`. Gradients are taken from a smoothed
-            picture, so that fine detail seems to move up to twice as far.
+        px: Over the exposure, [B, 2 F]: along x and y, for each row of `over_time`.
         covariance: Of their errors, [B, 2 F, 2 F].
         over_time: Displacement of each view for one of 1 px, [F, N]: even motion, then to and fro.
         block_px: Side of a block on the sensor.
@@ -74,10 +82,17 @@ class BlockDisplacements:
     block_px: int
 
 
-def displacements(shot: Shot) -> BlockDisplacements | None:
+def displacements(shot: Shot, rounds: int = 0) -> BlockDisplacements | None:
     """Regress the measurement on displacements of blocks.
 
     The pixels of each colour of a mosaic are a picture of their own, and their regressions are added.
+
+    Args:
+        shot: The measurement; closed masks mark pixels that are not to be read.
+        rounds: How often the displacements are taken out of the picture, and those that are left added to them. Without
+            that, fine detail seems to move up to twice as far, since gradients are taken from a smoothed picture: of a
+            camera that turns, finely textured things seem to be near. After three rounds all of a picture seems to move
+            1.1 to 1.3 times as far as it does.
 
     Returns:
         Those of the blocks that tell; None if there are none, the shot has one view, or is smaller than a block.
@@ -88,8 +103,8 @@ def displacements(shot: Shot) -> BlockDisplacements | None:
     height, width = (side // every * every for side in shot.size)
     times = _over_time(len(shot.masks))
     parts = [np.s_[down:height:every, right:width:every] for down in range(every) for right in range(every)]
-    regressions = [
-        _regression(
+    pictures = [
+        _Picture(
             shot.measurement[part].mean(axis=2, dtype=np.float64),
             shot.weights[:, None, None].astype(np.float64) * shot.masks[:, *part],
             shot.usable[part],
@@ -98,26 +113,60 @@ def displacements(shot: Shot) -> BlockDisplacements | None:
         )
         for part in parts
     ]
+    found = _regressed(pictures, None)
+    for number in range(rounds):
+        if found is None:
+            break
+        field = _field(*found)
+        left = _regressed(pictures, field)
+        if left is None:
+            break
+        places, px, covariance, _ = left
+        share = _ROUND_SHARE if number < rounds - 1 else 1.0
+        found = places, field[*places.T] + share * px, covariance, found[3]
+    if found is None:
+        return None
+    places, px, covariance, _ = found
+    side = BLOCK_PX * every
+    centres_px: F64 = (places[:, ::-1].astype(np.float64) + 0.5) * side
+    return BlockDisplacements(centres_px, px, covariance, times, side)
+
+
+_Blocks = tuple[NDArray[np.int64], F64, F64, tuple[int, ...]]
+"""Row and column of each block that tells, [B, 2]; its displacements, [B, 2 F], and their covariance, [B, 2 F, 2 F];
+and the numbers of rows and columns of blocks."""
+
+
+def _regressed(pictures: list["_Picture"], field: F64 | None) -> _Blocks | None:
+    """Regress pictures on displacements beside those of a field, [rows, columns, 2 F]; None if no block tells."""
+    regressions = [picture.regression(field) for picture in pictures]
     gram, moment, power, pixels = (np.sum([one[part] for one in regressions], axis=0) for part in range(4))
     clear: Bool = np.all([one[4] for one in regressions], axis=0)
-    blocks = _solved(gram, moment, power, pixels, clear)
-    if blocks is None:
-        return None
-    rows_columns, found, covariance = blocks
-    side = BLOCK_PX * every
-    centres_px: F64 = (rows_columns[:, ::-1].astype(np.float64) + 0.5) * side
-    return BlockDisplacements(centres_px, found, covariance, times, side)
+    return _solved(gram, moment, power, pixels, clear)
 
 
-def _solved(
-    grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool
-) -> tuple[NDArray[np.int64], F64, F64] | None:
-    """Solve the regressions of blocks; see `_regression`.
+def _field(places: NDArray[np.int64], px: F64, covariance: F64, grid: tuple[int, ...]) -> F64:
+    """Return smooth displacements of all blocks, [rows, columns, 2 F]; each known one counts by its precision."""
+    unknowns = np.eye(px.shape[1])
+    precision = np.linalg.inv(covariance + _FIELD_PX**2 * unknowns)
+    known = np.einsum("bij,bj->bi", precision, px)
+    mean = np.linalg.solve(precision.sum(axis=0), known.sum(axis=0))
+    precisions, knowns = np.zeros((*grid, *unknowns.shape)), np.zeros((*grid, len(unknowns)))
+    precisions[*places.T], knowns[*places.T] = precision, known
+    # As precise as one displacement that is known to a pixel, the mean stands where nothing is known.
+    total = _blurred(precisions) + unknowns
+    return np.asarray(np.linalg.solve(total, (_blurred(knowns) + mean)[..., None])[..., 0], np.float64)
 
-    Returns:
-        Row and column of each block that tells, [B, 2], its displacements, [B, 2 F], and their covariance,
-        [B, 2 F, 2 F]; None if no block tells.
-    """
+
+def _blurred(blocks: F64) -> F64:
+    """Blur values of blocks, [rows, columns, ...], and add up those of neighbours."""
+    flat = blocks.reshape(*blocks.shape[:2], -1)
+    blurred = cv2.GaussianBlur(flat, (0, 0), _FIELD_BLOCKS, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, np.float64).reshape(blocks.shape)
+
+
+def _solved(grams: F64, moments: F64, powers: F64, pixels: F64, tells: Bool) -> _Blocks | None:
+    """Solve the regressions of blocks; see `_Picture.regression`."""
     tells = tells & (pixels >= _LEAST_PIXELS)
     if not tells.any():
         return None
@@ -135,45 +184,76 @@ def _solved(
     by_chance = by_chance[np.isfinite(by_chance)]
     expected = unknowns - _MEAN_LESS_MEDIAN
     inflated = max(1.0, float(np.median(by_chance)) / expected) if by_chance.size else 1.0
-    return np.argwhere(tells), found[..., 0], inverse * (inflated * variance[:, 0])[:, None, None]
+    covariance = inverse * (inflated * variance[:, 0])[:, None, None]
+    return np.argwhere(tells), found[..., 0], covariance, tells.shape
 
 
-def _regression(light: F64, masks: F64, usable: Bool, times: F64) -> tuple[F64, F64, F64, F64, Bool]:
-    """Regress one picture.
+class _Picture:
+    """One picture: a measurement, or its pixels of one colour.
 
     Args:
         light: The measurement, [H, W].
         masks: With their weights, [N, H, W].
         usable: Which pixels may be read, [H, W].
         times: Displacement of each view for one of 1 px over the exposure, [F, N].
-
-    Returns:
-        For each block, [B, B'] first: gram matrix, [2 F, 2 F]; moments of the residual and of those of other places,
-        [2 F, 1 + P]; their power, [1 + P]; number of pixels; and whether the block has enough texture.
     """
-    opened = masks.sum(axis=0)
-    asked = usable & (opened > 0)
-    if asked.any():
-        asked &= opened >= _LEAST_OPEN * np.median(opened[asked])
-    weight = asked * opened**2
-    quotient = np.where(asked, light / np.where(asked, opened, 1), 0)
-    picture = _smooth(quotient * weight) / np.maximum(_smooth(weight), np.finfo(np.float32).tiny)
-    quotient = np.where(asked, quotient, picture)
-    gain = _whitening(quotient)
-    residual = _filtered(quotient, gain) * asked
-    several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
-    slopes = np.gradient(picture, axis=1), np.gradient(picture, axis=0)
-    patterns = np.tensordot(times, masks, axes=1) / np.where(asked, opened, 1) * asked
-    design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], axis=-1)
-    columns, left = in_blocks(design), in_blocks(several)
-    pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
-    noise = float(np.median((quotient - picture)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
-    steep = (
-        in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3)) / np.maximum(pixels, 1) / 2
-    )
-    turned = columns.swapaxes(2, 3)
-    clear: Bool = steep > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
-    return turned @ columns, turned @ left, (left**2).sum(axis=2), pixels, clear
+
+    def __init__(self, light: F64, masks: F64, usable: Bool, times: F64) -> None:
+        opened = masks.sum(axis=0)
+        asked = usable & (opened > 0)
+        if asked.any():
+            asked &= opened >= _LEAST_OPEN * np.median(opened[asked])
+        weight = asked * opened**2
+        self._masks, self._times, self._asked = masks, times, asked
+        self._opened = np.where(asked, opened, 1)
+        quotient = np.where(asked, light / self._opened, 0)
+        smooth = _smooth(quotient * weight) / np.maximum(_smooth(weight), np.finfo(np.float32).tiny)
+        self._quotient = np.where(asked, quotient, smooth)
+        self._first = smooth
+
+    def regression(self, field: F64 | None) -> tuple[F64, F64, F64, F64, Bool]:
+        """Regress the picture on displacements beside those of a field, [rows, columns, 2 F], if there is one.
+
+        Returns:
+            For each block, [B, B'] first: gram matrix, [2 F, 2 F]; moments of the residual and of those of other
+            places, [2 F, 1 + P]; their power, [1 + P]; number of pixels; and whether the block has enough texture.
+        """
+        asked = self._asked
+        sharp = self._quotient if field is None else self._taken_out(field)
+        smooth = self._first if field is None else _smooth(sharp)
+        gain = _whitening(sharp)
+        residual = _filtered(sharp, gain) * asked
+        several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
+        slopes = np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)
+        patterns = np.tensordot(self._times, self._masks, axes=1) / self._opened * asked
+        design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], -1)
+        columns, left = in_blocks(design), in_blocks(several)
+        pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
+        noise = float(np.median((sharp - smooth)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0
+        steep = in_blocks((asked * (slopes[0] ** 2 + slopes[1] ** 2))[..., None]).sum(axis=(2, 3))
+        turned = columns.swapaxes(2, 3)
+        clear: Bool = steep / np.maximum(pixels, 1) / 2 > _LEAST_OVER_NOISE * _NOISE_OF_GRADIENT * noise
+        return turned @ columns, turned @ left, (left**2).sum(axis=2), pixels, clear
+
+    def _taken_out(self, field: F64) -> F64:
+        """Return the picture without what displacements by a field, [rows, columns, 2 F], print on it.
+
+        That is the picture whose displaced views have this quotient; only what is smoother than a pixel is displaced,
+        or detail finer than the displacements would be amplified from step to step.
+        """
+        height, width = self._quotient.shape
+        dense = cv2.resize(field.astype(np.float32), None, fx=BLOCK_PX, fy=BLOCK_PX)[:height, :width]
+        px = np.tensordot(self._times.T, dense.reshape(height, width, len(self._times), 2), axes=(1, 2))
+        rows, columns = np.mgrid[:height, :width]
+        sharp = self._quotient
+        for _ in range(_STEPS_OUT):
+            still = cv2.GaussianBlur(sharp, (0, 0), _SHARP_PX).astype(np.float32)
+            seen = np.zeros((height, width))
+            for mask, displaced in zip(self._masks, px, strict=True):
+                x, y = (columns - displaced[..., 0]).astype(np.float32), (rows - displaced[..., 1]).astype(np.float32)
+                seen += mask * cv2.remap(still, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            sharp = np.where(self._asked, self._quotient + still - seen / self._opened, still)
+        return sharp
 
 
 def _over_time(count: int) -> F64:
