@@ -228,10 +228,12 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
 
 def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
-    if source in (FromTracks.name, FromDisplacements.name) or geometry.known_at_rest:
+    if source == FromTracks.name or geometry.known_at_rest:
         return ()
     if geometry.verdict != "full":
         return (finding(Code.POSES_NOT_TAKEN, source=source),)
+    if source == FromDisplacements.name:
+        return ()
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
     return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
 

@@ -28,8 +28,8 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.halves import HALVINGS, squared_distance
-from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.halves import HALVINGS, LEAST_VIEWS, squared_distance
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -37,7 +37,7 @@ from gs2ci.reconstruct.geometry.validity import doubts_about_path, halves_agree
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements, displacements
 from gs2ci.reconstruct.measurement.lens import straightened
 
-# Rounds of the regression: more change displacements by less than their errors.
+# Rounds of the regression: twice as many changed those of pans by 3 % at most.
 _ROUNDS: Final = 3
 # Errors of displacements besides their standard errors: so many px, and this share of them, since they are of first
 # order, and fine detail seems to move farther than the rest.
@@ -59,8 +59,6 @@ _LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
 _MOST_TRIALS: Final = 100
-# A similarity maps any two positions exactly onto any two others: halves of two views show no error.
-_LEAST_VIEWS: Final = 3
 SOURCE: Final = "displacements"
 # What tracks say of the motion no longer holds.
 _OVERRULED: Final = (Code.CAMERA_STOOD_STILL, Code.CAMERA_ONLY_TURNED, Code.PARALLAX_MAY_DROWN, Code.PATH_UNCERTAIN)
@@ -220,9 +218,10 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         The geometry; a camera at rest, "unsupported", if too few blocks tell, no camera explains them, one that
         only turned nearly does, or halves of them disagree.
     """
-    without, criteria = replace(at_rest(tracks), source=SOURCE), request.settings.criteria
+    still, criteria = at_rest(tracks), request.settings.criteria
+    without = replace(still, source=SOURCE, notes=(*still.notes, PLANE_NOTE))
     blocks = blocks_of(request, tracks)
-    if blocks is None or len(blocks) < criteria.tracks or len(request.views) < _LEAST_VIEWS:
+    if blocks is None or len(blocks) < criteria.tracks or len(request.views) < LEAST_VIEWS:
         return without
     here = blocks.motion()
     if here.cost > _MOST_OFF or blocks.turn().cost < _LEAST_PARALLAX * here.cost:
@@ -236,7 +235,7 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         *doubts_about_path(expected, criteria),
     )
     found = _seen_along(request, replace(without, verdict="full", path_error_expected=expected), blocks, here)
-    kept = tuple(note for note in without.notes if note.code not in _OVERRULED)
+    kept = tuple(note for note in still.notes if note.code not in _OVERRULED)
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
         return found

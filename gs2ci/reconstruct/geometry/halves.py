@@ -31,7 +31,7 @@ HALVINGS: Final = 3
 # cells.
 CELLS: Final = 8
 # A similarity maps any two positions exactly onto any two others, so that two views show no error.
-_LEAST_VIEWS: Final = 3
+LEAST_VIEWS: Final = 3
 
 
 def expected_path_error(
@@ -63,7 +63,7 @@ def expected_path_error(
     """
     placed = tracks.seen.any(axis=0)
     path = camera_centres(motion)[placed]
-    if len(path) < _LEAST_VIEWS:
+    if len(path) < LEAST_VIEWS:
         return None
     extent = float(np.linalg.norm(np.ptp(path, axis=0)))
     if extent == 0:

@@ -92,7 +92,7 @@ def displacements(shot: Shot, rounds: int = 0) -> BlockDisplacements | None:
         rounds: How often the displacements are taken out of the picture, and those that are left added to them. Without
             that, fine detail seems to move up to twice as far, since gradients are taken from a smoothed picture: of a
             camera that turns, finely textured things seem to be near. After three rounds all of a picture seems to move
-            1.1 to 1.3 times as far as it does.
+            1.1 to 1.4 times as far as it does.
 
     Returns:
         Those of the blocks that tell; None if there are none, the shot has one view, or is smaller than a block.
@@ -243,15 +243,16 @@ class _Picture:
         """
         height, width = self._quotient.shape
         dense = cv2.resize(field.astype(np.float32), None, fx=BLOCK_PX, fy=BLOCK_PX)[:height, :width]
-        px = np.tensordot(self._times.T, dense.reshape(height, width, len(self._times), 2), axes=(1, 2))
-        rows, columns = np.mgrid[:height, :width]
+        dense = dense.reshape(height, width, len(self._times), 2)
+        rows, columns = np.mgrid[:height, :width].astype(np.float32)
         sharp = self._quotient
         for _ in range(_STEPS_OUT):
             still = cv2.GaussianBlur(sharp, (0, 0), _SHARP_PX).astype(np.float32)
             seen = np.zeros((height, width))
-            for mask, displaced in zip(self._masks, px, strict=True):
-                x, y = (columns - displaced[..., 0]).astype(np.float32), (rows - displaced[..., 1]).astype(np.float32)
-                seen += mask * cv2.remap(still, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            for mask, time in zip(self._masks, self._times.T.astype(np.float32), strict=True):
+                px = np.tensordot(dense, time, axes=(2, 0))
+                places = columns - px[..., 0], rows - px[..., 1]
+                seen += mask * cv2.remap(still, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
             sharp = np.where(self._asked, self._quotient + still - seen / self._opened, still)
         return sharp
 
