@@ -28,7 +28,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.displaced import displaced_motion
+from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import REST, Geometry
@@ -153,7 +153,10 @@ class Auto:
         still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
-        tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
+        found = FromTracks()(request, progress)
+        tracks = _tracks_or_displacements(request, found)
+        if tracks.source == _DISPLACEMENTS:
+            say_how_found(tracks, progress)
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
         if names == (_TRACKS,) and not doubtful:
             return tracks

@@ -27,6 +27,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
+from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.halves import HALVINGS, LEAST_VIEWS, squared_distance
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
@@ -242,6 +243,13 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
     errors = _preference(here, there)
     reverse = replace(_seen_along(request, found, blocks, there), order_errors=-errors)
     return replace(found, order_errors=errors, reverse=reverse if errors < criteria.order_errors else None)
+
+
+def say_how_found(found: Geometry, progress: Progress) -> None:
+    """Say where a path comes from, after the tracks have said why they have none; nothing if there is none."""
+    for note in found.notes:
+        if note.code == Code.PATH_BY_DISPLACEMENTS:
+            progress.say(note.sentence)
 
 
 def blocks_of(request: Request, found: Geometry) -> DisplacedBlocks | None:

@@ -194,12 +194,17 @@ def test_a_measurement_shows_a_path_of_a_pixel(request_for, small):
 def test_by_name_and_by_auto_it_is_the_same_where_tracks_see_nothing(request_for, monkeypatch):
     request = request_for()
     monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: without_path(request))
-    found = find_geometry(load_geometry_prior("auto"), request, Silent())
+    said = []
+    progress = Silent()
+    monkeypatch.setattr(type(progress), "say", lambda self, sentence: said.append(sentence))
+    found = find_geometry(load_geometry_prior("auto"), request, progress)
     assert found.source == "displacements"
+    assert sum("comes from the displacements of" in sentence for sentence in said) == 1
     direct = displaced_motion(request, without_path(request))
     assert np.array_equal(found.world_to_camera, direct.world_to_camera)
     by_name = find_geometry(load_geometry_prior("displacements"), request, Silent())
     assert by_name.source == "displacements"
+    assert sum("comes from the displacements of" in sentence for sentence in said) == 2
 
 
 def test_auto_takes_the_better_of_tracks_and_displacements_in_the_order_that_is_surer(request_for):
