@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from tests.benchmarks.combination import cases
-from tests.benchmarks.nonrigid import exposed, exposed_by_one_pattern, noisy
+from tests.benchmarks.nonrigid import behind_one_pattern, exposed, exposed_by_one_pattern, noisy
 
 SIDE, VIEWS = 256, 10
 TIMES = np.linspace(-0.5, 0.5, VIEWS)
@@ -73,13 +73,6 @@ def _behind(views: F32, masks: str) -> Shot:
     return noisy(exposed(views), np.random.default_rng(1), 0.01)
 
 
-def _again(shot: Shot) -> Shot:
-    """Expose the views of a shot by one pattern."""
-    assert shot.truth is not None
-    assert shot.truth.views is not None
-    return exposed_by_one_pattern(shot.truth.views)
-
-
 def run() -> None:
     made: dict[str, Callable[[F32], F32]] = {
         **{f"pan {length:g} px": partial(panned, length_px=length) for length in PANS_PX},
@@ -96,7 +89,10 @@ def run() -> None:
             print(f"{name:10s} {masks:7s}", *(f"{share:.2f}" for share in shares), flush=True)
     for name, make_shot in cases():
         shot = make_shot()
-        print(f"{name:34s} {share_at_rest(shot):.2f}  one pattern {share_at_rest(_again(shot)):.2f}", flush=True)
+        print(
+            f"{name:34s} {share_at_rest(shot):.2f}  one pattern {share_at_rest(behind_one_pattern(shot)):.2f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ that a fit begins with. Then cameras without parallax, at rest or turning, and v
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.depth_order import COUNT, draw
-from tests.benchmarks.nonrigid import exposed, exposed_by_one_pattern, videos
+from tests.benchmarks.nonrigid import behind_one_pattern, exposed, exposed_by_one_pattern, videos
 from tests.processes import side_by_side
 from tests.stability.benches import Bench, still, turning
 
@@ -55,7 +54,7 @@ def judge(task: tuple[int, str]) -> tuple[str, list[str]]:
     """Return the line of a measurement behind masks, and the sources that found its path."""
     number, masks = task
     trial = draw(number)
-    shot = trial.shot if masks == MASKS[0] else _behind_one_pattern(trial.shot)
+    shot = trial.shot if masks == MASKS[0] else behind_one_pattern(trial.shot)
     assert shot.truth is not None
     assert shot.truth.world_to_camera is not None
     poses = shot.truth.world_to_camera
@@ -71,13 +70,6 @@ def judge(task: tuple[int, str]) -> tuple[str, list[str]]:
     line += f"{_of_displacements(request, tracks, displaced)} {_path(errors['displacements'], right)}"
     line += "" if rank is None else f" rank {rank:+.2f}"
     return line, [source for source, error in errors.items() if error is not None and error < FOUND]
-
-
-def _behind_one_pattern(shot: Shot) -> Shot:
-    assert shot.truth is not None
-    assert shot.truth.views is not None
-    again = exposed_by_one_pattern(shot.truth.views)
-    return replace(again, intrinsics=shot.intrinsics, truth=shot.truth).check()
 
 
 def _estimated(shot: Shot) -> tuple[Request, Geometry, Geometry]:

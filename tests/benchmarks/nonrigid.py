@@ -146,6 +146,14 @@ def exposed_by_one_pattern(views: F32, noise: float = 0.01) -> Shot:
     return noisy(_coded(views, np.stack([soft[count - k :][:height] for k in range(count)])), draw, noise)
 
 
+def behind_one_pattern(shot: Shot) -> Shot:
+    """Code the true views of a shot by one pattern; camera and truth stay."""
+    assert shot.truth is not None
+    assert shot.truth.views is not None
+    again = exposed_by_one_pattern(shot.truth.views)
+    return replace(again, intrinsics=shot.intrinsics, truth=shot.truth).check()
+
+
 def noisy(shot: Shot, draw: np.random.Generator, noise: float) -> Shot:
     """Add noise of light, and some of the readings, relative to white."""
     white = shot.measurement.max()

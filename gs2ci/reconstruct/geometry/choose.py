@@ -28,7 +28,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.displaced import DISPLACEMENTS, displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import REST, Geometry
@@ -56,7 +56,6 @@ _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
 _WIDE: Final = "wide"
-_DISPLACEMENTS: Final = "displacements"
 _AUTO: Final = "auto"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
@@ -84,7 +83,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         _TRACKS: FromTracks,
         _STAGE: FromStage,
         _WIDE: FromWide,
-        _DISPLACEMENTS: FromDisplacements,
+        DISPLACEMENTS: FromDisplacements,
         _UNIFORM: FromUniform,
         REST: FromRest,
         _AUTO: Auto,
@@ -153,10 +152,8 @@ class Auto:
         still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
-        found = FromTracks()(request, progress)
-        tracks = _tracks_or_displacements(request, found)
-        if tracks.source == _DISPLACEMENTS:
-            say_how_found(tracks, progress)
+        tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
+        say_how_found(tracks, progress)
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
         if names == (_TRACKS,) and not doubtful:
             return tracks
@@ -201,15 +198,13 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
         return tracks
     if tracks.verdict != "full":
         return displaced
-    if _or_infinite(displaced.path_error_expected) >= _or_infinite(tracks.path_error_expected):
+    expected = tracks.path_error_expected
+    # A path from displacements always has an expected error.
+    if expected is not None and (displaced.path_error_expected or 0.0) >= expected:
         return tracks
     if (tracks.order_errors or 0.0) <= (displaced.order_errors or 0.0):
         return displaced
     return replace(_with_order_of(tracks, displaced), order_errors=tracks.order_errors)
-
-
-def _or_infinite(error: float | None) -> float:
-    return float("inf") if error is None else error
 
 
 def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:

@@ -29,8 +29,9 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.halves import HALVINGS, LEAST_VIEWS, squared_distance
+from gs2ci.reconstruct.geometry.halves import LEAST_VIEWS, error_from_halves
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -60,7 +61,7 @@ _LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
 _MOST_TRIALS: Final = 100
-SOURCE: Final = "displacements"
+DISPLACEMENTS: Final = "displacements"
 # What tracks say of the motion no longer holds.
 _OVERRULED: Final = (Code.CAMERA_STOOD_STILL, Code.CAMERA_ONLY_TURNED, Code.PARALLAX_MAY_DROWN, Code.PATH_UNCERTAIN)
 
@@ -220,7 +221,7 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         only turned nearly does, or halves of them disagree.
     """
     still, criteria = at_rest(tracks), request.settings.criteria
-    without = replace(still, source=SOURCE, notes=(*still.notes, PLANE_NOTE))
+    without = replace(still, source=DISPLACEMENTS, notes=(*still.notes, PLANE_NOTE))
     blocks = blocks_of(request, tracks)
     if blocks is None or len(blocks) < criteria.tracks or len(request.views) < LEAST_VIEWS:
         return without
@@ -309,16 +310,10 @@ def expected_error(blocks: DisplacedBlocks, motion: BlockMotion, reference: int)
     def centres(moves: F64) -> F64:
         return camera_centres(_poses(moves, blocks.displaced.over_time, reference))
 
-    path, count = centres(motion.moves), len(motion.inverse_depth)
-    extent = float(np.linalg.norm(np.ptp(path, axis=0)))
-    if extent == 0:
-        return None
-    rng, squares = np.random.default_rng(0), []
-    for _ in range(HALVINGS):
-        first = np.isin(np.arange(count), rng.permutation(count)[: count // 2])
-        for half in (first, ~first):
-            squares.append(squared_distance(centres(blocks.subset(half).adjusted(motion.moves).moves), path))
-    return float(np.sqrt(np.mean(squares))) / extent
+    def again(half: Bool) -> F64:
+        return centres(blocks.subset(half).adjusted(motion.moves).moves)
+
+    return error_from_halves(centres(motion.moves), np.arange(len(blocks)), again)
 
 
 def _reversed(motion: BlockMotion) -> F64:
@@ -333,6 +328,4 @@ def _reversed(motion: BlockMotion) -> F64:
 
 def _preference(motion: BlockMotion, other: BlockMotion) -> float:
     """Return by how many standard errors the blocks, each with a vote, prefer one motion to another."""
-    votes = other.off - motion.off
-    error = float(votes.std(ddof=1)) / len(votes) ** 0.5
-    return float(votes.mean()) / error if error > 0 else 0.0
+    return in_standard_errors(other.off - motion.off)

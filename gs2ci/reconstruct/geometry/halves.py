@@ -15,6 +15,7 @@ all positions are measured. So the halves are adjusted with that view's position
 compared with a path for which they were not (`bundle`): the effect of these positions is then part of the difference.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -65,16 +66,32 @@ def expected_path_error(
     path = camera_centres(motion)[placed]
     if len(path) < LEAST_VIEWS:
         return None
+
+    def again(half: Bool) -> F64:
+        return _found_again(motion, tracks, half, intrinsics, settings)[placed]
+
+    return error_from_halves(path, _cells(tracks, size), again, seed)
+
+
+def error_from_halves(path: F64, group: NDArray[np.int64], again: Callable[[Bool], F64], seed: int = 0) -> float | None:
+    """Return the root mean square distance of the paths of halves from that of all, as a share of its extent.
+
+    Args:
+        path: Camera centres, [N, 3].
+        group: Of each observation, [P]: a half has whole groups.
+        again: Estimates the camera centres, [N, 3], from some of the observations, [P].
+        seed: Of the halvings.
+
+    Returns:
+        The share; None if the camera stays in place.
+    """
     extent = float(np.linalg.norm(np.ptp(path, axis=0)))
     if extent == 0:
         return None
-    cell = _cells(tracks, size)
-    occupied, rng, squares = np.unique(cell), np.random.default_rng(seed), []
+    groups, rng, squares = np.unique(group), np.random.default_rng(seed), []
     for _ in range(HALVINGS):
-        first = np.isin(cell, rng.permutation(occupied)[: len(occupied) // 2])
-        for half in (first, ~first):
-            again = _found_again(motion, tracks, half, intrinsics, settings)
-            squares.append(squared_distance(again[placed], path))
+        first = np.isin(group, rng.permutation(groups)[: len(groups) // 2])
+        squares += [squared_distance(again(half), path) for half in (first, ~first)]
     return float(np.sqrt(np.mean(squares))) / extent
 
 

@@ -295,7 +295,11 @@ def preference(motion: CameraMotion, other: CameraMotion, huber_px: float) -> fl
         other: With its errors on the same tracks.
         huber_px: Residual from which on the cost grows linearly.
     """
-    votes = _costs(other, huber_px) - _costs(motion, huber_px)
+    return in_standard_errors(_costs(other, huber_px) - _costs(motion, huber_px))
+
+
+def in_standard_errors(votes: F64) -> float:
+    """Return the mean of votes, [P], in its standard errors; 0 if there are none, or the votes are all alike."""
     if len(votes) < 2:
         return 0.0
     error = float(votes.std(ddof=1)) / len(votes) ** 0.5

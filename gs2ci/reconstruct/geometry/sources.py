@@ -16,7 +16,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
-from gs2ci.reconstruct.geometry.displaced import SOURCE, displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.displaced import DISPLACEMENTS, displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.initialise import REST, Geometry, before_camera_at_rest, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
@@ -87,7 +87,7 @@ class FromUniform:
 class FromDisplacements:
     """The motion that explains the displacements of blocks of the measurement."""
 
-    name: str = SOURCE
+    name: str = DISPLACEMENTS
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""

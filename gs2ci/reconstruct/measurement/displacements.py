@@ -121,9 +121,9 @@ def displacements(shot: Shot, rounds: int = 0) -> BlockDisplacements | None:
         left = _regressed(pictures, field)
         if left is None:
             break
-        places, px, covariance, _ = left
+        places, px, covariance, grid = left
         share = _ROUND_SHARE if number < rounds - 1 else 1.0
-        found = places, field[*places.T] + share * px, covariance, found[3]
+        found = places, field[*places.T] + share * px, covariance, grid
     if found is None:
         return None
     places, px, covariance, _ = found
@@ -206,6 +206,7 @@ class _Picture:
         weight = asked * opened**2
         self._masks, self._times, self._asked = masks, times, asked
         self._opened = np.where(asked, opened, 1)
+        self._patterns = np.tensordot(times, masks, axes=1) / self._opened * asked
         quotient = np.where(asked, light / self._opened, 0)
         smooth = _smooth(quotient * weight) / np.maximum(_smooth(weight), np.finfo(np.float32).tiny)
         self._quotient = np.where(asked, quotient, smooth)
@@ -225,8 +226,9 @@ class _Picture:
         residual = _filtered(sharp, gain) * asked
         several = np.stack([residual, *(np.roll(residual, step, axis=(0, 1)) for step in _ELSEWHERE_PX)], axis=-1)
         slopes = np.gradient(smooth, axis=1), np.gradient(smooth, axis=0)
-        patterns = np.tensordot(self._times, self._masks, axes=1) / self._opened * asked
-        design = np.stack([_filtered(-pattern * slope, gain) * asked for pattern in patterns for slope in slopes], -1)
+        design = np.stack(
+            [_filtered(-pattern * slope, gain) * asked for pattern in self._patterns for slope in slopes], -1
+        )
         columns, left = in_blocks(design), in_blocks(several)
         pixels = in_blocks(asked[..., None].astype(np.float64)).sum(axis=(2, 3))
         noise = float(np.median((sharp - smooth)[asked] ** 2)) / _MEDIAN_OF_SQUARES if asked.any() else 0.0

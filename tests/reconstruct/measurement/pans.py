@@ -41,6 +41,14 @@ def masks_of(kind):
     return np.stack([pattern[VIEWS - k : VIEWS - k + SIZE[0]] for k in range(VIEWS)])
 
 
+def mosaic(light, masks):
+    """A shot of one colour at each pixel, in the order RGGB, of light in three colours."""
+    bayer = np.empty((*SIZE, 1), np.float32)
+    for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
+        bayer[row::2, column::2, 0] = light[row::2, column::2, channel]
+    return Shot(bayer, masks, np.ones(VIEWS, np.float32), cfa="RGGB").check()
+
+
 def exposed(views, masks, noise=0.005):
     light = np.einsum("nhw,nhwc->hwc", masks, views)
     light += noise * len(masks) / 2 * np.random.default_rng(3).standard_normal(light.shape)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from tests.reconstruct.measurement.pans import (
     AT_REST,
@@ -15,6 +14,7 @@ from tests.reconstruct.measurement.pans import (
     VIEWS,
     exposed,
     masks_of,
+    mosaic,
     picture,
     seen,
 )
@@ -57,11 +57,7 @@ def test_a_mosaic_is_read_colour_by_colour():
         shown = seen(EVENLY[:, None] * along) * colours
         masks = masks_of("random")
         light = exposed(shown, masks, 0.002).measurement
-        bayer = np.empty((*SIZE, 1), np.float32)
-        for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
-            bayer[row::2, column::2, 0] = light[row::2, column::2, channel]
-        shot = Shot(bayer, masks, np.ones(VIEWS, np.float32), cfa="RGGB").check()
-        assert (share_at_rest(shot) > 0.6) is rests
+        assert (share_at_rest(mosaic(light, masks)) > 0.6) is rests
 
 
 def test_where_nothing_is_to_be_seen_nothing_is_claimed():

@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.displacements import displacements
-from tests.reconstruct.measurement.pans import (
-    AT_REST,
-    EVENLY,
-    SIZE,
-    VIEWS,
-    exposed,
-    masks_of,
-    seen,
-)
+from tests.reconstruct.measurement.pans import AT_REST, EVENLY, SIZE, VIEWS, exposed, masks_of, mosaic, seen
 
 ROUNDS = 3
 
@@ -78,11 +69,7 @@ def test_fine_detail_does_not_seem_to_move_farther_after_rounds():
 def test_a_mosaic_has_larger_blocks_and_displacements_in_pixels_of_the_sensor():
     shown = seen(EVENLY[:, None] * (2.0, -1.0)) * np.array([0.9, 0.6, 0.4], np.float32)
     light = exposed(shown, masks_of("random"), 0.001).measurement
-    bayer = np.empty((*SIZE, 1), np.float32)
-    for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
-        bayer[row::2, column::2, 0] = light[row::2, column::2, channel]
-    shot = Shot(bayer, masks_of("random"), np.ones(VIEWS, np.float32), cfa="RGGB").check()
-    found = displacements(shot, ROUNDS)
+    found = displacements(mosaic(light, masks_of("random")), ROUNDS)
     assert found.block_px == 32
     assert found.centres_px.min(axis=0).tolist() == [16, 16]
     assert np.median(found.px, axis=0)[:2] == pytest.approx((-2.5, 1.25), abs=0.6)
