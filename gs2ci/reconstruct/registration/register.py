@@ -35,10 +35,9 @@ from gs2ci.reconstruct.registration.light import Unit, find_unit, open_level, un
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.proposals import beside, propose
-from gs2ci.reconstruct.registration.rim import Rim
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import binary_source
-from gs2ci.reconstruct.registration.ways import Way, chosen, displaced, from_source, ways_of
+from gs2ci.reconstruct.registration.ways import chosen, displaced, from_source, ways_of
 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
@@ -237,11 +236,9 @@ class _Registration:
         proposals = [way for estimate in proposed for way in ways_of(self.shot, estimate)]
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
-            sharp = replace(self.shot, masks=source.masks)
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
-            again, _ = propose(sharp, peak, edges=False)
-            ways = [way for estimate in again for way in ways_of(sharp, estimate)]
-            proposals += [from_source(way, source) for way in ways or [Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
+            again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
+            proposals += [way for estimate in again or [None] for way in from_source(self.shot, estimate, source)]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)
         way = chosen(self.shot, [way for way in proposals if way.is_bent], way, self.seed)
         if way is None:

@@ -2,7 +2,8 @@
 
 A blurred calibration, or a resampled picture of the masks, gives soft masks. If the true elements are either open or
 closed, the masks alone show how they were softened: only undoing the right blur, or the right fraction of a pixel,
-gives elements that are all open or closed. A blur preserves some frequencies and reduces the others below rounding or
+gives elements that are all open or closed. What an open and a closed element pass is kept as it is stated, with its
+smooth change over the picture (vignetting): it decides how bright the views are, which no held-out pixel tells. A blur preserves some frequencies and reduces the others below rounding or
 noise; as long as about half of all frequencies are preserved, only one set of masks between closed and open has them
 (Mangasarian and Recht, European Journal of Operational Research 214, 2011). That holds up to about σ 2 px for masks in
 float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps between the two sets. If
@@ -13,7 +14,7 @@ Here: both. Not here: whether they are used (`register`, by the measurement).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from scipy import fft
@@ -41,6 +42,15 @@ _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
 _FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
 _FRACTION_STEP_PX: Final = 0.025
 _FINEST_PX: Final = 1e-3
+# Powers of the place, down and right, over which transmissions of open and of closed elements change. Their regression
+# is kept defined relative to the mean of its diagonal, also for masks of which nothing is open.
+_QUADRATIC: Final = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+_LEVEL_RIDGE: Final = 1e-9
+# Masks without any variance have none to explain.
+_TINY: Final = 1e-12
+# Open elements pass at least so much more than closed ones; and masks that are closer to 0 and 1 are rounded.
+_LEAST_STEP: Final = 0.05
+_ROUNDED: Final = 1e-3
 
 _Hypothesis = tuple[float, float]
 
@@ -55,7 +65,7 @@ class Source:
     """Masks of open and closed elements, and how the stated ones were softened from them.
 
     Args:
-        masks: Transmissions, [N, H, W], 0 or 1.
+        masks: Transmissions, [N, H, W], of elements that are either open or closed.
         how: In words.
         shift_px: Displacement of the sharp masks from the stated ones, (down, right).
         blur_px2: Variance of the blur of the stated ones.
@@ -74,11 +84,36 @@ def binary_source(masks: F32) -> Source | None:
         Those masks; None if the stated ones are sharp already, or if neither a blur nor an interpolation of open and
         closed elements gives them.
     """
-    sample = masks[:1].astype(np.float64)
-    if softness(sample) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
+    if softness(masks[:1].astype(np.float64)) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
         return None
+    stated = masks.astype(np.float64)
+    found = _softened_from(stated)
+    levels = _Levels.of(stated, found.softened)
+    if levels.differ:
+        # Elements are told apart better where what they pass is known; then that is known better, too.
+        found = _softened_from(levels.removed_from(stated))
+        levels = _Levels.of(stated, found.softened)
+    if _left(stated, levels.given_to(found.softened)) > _EXPLAINED:
+        return None
+    transmissions = np.clip(levels.given_to(found.opened), 0.0, 1.0).astype(np.float32)
+    return Source(transmissions, found.how, found.shift_px, found.blur_px2)
+
+
+@dataclass(frozen=True)
+class _Softened:
+    """Open (1) and closed (0) elements, [N, H, W], the same as they would be stated, and the rest as for `Source`."""
+
+    opened: F64
+    softened: F64
+    how: str
+    shift_px: tuple[float, float] = (0.0, 0.0)
+    blur_px2: float = 0.0
+
+
+def _softened_from(whole: F64) -> _Softened:
+    """Find the blur, or the fraction of a pixel, that explains masks, [N, H, W], best, and the elements behind it."""
+    sample = whole[:1]
     part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
-    whole = masks.astype(np.float64)
     shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
     step = _FRACTION_STEP_PX
     while step > _FINEST_PX:
@@ -93,13 +128,46 @@ def binary_source(masks: F32) -> Source | None:
         blur, step = _search(around, sample, _tried, _blurred), step / 2
     interpolated = _open_or_closed(unshifted(whole, *shift))
     unblurred = _open_or_closed(unblur(whole, *blur, _STEPS))
-    left_shift, left_blur = _left(whole, _shifted(interpolated, *shift)), _left(whole, _blurred(unblurred, *blur))
-    if min(left_shift, left_blur) > _EXPLAINED:
-        return None
-    if left_shift < left_blur:
+    moved, blurred = _shifted(interpolated, *shift), _blurred(unblurred, *blur)
+    if _left(whole, moved) < _left(whole, blurred):
         how = f"interpolated {shift[0]:+.2f} px down and {shift[1]:+.2f} px to the right"
-        return Source(interpolated.astype(np.float32), how, (-shift[0], -shift[1]))
-    return Source(unblurred.astype(np.float32), f"blurred by σ {blur[0]:.2f} px", blur_px2=variance_of(blur[0]))
+        return _Softened(interpolated, moved, how, (-shift[0], -shift[1]))
+    return _Softened(unblurred, blurred, f"blurred by σ {blur[0]:.2f} px", blur_px2=variance_of(blur[0]))
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, the same in all masks."""
+
+    closed: F64
+    step: F64
+
+    @classmethod
+    def of(cls, stated: F64, softened: F64) -> Self:
+        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements."""
+        y, x = (np.linspace(-1, 1, side) for side in stated.shape[1:])
+        basis = np.stack([np.multiply.outer(y**i, x**j) for i, j in _QUADRATIC])
+        gram, moment = np.zeros((2 * len(basis),) * 2), np.zeros(2 * len(basis))
+        for mask, elements in zip(stated, softened, strict=True):
+            design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
+            gram += design @ design.T
+            moment += design @ mask.reshape(-1)
+        gram += np.eye(len(gram)) * (_LEVEL_RIDGE * np.trace(gram) / len(gram))
+        closed, step = np.tensordot(np.linalg.solve(gram, moment).reshape(2, -1), basis, axes=1)
+        return cls(closed, np.maximum(step, _LEAST_STEP))
+
+    @property
+    def differ(self) -> bool:
+        """Get whether they differ from 0 and 1 by more than rounding."""
+        return bool(max(np.abs(self.closed).max(), np.abs(self.step - 1).max()) > _ROUNDED)
+
+    def given_to(self, elements: F64) -> F64:
+        """Return the transmissions of elements, [N, H, W], from closed (0) to open (1)."""
+        return np.asarray(self.closed + self.step * elements, np.float64)
+
+    def removed_from(self, masks: F64) -> F64:
+        """Return from transmissions, [N, H, W], how far elements are open."""
+        return np.asarray((masks - self.closed) / self.step, np.float64)
 
 
 _Way = Callable[[F64, float, float], F64]
@@ -117,8 +185,10 @@ def _open_or_closed(masks: F64) -> F64:
 
 
 def _left(stated: F64, given: F64) -> float:
-    """Return the unexplained share of the variance of stated masks."""
-    return float(np.mean((stated - given) ** 2) / max(float(stated.var()), 1e-12))
+    """Return the unexplained share of the variance of stated masks, whatever is passed where all is open or closed."""
+    one, other = stated - stated.mean(), given - given.mean()
+    step = float(np.vdot(one, other)) / max(float(np.vdot(other, other)), _TINY)
+    return float(np.mean((one - step * other) ** 2)) / max(float(stated.var()), _TINY)
 
 
 def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:

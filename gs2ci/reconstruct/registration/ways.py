@@ -6,6 +6,7 @@ that judge them (`admission`).
 """
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import FIELD, Misfit
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sharpen import Source, candidates
+
+# Of restored elements that are blurred again as much as they are stated, to this variance, no blur is reported.
+_SAME_BLUR_PX2: Final = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Way:
 def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     """Return the shot corrected by an estimate; if that requires sharpening, once for each way to sharpen."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
-    found = _in_words(estimate)
+    found = _in_words(misfit, errors)
     stated = shot.masks.astype(np.float64)
     ways = []
     for one in candidates(stated, misfit) or [None]:
@@ -55,15 +59,23 @@ def displaced(shot: Shot, misfit: Misfit) -> Way:
     return Way(corrected, misfit, {}, "", rim)
 
 
-def from_source(way: Way, source: Source) -> Way:
-    """Add to a correction with sharp masks how these differ from the stated ones."""
-    misfit = way.misfit.moved(*source.shift_px)
-    return replace(
-        way,
-        is_filtered=False,
-        misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
-        found="; ".join(filter(None, (f"they are stated {source.how}", way.found))),
-    )
+def from_source(shot: Shot, estimate: MisfitEstimate | None, source: Source) -> list[Way]:
+    """Return a shot with the source of its masks, corrected by an estimate from these; without one, as they are.
+
+    What is said and recorded of the correction is how the masks differ from the stated ones.
+    """
+    sharp = replace(shot, masks=source.masks)
+    ways = [Way(sharp, Misfit(), {}, "", Rim.none(sharp))] if estimate is None else ways_of(sharp, estimate)
+    how = f"their elements are open or closed, and stated {source.how}"
+    found = []
+    for way in ways:
+        moved = way.misfit.moved(*source.shift_px)
+        misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
+        alike = abs(misfit.blur_px2) < _SAME_BLUR_PX2
+        errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
+        said = "; ".join(filter(None, (how, _in_words(misfit, errors))))
+        found.append(replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said))
+    return found
 
 
 def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | None:
@@ -110,9 +122,8 @@ def _terms(misfit: Misfit) -> list[tuple[str, float]]:
     return list(zip(FIELD, misfit.placement.field.tolist(), strict=True))
 
 
-def _in_words(estimate: MisfitEstimate) -> str:
-    """Describe an estimate, with standard errors."""
-    misfit, errors = estimate.misfit, estimate.errors
+def _in_words(misfit: Misfit, errors: dict[str, float]) -> str:
+    """Describe a misfit, with standard errors."""
     place, parts = misfit.placement, []
     if "down_px" in errors:
         parts.append(
