@@ -2,7 +2,10 @@
 
 A lamp on mains flickers between masks, one that warms up drifts, a trigger shortens an interval. The middle view,
 warped to the other poses by its depth, predicts every view. Coded, y = Σᵢ gᵢ wᵢ Mᵢ ⊙ Xᵢ is linear in the views'
-brightness g, which is found by least squares. Two checks decide whether it is accepted. The brightness from one half of
+brightness g, which is found by least squares. Where predictions are displaced, or carry the pattern of their masks, that
+is biased: views whose detail explains little seem darker, and the middle one, which nobody warps, brighter. Smoothed
+predictions err less, but tell less; where the two estimates differ surely, the smoothed ones are believed (Hausman
+1978). Two checks decide whether it is accepted. The brightness from one half of
 the pixels must explain the other half better, and vice versa. And it must be the same all over the picture, unlike the
 effect of moving or occluded things: so standard errors come from scores summed over blocks.
 
@@ -15,6 +18,7 @@ anything is decoded (`doubts`).
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -31,6 +35,10 @@ from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 TOO_ALIKE: Final = 1e8
 # A usable lamp does not vary by more between the masks of an exposure.
 _RANGE: Final = (0.1, 10.0)
+# Predictions are smoothed by this standard deviation, px. If a view's brightness then differs by more than so many
+# standard errors, that from sharp predictions is biased.
+_SMOOTH_PX: Final = 4.0
+_BIASED: Final = 3.0
 # Halves are a chequerboard of squares this wide, so that both contain every colour of a mosaic and of the scene.
 _SQUARE_PX: Final = 2
 # Number of blocks, along the mean side of a picture, over which scores are summed.
@@ -150,9 +158,22 @@ def estimate(holdout: Holdout, carried: F32) -> BrightnessEstimate | None:
     found = None if system is None else system.solve()
     if system is None or found is None:
         return None
-    errors = np.zeros(len(system.lit))
-    errors[system.lit] = system.errors()
-    return BrightnessEstimate(system.of_all_views(found), errors, system.gain())
+    believed, errors = system, system.errors()
+    smooth = LinearSystem.of(holdout.seen, _smoothed(carried))
+    other = None if smooth is None else smooth.solve()
+    if smooth is not None and other is not None:
+        its_errors = smooth.errors()
+        if (np.abs(other - found) > _BIASED * its_errors).any():
+            believed, found, errors = smooth, other, its_errors
+    of_all = np.zeros(len(system.lit))
+    of_all[system.lit] = errors
+    return BrightnessEstimate(system.of_all_views(found), of_all, system.gain(believed))
+
+
+def _smoothed(views: F32) -> F32:
+    """Smooth views, [N, H, W, C]; one by one, since OpenCV takes four channels at most."""
+    smooth = [cv2.GaussianBlur(view, (0, 0), _SMOOTH_PX, borderType=cv2.BORDER_REFLECT) for view in views]
+    return np.stack(smooth).reshape(views.shape)
 
 
 def relit(holdout: Holdout, found: BrightnessEstimate) -> Holdout:
@@ -224,7 +245,7 @@ class LinearSystem:
         return np.asarray(found / mean, np.float64)
 
     def errors(self) -> F64:
-        """Return the standard errors of `solve`, [L], from scores summed over blocks (Liang and Zeger 1986, eq. 2.5).
+        """Return the standard errors of `solve`, [L], from scores summed over blocks.
 
         Residuals are correlated over the things of a scene, so that errors from single pixels would be too small.
         """
@@ -233,20 +254,22 @@ class LinearSystem:
         found = inverse @ (parts @ self.readings.ravel())
         left = self.readings - np.tensordot(found, self.parts, axes=1)
         by_pixel = (self.parts * left).sum(axis=-1)
-        scores = np.stack([np.bincount(self.block, weights=one) for one in by_pixel], axis=1)
-        blocks = len(scores)
-        spread = inverse @ (scores.T @ scores * (blocks / max(blocks - 1, 1))) @ inverse
+        spread = inverse @ scores_over_blocks(by_pixel, self.block) @ inverse
         share = self.light / self.light.sum()
         mean = float(found @ share)
         towards_mean = (np.eye(len(found)) - np.outer(found, share) / mean) / mean
         errors: F64 = np.sqrt(np.diagonal(towards_mean @ spread @ towards_mean.T).clip(min=0))
         return errors
 
-    def gain(self) -> float:
-        """Return the share by which each half's brightness reduces the other half's residual; 0 unless surely so."""
+    def gain(self, solver: "LinearSystem | None" = None) -> float:
+        """Return the share by which each half's brightness reduces the other half's residual; 0 unless surely so.
+
+        Args:
+            solver: The system that gives each half's brightness, if it is another one.
+        """
         before, after = self._squares(np.ones(len(self.parts)), slice(None)), np.empty(len(self.readings))
         for asked in (self.half, ~self.half):
-            found = self.solve(asked)
+            found = (solver or self).solve(asked)
             if found is None:
                 return 0.0
             after[~asked] = self._squares(found, ~asked)
@@ -265,6 +288,16 @@ class LinearSystem:
         brightness = np.ones(len(self.lit))
         brightness[self.lit] = found
         return brightness
+
+
+def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:
+    """Return the covariance of the sums of pixels' scores, [L, P], over blocks, whose numbers are given, [P]; [L, L].
+
+    Residuals within a block may be correlated in any way (Liang and Zeger 1986, eq. 2.5).
+    """
+    sums = np.stack([np.bincount(block, weights=one) for one in scores], axis=1)
+    covariance: F64 = sums.T @ sums * (len(sums) / max(len(sums) - 1, 1))
+    return covariance
 
 
 def _part(coding: Coding, views: F32, view: int) -> F64:

@@ -11,7 +11,8 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX
+from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE, scores_over_blocks
 from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
@@ -69,8 +70,8 @@ def _doubts_about_scale(shot: Shot) -> list[Finding]:
 def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     """Report if some views are brighter than others, by the readings under their open elements.
 
-    The regression of the readings on the masks gives each view's mean brightness and its standard error. No view has
-    clearly negative light: where the regression says so, masks are correlated with the scene (masks of whole rows are),
+    The regression of the readings on the masks gives each view's mean brightness and its standard error, from scores
+    summed over blocks: behind wide or soft elements, residuals of neighbours are alike. No view has clearly negative light: where the regression says so, masks are correlated with the scene (masks of whole rows are),
     and it says nothing about the others either.
     """
     coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
@@ -78,9 +79,12 @@ def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     if shot.views < 2 or np.linalg.cond(gram) > TOO_ALIKE:
         return []
     reading = shot.measurement.mean(axis=2, dtype=np.float64).reshape(-1)
-    brightness = np.linalg.solve(gram, coded @ reading)
-    variance = np.mean((reading - brightness @ coded) ** 2)
-    error = float(np.sqrt(variance * np.diag(np.linalg.inv(gram)).max()))
+    inverse = np.linalg.inv(gram)
+    brightness = inverse @ (coded @ reading)
+    scores = coded * (reading - brightness @ coded)
+    row, column = np.divmod(np.arange(reading.size), shot.size[1])
+    block = np.unique(row // BLOCK_PX * shot.size[1] + column // BLOCK_PX, return_inverse=True)[1]
+    error = float(np.sqrt(np.diag(inverse @ scores_over_blocks(scores, block) @ inverse).max()))
     middle = float(np.median(brightness))
     notable = max(_BRIGHTER * middle, _STANDARD_ERRORS * error)
     least, most = float(brightness.min()), float(brightness.max())

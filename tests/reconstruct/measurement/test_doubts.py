@@ -2,8 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.findings import Code
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
@@ -48,6 +50,21 @@ def test_wrong_weights_are_told_and_right_ones_are_not(smooth_shot):
     measured = (weights[:, None, None, None] * smooth_shot.masks[..., None] * truth).sum(axis=0)
     assert Code.UNEVEN_VIEWS in found_in(replace(smooth_shot, measurement=measured))
     assert Code.UNEVEN_VIEWS not in found_in(replace(smooth_shot, measurement=measured, weights=weights))
+
+
+@pytest.mark.parametrize(("dimmed", "told"), [(1.0, False), (0.6, True)])
+@pytest.mark.parametrize("seed", range(3))
+def test_wide_elements_before_a_textured_scene_are_no_uneven_light(seed, dimmed, told):
+    """Behind elements of 3 px neighbours err alike, so that a scene's texture weighs more than single pixels would."""
+    rng = np.random.default_rng(seed)
+    texture = gaussian_filter(rng.standard_normal((120, 144)), 2.0)
+    view = np.clip(0.4 + 0.25 * texture / texture.std(), 0, 1)[..., None]
+    masks = np.kron(rng.random((8, 40, 48)) < 0.25, np.ones((1, 3, 3)))
+    light = np.ones(8)
+    light[2] = dimmed
+    measured = (light[:, None, None, None] * masks[..., None] * view).sum(axis=0)
+    shot = Shot(measured.astype(np.float32), masks.astype(np.float32)).check()
+    assert (Code.UNEVEN_VIEWS in found_in(shot)) == told
 
 
 def test_a_view_without_light_is_told_as_dark_and_not_as_negative(smooth_shot):
