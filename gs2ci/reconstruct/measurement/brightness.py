@@ -2,9 +2,9 @@
 
 A lamp on mains flickers between masks, one that warms up drifts, a trigger shortens an interval. The middle view,
 warped to the other poses by its depth, predicts every view. Coded, y = Σᵢ gᵢ wᵢ Mᵢ ⊙ Xᵢ is linear in the views'
-brightness g, which is found by least squares. Where predictions are displaced, or carry the pattern of their masks, that
-is biased: views whose detail explains little seem darker, and the middle one, which nobody warps, brighter. Smoothed
-predictions err less, but tell less; where the two estimates differ surely, the smoothed ones are believed (Hausman
+brightness g, which is found by least squares. Where predictions are displaced, or carry the pattern of their masks,
+that is biased: views whose detail explains little seem darker, and the middle one, which nobody warps, brighter.
+Smoothed predictions err less, but tell less; where the two estimates differ surely, they are believed (Hausman
 1978). Two checks decide whether it is accepted. The brightness from one half of
 the pixels must explain the other half better, and vice versa. And it must be the same all over the picture, unlike the
 effect of moving or occluded things: so standard errors come from scores summed over blocks.
@@ -296,8 +296,7 @@ def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:
     Residuals within a block may be correlated in any way (Liang and Zeger 1986, eq. 2.5).
     """
     sums = np.stack([np.bincount(block, weights=one) for one in scores], axis=1)
-    covariance: F64 = sums.T @ sums * (len(sums) / max(len(sums) - 1, 1))
-    return covariance
+    return np.asarray(sums.T @ sums * (len(sums) / max(len(sums) - 1, 1)), np.float64)
 
 
 def _part(coding: Coding, views: F32, view: int) -> F64:

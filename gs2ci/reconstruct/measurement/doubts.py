@@ -71,8 +71,9 @@ def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     """Report if some views are brighter than others, by the readings under their open elements.
 
     The regression of the readings on the masks gives each view's mean brightness and its standard error, from scores
-    summed over blocks: behind wide or soft elements, residuals of neighbours are alike. No view has clearly negative light: where the regression says so, masks are correlated with the scene (masks of whole rows are),
-    and it says nothing about the others either.
+    summed over blocks: behind wide or soft elements, residuals of neighbours are alike. No view has clearly negative
+    light: where the regression says so, masks are correlated with the scene (masks of whole rows are), and it says
+    nothing about the others either.
     """
     coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
     gram = coded @ coded.T

@@ -31,6 +31,7 @@ from gs2ci.reconstruct.registration.coarse import (
     readable,
 )
 from gs2ci.reconstruct.registration.field import bent_px
+from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.light import Unit, find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
@@ -238,7 +239,8 @@ class _Registration:
         if source is not None:
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
             again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
-            proposals += [way for estimate in again or [None] for way in from_source(self.shot, estimate, source)]
+            estimates = again or [MisfitEstimate(Misfit(), {})]
+            proposals += [way for estimate in estimates for way in from_source(self.shot, estimate, source)]
         way = chosen(self.shot, [way for way in proposals if not way.is_bent], None, self.seed)
         way = chosen(self.shot, [way for way in proposals if way.is_bent], way, self.seed)
         if way is None:

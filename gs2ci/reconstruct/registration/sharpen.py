@@ -2,12 +2,16 @@
 
 A blurred calibration, or a resampled picture of the masks, gives soft masks. If the true elements are either open or
 closed, the masks alone show how they were softened: only undoing the right blur, or the right fraction of a pixel,
-gives elements that are all open or closed. What an open and a closed element pass is kept as it is stated, with its
-smooth change over the picture (vignetting): it decides how bright the views are, which no held-out pixel tells. A blur preserves some frequencies and reduces the others below rounding or
+gives elements that are all open or closed. A blur preserves some frequencies and reduces the others below rounding or
 noise; as long as about half of all frequencies are preserved, only one set of masks between closed and open has them
 (Mangasarian and Recht, European Journal of Operational Research 214, 2011). That holds up to about σ 2 px for masks in
-float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps between the two sets. If
-all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
+float32, and 1.2 px for masks known to a thousandth. They are found by Douglas-Rachford steps between the two sets.
+
+What open and closed elements pass is kept as it is stated, with its smooth change over the picture (vignetting): it
+decides how bright the views are, which no held-out pixel tells. So the softening has to be known exactly, blur beside
+interpolation included: with too little of it, closed elements would seem to pass more than they do, and open ones less.
+
+If all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
 
 Here: both. Not here: whether they are used (`register`, by the measurement).
 """
@@ -18,6 +22,7 @@ from typing import Final, Self
 
 import numpy as np
 from scipy import fft
+from scipy.optimize import minimize
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.kernels import undo
@@ -42,6 +47,13 @@ _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
 _FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
 _FRACTION_STEP_PX: Final = 0.025
 _FINEST_PX: Final = 1e-3
+# A blur besides an interpolation must leave less than this share of what the interpolation alone leaves.
+_BLUR_EXPLAINS: Final = 0.8
+# An interpolation at less than this from a pixel is none.
+_HARDLY_PX: Final = 0.02
+# Where the search for both begins, px: this blur, and the interpolation found alone, or this far from it.
+_ALSO_PX: Final = 0.4
+_NEARBY: Final = ((0.0, 0.0), (0.05, 0.0), (0.0, 0.05))
 # Powers of the place, down and right, over which transmissions of open and of closed elements change. Their regression
 # is kept defined relative to the mean of its diagonal, also for masks of which nothing is open.
 _QUADRATIC: Final = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
@@ -128,16 +140,47 @@ def _softened_from(whole: F64) -> _Softened:
         blur, step = _search(around, sample, _tried, _blurred), step / 2
     interpolated = _open_or_closed(unshifted(whole, *shift))
     unblurred = _open_or_closed(unblur(whole, *blur, _STEPS))
-    moved, blurred = _shifted(interpolated, *shift), _blurred(unblurred, *blur)
-    if _left(whole, moved) < _left(whole, blurred):
+    blurred = _blurred(unblurred, *blur)
+    shift, also_px = _interpolation_and_blur(interpolated[:1], sample, shift)
+    moved = _moved(interpolated, *shift, also_px)
+    if max(np.abs(shift)) > _HARDLY_PX and _left(whole, moved) < _left(whole, blurred):
         how = f"interpolated {shift[0]:+.2f} px down and {shift[1]:+.2f} px to the right"
-        return _Softened(interpolated, moved, how, (-shift[0], -shift[1]))
+        how += f" and blurred by σ {also_px:.2f} px" if also_px else ""
+        # Between two pixels an interpolation blurs by a variance of f (1 − f) along its axis.
+        between = float(np.mean([abs(f) * (1 - abs(f)) for f in shift]))
+        blur_px2 = between + (variance_of(also_px) if also_px else 0.0)
+        return _Softened(interpolated, moved, how, (-shift[0], -shift[1]), blur_px2)
     return _Softened(unblurred, blurred, f"blurred by σ {blur[0]:.2f} px", blur_px2=variance_of(blur[0]))
+
+
+def _interpolation_and_blur(elements: F64, soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis, float]:
+    """Return the fraction of a pixel, near one, and the blur in px that explain soft masks best; 0 for hardly any blur.
+
+    Pictures are often blurred before they are interpolated; elements of a slight blur are told apart all the same.
+    """
+
+    def left(unknown: F64) -> float:
+        down, right, sigma = (float(one) for one in unknown)
+        return _left(soft, _moved(elements, down, right, abs(sigma)))
+
+    down, right = shift
+    simplex = np.array([[*shift, 0.0], *([down + a, right + b, _ALSO_PX] for a, b in _NEARBY)])
+    found = minimize(left, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": _FINEST_PX})
+    down, right, sigma = (float(one) for one in found.x)
+    if found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
+        return (down, right), abs(sigma)
+    return shift, 0.0
+
+
+def _moved(elements: F64, down: float, right: float, also_px: float) -> F64:
+    """Interpolate elements at a fraction of a pixel, and blur them by a standard deviation in px, if it is not 0."""
+    moved = _shifted(elements, down, right)
+    return gaussian(moved, variance_of(also_px)) if also_px else moved
 
 
 @dataclass(frozen=True)
 class _Levels:
-    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, the same in all masks."""
+    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, alike in all masks."""
 
     closed: F64
     step: F64

@@ -59,16 +59,14 @@ def displaced(shot: Shot, misfit: Misfit) -> Way:
     return Way(corrected, misfit, {}, "", rim)
 
 
-def from_source(shot: Shot, estimate: MisfitEstimate | None, source: Source) -> list[Way]:
-    """Return a shot with the source of its masks, corrected by an estimate from these; without one, as they are.
+def from_source(shot: Shot, estimate: MisfitEstimate, source: Source) -> list[Way]:
+    """Return a shot with the source of its masks, corrected by an estimate from these.
 
     What is said and recorded of the correction is how the masks differ from the stated ones.
     """
-    sharp = replace(shot, masks=source.masks)
-    ways = [Way(sharp, Misfit(), {}, "", Rim.none(sharp))] if estimate is None else ways_of(sharp, estimate)
     how = f"their elements are open or closed, and stated {source.how}"
     found = []
-    for way in ways:
+    for way in ways_of(replace(shot, masks=source.masks), estimate):
         moved = way.misfit.moved(*source.shift_px)
         misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
         alike = abs(misfit.blur_px2) < _SAME_BLUR_PX2

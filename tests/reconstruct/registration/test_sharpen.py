@@ -36,6 +36,22 @@ def test_what_open_and_closed_elements_pass_is_kept(masks, corner, sigma_px, noi
     assert found.blur_px2 == pytest.approx(variance_of(sigma_px), rel=0.05)
 
 
+@pytest.mark.parametrize("sigma_px", [0.0, 0.3, 0.5])
+def test_a_picture_that_was_blurred_before_it_was_interpolated_keeps_its_levels(masks, sigma_px):
+    """Without that blur, closed elements would seem to pass more, and open ones less."""
+    down, right, true = 0.2, -0.35, 0.02 + 0.9 * masks
+    soft = 0.02 + 0.9 * (blurred(masks, sigma_px) if sigma_px else masks)
+    around = np.pad(soft, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    soft = (1 - down) * around[:, 1:-1] + down * around[:, :-2]
+    soft = (1 + right) * soft[..., 1:-1] - right * soft[..., 2:]
+    noisy = soft + np.random.default_rng(7).normal(0, 5e-3, masks.shape)
+    found = binary_source(np.clip(noisy, 0, 1).astype(np.float32))
+    assert found.shift_px == pytest.approx((-down, -right), abs=0.03)
+    assert np.mean(np.abs(found.masks - true) > 0.02) < 1e-3
+    between = np.mean([0.2 * 0.8, 0.35 * 0.65])
+    assert found.blur_px2 == pytest.approx(between + (variance_of(sigma_px) if sigma_px else 0), abs=0.02)
+
+
 def test_a_blur_that_leaves_less_is_not_guessed_at(masks):
     soft = blurred(masks, 2.0) + np.random.default_rng(7).normal(0, 1e-3, masks.shape)
     assert binary_source(np.clip(soft, 0, 1).astype(np.float32)) is None
