@@ -33,11 +33,6 @@ class Rim:
     unknown: Bool
     notes: tuple[Finding, ...] = ()
 
-    @classmethod
-    def none(cls, shot: Shot) -> "Rim":
-        """Return that of masks that cover every pixel."""
-        return cls(np.zeros(shot.size, np.bool_))
-
 
 def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot, Rim]:
     """Return a measurement with its masks displaced as they are, and the uncovered band filled.
