@@ -60,6 +60,7 @@ BENCHMARKS = (
     "registration",
     "right_shots",
     "drawn_masks",
+    "laboratory",
     "combination",
     "polish",
     "motion_within_masks",

@@ -47,8 +47,10 @@ _SIGMAS_PX: Final = 0.3 * (1 + _SIGMA_STEP) ** np.arange(54)
 _FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
 _FRACTION_STEP_PX: Final = 0.025
 _FINEST_PX: Final = 1e-3
-# A blur besides an interpolation must leave less than this share of what the interpolation alone leaves.
-_BLUR_EXPLAINS: Final = 0.8
+# A blur besides an interpolation must leave less than this share of what the interpolation alone leaves, and not be
+# smaller than this, px: taps of less are rounding.
+_BLUR_EXPLAINS: Final = 0.97
+_LEAST_BLUR_PX: Final = 0.15
 # An interpolation at less than this from a pixel is none.
 _HARDLY_PX: Final = 0.02
 # Where the search for both begins, px: this blur, and the interpolation found alone, or this far from it.
@@ -167,7 +169,7 @@ def _interpolation_and_blur(elements: F64, soft: F64, shift: _Hypothesis) -> tup
     simplex = np.array([[*shift, 0.0], *([down + a, right + b, _ALSO_PX] for a, b in _NEARBY)])
     found = minimize(left, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": _FINEST_PX})
     down, right, sigma = (float(one) for one in found.x)
-    if found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
+    if abs(sigma) >= _LEAST_BLUR_PX and found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
         return (down, right), abs(sigma)
     return shift, 0.0
 
