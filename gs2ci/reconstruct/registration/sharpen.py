@@ -100,13 +100,15 @@ def binary_source(masks: F32) -> Source | None:
     """
     if softness(masks[:1].astype(np.float64)) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
         return None
-    stated = masks.astype(np.float64)
-    found = _softened_from(stated)
-    levels = _Levels.of(stated, found.softened)
+    open_share = stated = masks.astype(np.float64)
+    softening = _Softening.of(stated[:1])
+    levels = _Levels.of(stated[:1], softening.undone(stated[:1]).softened)
     if levels.differ:
         # Elements are told apart better where what they pass is known; then that is known better, too.
-        found = _softened_from(levels.removed_from(stated))
-        levels = _Levels.of(stated, found.softened)
+        open_share = levels.removed_from(stated)
+        softening = _Softening.of(open_share[:1])
+    found = softening.undone(open_share)
+    levels = _Levels.of(stated, found.softened)
     if _left(stated, levels.given_to(found.softened)) > _EXPLAINED:
         return None
     transmissions = np.clip(levels.given_to(found.opened), 0.0, 1.0).astype(np.float32)
@@ -124,53 +126,81 @@ class _Softened:
     blur_px2: float = 0.0
 
 
-def _softened_from(whole: F64) -> _Softened:
-    """Find the blur, or the fraction of a pixel, that explains masks, [N, H, W], best, and the elements behind it."""
-    sample = whole[:1]
-    part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
-    shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
-    step = _FRACTION_STEP_PX
-    while step > _FINEST_PX:
-        around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-        shift, step = _search(around, part, unshifted, _shifted), step / 2
-    blur = _search(
-        [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest], sample, _filtered, _blurred
-    )
-    step = _SIGMA_STEP / 2
-    while step * blur[0] > _FINEST_PX:
-        around = [(blur[0] * (1 + a * step), blur[1]) for a in (-1, 0, 1)]
-        blur, step = _search(around, sample, _tried, _blurred), step / 2
-    interpolated = _open_or_closed(unshifted(whole, *shift))
-    unblurred = _open_or_closed(unblur(whole, *blur, _STEPS))
-    blurred = _blurred(unblurred, *blur)
-    shift, also_px = _interpolation_and_blur(interpolated[:1], sample, shift)
-    moved = _moved(interpolated, *shift, also_px)
-    if max(np.abs(shift)) > _HARDLY_PX and _left(whole, moved) < _left(whole, blurred):
-        how = f"interpolated {shift[0]:+.2f} px down and {shift[1]:+.2f} px to the right"
-        how += f" and blurred by σ {also_px:.2f} px" if also_px else ""
-        # Between two pixels an interpolation blurs by a variance of f (1 − f) along its axis.
-        between = float(np.mean([abs(f) * (1 - abs(f)) for f in shift]))
-        blur_px2 = between + (variance_of(also_px) if also_px else 0.0)
-        return _Softened(interpolated, moved, how, (-shift[0], -shift[1]), blur_px2)
-    return _Softened(unblurred, blurred, f"blurred by σ {blur[0]:.2f} px", blur_px2=variance_of(blur[0]))
+@dataclass(frozen=True)
+class _Softening:
+    """The two ways in which masks may have been softened, and how much.
+
+    Args:
+        told_at: Fractions of a pixel, down and right, whose undoing tells elements apart best; it sharpens a blur, too.
+        shift: Interpolated at these fractions of a pixel,
+        also_px: after a blur of this standard deviation;
+        blur: or blurred by the first number, px, with frequencies lost below the second one.
+    """
+
+    told_at: _Hypothesis
+    shift: _Hypothesis
+    also_px: float
+    blur: _Hypothesis
+
+    @classmethod
+    def of(cls, sample: F64) -> Self:
+        """Find those that explain one mask, [1, H, W], best."""
+        part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
+        shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, unshifted, _shifted)
+        step = _FRACTION_STEP_PX
+        while step > _FINEST_PX:
+            around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+            shift, step = _search(around, part, unshifted, _shifted), step / 2
+        blur = _search(
+            [(float(s), lost) for lost, widest in _LOST for s in _SIGMAS_PX if s <= widest], sample, _filtered, _blurred
+        )
+        step = _SIGMA_STEP / 2
+        while step * blur[0] > _FINEST_PX:
+            around = [(blur[0] * (1 + a * step), blur[1]) for a in (-1, 0, 1)]
+            blur, step = _search(around, sample, _tried, _blurred), step / 2
+        return cls(shift, *_interpolation_and_blur(part, shift), blur)
+
+    def undone(self, masks: F64) -> _Softened:
+        """Return the elements of masks, [N, H, W], by the way that explains these better."""
+        unblurred = _open_or_closed(unblur(masks, *self.blur, _STEPS))
+        blurred = _blurred(unblurred, *self.blur)
+        if max(np.abs(self.shift)) > _HARDLY_PX:
+            interpolated = _open_or_closed(unshifted(masks, *self.told_at))
+            moved = _moved(interpolated, *self.shift, self.also_px)
+            if _left(masks, moved) < _left(masks, blurred):
+                return _Softened(interpolated, moved, self._how, (-self.shift[0], -self.shift[1]), self._blur_px2)
+        how = f"blurred by σ {self.blur[0]:.2f} px"
+        return _Softened(unblurred, blurred, how, blur_px2=variance_of(self.blur[0]))
+
+    @property
+    def _how(self) -> str:
+        how = f"interpolated {self.shift[0]:+.2f} px down and {self.shift[1]:+.2f} px to the right"
+        return f"{how} and blurred by σ {self.also_px:.2f} px" if self.also_px else how
+
+    @property
+    def _blur_px2(self) -> float:
+        """Get the variance of interpolation and blur; the former is f (1 − f) along its axis."""
+        between = float(np.mean([abs(f) * (1 - abs(f)) for f in self.shift]))
+        return between + (variance_of(self.also_px) if self.also_px else 0.0)
 
 
-def _interpolation_and_blur(elements: F64, soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis, float]:
+def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis, float]:
     """Return the fraction of a pixel, near one, and the blur in px that explain soft masks best; 0 for hardly any blur.
 
     Pictures are often blurred before they are interpolated; elements of a slight blur are told apart all the same.
     """
+    elements = _open_or_closed(unshifted(soft, *shift))
 
     def left(unknown: F64) -> float:
-        down, right, sigma = (float(one) for one in unknown)
-        return _left(soft, _moved(elements, down, right, abs(sigma)))
+        down, right = np.clip(unknown[:2], -0.5, 0.5).tolist()
+        return _left(soft, _moved(elements, down, right, abs(float(unknown[2]))))
 
     down, right = shift
     simplex = np.array([[*shift, 0.0], *([down + a, right + b, _ALSO_PX] for a, b in _NEARBY)])
     found = minimize(left, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": _FINEST_PX})
-    down, right, sigma = (float(one) for one in found.x)
-    if abs(sigma) >= _LEAST_BLUR_PX and found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
-        return (down, right), abs(sigma)
+    (down, right), sigma = np.clip(found.x[:2], -0.5, 0.5).tolist(), abs(float(found.x[2]))
+    if sigma >= _LEAST_BLUR_PX and found.fun < _BLUR_EXPLAINS * _left(soft, _moved(elements, *shift, 0.0)):
+        return (down, right), sigma
     return shift, 0.0
 
 
