@@ -21,11 +21,11 @@ from functools import partial
 import cv2
 import numpy as np
 import skimage.data
-from scipy.stats import spearmanr
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
+from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
@@ -197,8 +197,7 @@ def _reconstructed(one: Drawn) -> str:
     path = trajectory_errors(result.world_to_camera, truth.world_to_camera)
     assert result.depth is not None
     depth = result.depth[len(truth.views) // 2]
-    told = (depth > 0) & np.isfinite(one.depth)
-    rank = float(spearmanr(depth[told], one.depth[told]).statistic) if np.ptp(depth[told]) > 0 else 0.0
+    rank = depth_rank(depth, one.depth) or 0.0
     said = " ".join(note.code.value for note in result.notes)
     return (
         f"views {psnr_db[0]:.2f}, scene {psnr_db[1]:.2f}, decode {psnr_db[2]:.2f} dB; {result.geometry['method']} "

@@ -1,11 +1,13 @@
-"""Square blocks of a picture, in each of which a residual is regressed by itself.
+"""Square blocks of a picture: in each a residual is regressed by itself, or scores are summed for standard errors.
 
-Here: how a picture is cut. Not here: the regressions (`moving`, `over_time`, `displacements`).
+Here: how a picture is cut, and the covariance of such sums. Not here: the regressions (`moving`, `over_time`,
+`displacements`, `brightness`, `doubts`).
 """
 
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 
@@ -21,3 +23,18 @@ def in_blocks(picture: F32 | F64) -> F64:
     cut = padded.reshape(down, BLOCK_PX, across, BLOCK_PX, channels).swapaxes(1, 2)
     blocks: F64 = cut.reshape(down, across, BLOCK_PX**2, channels)
     return blocks
+
+
+def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:
+    """Return the number of the block of this side to which each pixel belongs, [P], from 0 without gaps."""
+    down, across = row // side_px, column // side_px
+    return np.unique(down * (across.max() + 1) + across, return_inverse=True)[1]
+
+
+def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:
+    """Return the covariance of the sums of pixels' scores, [L, P], over blocks, whose numbers are given, [P]; [L, L].
+
+    Residuals within a block may be correlated in any way (Liang and Zeger 1986, eq. 2.5).
+    """
+    sums = np.stack([np.bincount(block, weights=one) for one in scores], axis=1)
+    return np.asarray(sums.T @ sums * (len(sums) / max(len(sums) - 1, 1)), np.float64)

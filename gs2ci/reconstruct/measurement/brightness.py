@@ -28,6 +28,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LightMode
+from gs2ci.reconstruct.measurement.blocks import block_numbers, scores_over_blocks
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 
@@ -226,7 +227,7 @@ class LinearSystem:
             lit=lit,
             light=shot.weights[lit] * shot.masks[lit].sum(axis=(1, 2), dtype=np.float64),
             half=np.asarray((row // _SQUARE_PX + column // _SQUARE_PX) % 2 == 0),
-            block=np.unique(row // side * counted.shape[1] + column // side, return_inverse=True)[1],
+            block=block_numbers(row, column, side),
         )
 
     def solve(self, pixels: Bool | slice = slice(None)) -> F64 | None:
@@ -288,15 +289,6 @@ class LinearSystem:
         brightness = np.ones(len(self.lit))
         brightness[self.lit] = found
         return brightness
-
-
-def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:
-    """Return the covariance of the sums of pixels' scores, [L, P], over blocks, whose numbers are given, [P]; [L, L].
-
-    Residuals within a block may be correlated in any way (Liang and Zeger 1986, eq. 2.5).
-    """
-    sums = np.stack([np.bincount(block, weights=one) for one in scores], axis=1)
-    return np.asarray(sums.T @ sums * (len(sums) / max(len(sums) - 1, 1)), np.float64)
 
 
 def _part(coding: Coding, views: F32, view: int) -> F64:

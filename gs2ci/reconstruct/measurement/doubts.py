@@ -11,8 +11,8 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.blocks import BLOCK_PX
-from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE, scores_over_blocks
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, block_numbers, scores_over_blocks
+from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
 from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
@@ -83,8 +83,7 @@ def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     inverse = np.linalg.inv(gram)
     brightness = inverse @ (coded @ reading)
     scores = coded * (reading - brightness @ coded)
-    row, column = np.divmod(np.arange(reading.size), shot.size[1])
-    block = np.unique(row // BLOCK_PX * shot.size[1] + column // BLOCK_PX, return_inverse=True)[1]
+    block = block_numbers(*np.divmod(np.arange(reading.size), shot.size[1]), BLOCK_PX)
     error = float(np.sqrt(np.diag(inverse @ scores_over_blocks(scores, block) @ inverse).max()))
     middle = float(np.median(brightness))
     notable = max(_BRIGHTER * middle, _STANDARD_ERRORS * error)

@@ -180,8 +180,7 @@ class _Softening:
     @property
     def _blur_px2(self) -> float:
         """Get the variance of interpolation and blur; the former is f (1 − f) along its axis."""
-        between = float(np.mean([abs(f) * (1 - abs(f)) for f in self.shift]))
-        return between + (variance_of(self.also_px) if self.also_px else 0.0)
+        return float(np.mean([abs(f) * (1 - abs(f)) for f in self.shift])) + variance_of(self.also_px)
 
 
 def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis, float]:
@@ -205,9 +204,8 @@ def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis,
 
 
 def _moved(elements: F64, down: float, right: float, also_px: float) -> F64:
-    """Interpolate elements at a fraction of a pixel, and blur them by a standard deviation in px, if it is not 0."""
-    moved = _shifted(elements, down, right)
-    return gaussian(moved, variance_of(also_px)) if also_px else moved
+    """Interpolate elements at a fraction of a pixel, and blur them by a standard deviation in px, which may be 0."""
+    return gaussian(_shifted(elements, down, right), variance_of(also_px))
 
 
 @dataclass(frozen=True)
