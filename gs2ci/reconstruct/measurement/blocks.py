@@ -26,9 +26,12 @@ def in_blocks(picture: F32 | F64) -> F64:
 
 
 def block_numbers(row: NDArray[np.intp], column: NDArray[np.intp], side_px: int) -> NDArray[np.intp]:
-    """Return the number of the block of this side to which each pixel belongs, [P], from 0 without gaps."""
+    """Return the number of the block of this side to which each pixel belongs, [P], from 0 without gaps.
+
+    There may be no pixels: a wholly saturated measurement has none that counts.
+    """
     down, across = row // side_px, column // side_px
-    return np.unique(down * (across.max() + 1) + across, return_inverse=True)[1]
+    return np.unique(down * (across.max(initial=0) + 1) + across, return_inverse=True)[1]
 
 
 def scores_over_blocks(scores: F64, block: NDArray[np.intp]) -> F64:

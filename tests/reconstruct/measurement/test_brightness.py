@@ -117,11 +117,12 @@ def test_masks_that_do_not_tell_views_apart_tell_no_brightness():
     assert view_brightness(alike, views) is None
 
 
-def test_black_views_an_even_black_measurement_and_a_single_view_tell_none():
+def test_black_views_and_measurements_without_a_usable_pixel_or_a_second_view_tell_none():
     views = views_of()
     shot = shot_of(views)
     assert view_brightness(shot, np.zeros_like(views)) is None
     assert view_brightness(replace(shot, measurement=np.zeros_like(shot.measurement)), views) is None
+    assert view_brightness(replace(shot, saturated=np.ones(SIZE, bool)), views) is None
     one = replace(shot, masks=shot.masks[:1], weights=shot.weights[:1])
     assert view_brightness(one, views[:1]) is None
     assert view_brightness(shot, np.full_like(views, np.nan)) is None
