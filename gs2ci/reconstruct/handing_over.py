@@ -29,11 +29,12 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, noise_power, shares
+from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.noise import mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
@@ -81,6 +82,9 @@ def hand_over(
     unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
+    noise_by_reading = noise_of_readings(holdout, ensemble.views)
+    noise = mean_power(noise_by_reading, holdout)
+    refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     refined_views, notes = _polished_densely(holdout, by_share, polishing)
     polished_so_far = by_share if refined_views is None else refined_views.blind
@@ -93,15 +97,14 @@ def hand_over(
         "mean": Candidate(mean, mean, cancels=bool(notes)),
         "scene": Candidate(own, own, cancels=bool(notes)),
     }
-    noise = noise_power(holdout, ensemble.views)
     near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
     # than another decode.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, noise):
-        candidates["polished"] = _polished(holdout, polished_so_far, settings.polish)
+        candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        candidates.update(_decodes(first, settings))
+        candidates.update(_decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
@@ -171,17 +174,18 @@ def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdou
     return name in candidates and shares(holdout, candidates, noise)[name] >= _ALL_BUT
 
 
-def _polished(holdout: Holdout, refined: F32, how: PatchSettings) -> Candidate:
+def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:
     """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
-    blind = patch_decode_from(holdout.seen, refined, how)
-    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps))
+    blind = patch_decode_from(holdout.seen, refined, how, noise=noise)
+    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps, noise=noise))
 
 
-def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
+def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
     """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
 
-    A brief decode by patches is first continued on the long schedule of the settings. The caller skips all this if a
-    decode by patches gets no weight as it is.
+    The noise of the readings, [H, W, C], is weighed if that lowers it too: where a scene lacks much, noise is
+    overestimated. A brief decode by patches is first continued on the long schedule of the settings. The caller skips
+    all this if a decode by patches gets no weight as it is.
     """
     holdout, uncoupled = first.holdout, settings.decode
     if first.decoder == "patches-quick" and settings.long_decode is not None:
@@ -190,11 +194,14 @@ def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
             first = longer
     if first.sigma is not None:
         return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
-    found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(holdout.shot, uncoupled))}
+    weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
+    is_weighed = (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0)
+    decoded, known = (weighed, noise) if is_weighed else (first.decoded, None)
+    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.shot, uncoupled, noise=known))}
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    blind = [gap_tv(holdout.seen, one) for one in others]
+    blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
     left = [holdout.residual_rms(views) or 0.0 for views in blind]
     best = int(np.argmin(left))
-    if left[best] < (holdout.residual_rms(first.decoded) or 0.0):
-        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best]))
+    if left[best] < (holdout.residual_rms(decoded) or 0.0):
+        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best], noise=known))
     return found

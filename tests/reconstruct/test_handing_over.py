@@ -14,8 +14,9 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.handing_over import _decodes, _polished, hand_over
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.settings import Settings
 
 SIZE, VIEWS = (48, 64), 5
@@ -129,10 +130,35 @@ def test_fits_that_err_apart_from_the_best_are_combined_with_it_and_a_note_says_
 def test_noise_is_not_put_back():
     truth = moving(sigma_px=3.0)
     mean = astray(truth, 0.02)
-    first = look_at(truth, noise=0.3)
+    first = look_at(truth, noise=0.3, share=0.4)  # many pixels: in so much noise few could not tell
     refined = Refinement(first.holdout, SETTINGS.residual).by_all_pixels(mean, 1.0)
     assert psnr(refined, truth) < psnr(mean, truth) - 3
     assert psnr(handed(first, mean).views, truth) > psnr(mean, truth) - 0.1
+
+
+@pytest.mark.parametrize("sigma_px", [1.0, 3.0], ids=["textured", "smooth"])
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_additions_to_the_scene_err_less_where_noise_is_weighed(noise, sigma_px):
+    truth = moving(sigma_px=sigma_px)
+    first, mean = look_at(truth, noise), astray(truth, 0.05)
+    weighed, none = noise_of_readings(first.holdout, mean), np.zeros_like(first.holdout.shot.measurement)
+    for made in (
+        lambda known: _polished(first.holdout, mean, SETTINGS.polish, known).full,
+        lambda known: Refinement(first.holdout, SETTINGS.residual, known).by_all_pixels(mean, 1.0),
+    ):
+        assert psnr(made(weighed), truth) > psnr(made(none), truth) + 0.3
+
+
+def test_noise_is_weighed_in_a_decode_where_held_out_pixels_bear_it_out():
+    truth = moving(sigma_px=3.0)
+    first = look_at(truth, 0.3, share=0.2)
+    known, none = noise_of_readings(first.holdout, truth), np.zeros_like(first.holdout.shot.measurement)
+    weighed, plain = (_decodes(first, SETTINGS, noise)["decode"] for noise in (known, none))
+    assert psnr(weighed.full, truth) > psnr(plain.full, truth) + 1
+    assert first.holdout.residual_rms(weighed.blind) < first.holdout.residual_rms(plain.blind)
+    far_too_much = _decodes(first, SETTINGS, 1000 * known)["decode"]
+    np.testing.assert_array_equal(far_too_much.blind, first.decoded)
+    np.testing.assert_array_equal(far_too_much.full, gap_tv(first.holdout.shot, SETTINGS.decode))
 
 
 def test_patches_go_on_from_refined_views_where_held_out_pixels_bear_it_out():
@@ -148,7 +174,7 @@ def test_the_sparse_polish_goes_on_from_what_the_dense_one_came_to(monkeypatch):
     truth = moving(sigma_px=1.0)
     first, mean, begun = look_at(truth, share=0.1), astray(truth, 0.12), []
 
-    def polished(holdout, views, how):
+    def polished(holdout, views, how, noise):
         begun.append(views)
         return Candidate(views, views)
 

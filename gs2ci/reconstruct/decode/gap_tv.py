@@ -5,6 +5,7 @@ enough for tracking and plane sweeps; they are never a photometric target of the
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from pydantic import PositiveInt
@@ -15,7 +16,13 @@ from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
+
+# Total variation of this weight is the right prior for errors of power s² if differences between neighbours are
+# Laplacian with a mean absolute value of s² over the weight. In sharp pictures that is 0.02 to 0.1; the largest of
+# these trusts the readings most. Half of it gains up to 0.3 dB more in much noise, and loses as much where the noise
+# is overestimated, since the scene lacks much.
+_GRADIENT: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -35,13 +42,16 @@ class GapTvSettings(Bounded):
     coupling: NotNegative = 0.0
 
 
-def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None) -> F32:
+def gap_tv(
+    shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None, noise: F32 | None = None
+) -> F32:
     """Decode one coded measurement into approximate views.
 
     Args:
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
         settings: How long and how smooth to decode.
         progress: Receives each iteration and its relative residual.
+        noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
@@ -53,11 +63,13 @@ def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress
     demosaicked before each denoising: on synthetic mosaics of two scenes this gave 22.1 and 20.1 dB, compared with 20.8
     and 19.3 for decoding the four colour planes separately and joining them afterwards.
     """
-    decoded = decode_signed(shot, settings, progress)
+    decoded = decode_signed(shot, settings, progress, noise)
     return np.clip(decoded, 0, 1, out=decoded)
 
 
-def decode_signed(shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None) -> F32:
+def decode_signed(
+    shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None, noise: F32 | None = None
+) -> F32:
     """Decode without the bounds that light is positive and at most at full scale, for residuals.
 
     Arguments, errors and shape as for `gap_tv`; the values are not clipped.
@@ -66,4 +78,9 @@ def decode_signed(shot: Shot, settings: GapTvSettings | None = None, progress: P
     # The weight stays the same in all iterations: the denoiser's sigma is used as the weight itself.
     schedule = PlugAndPlaySettings(sigmas=(settings.weight,), iterations=settings.iterations)
     denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)
-    return plug_and_play(shot, denoiser, schedule, progress)
+    weighed = None if noise is None else ReadingNoise(noise, _error_power)
+    return plug_and_play(shot, denoiser, schedule, progress, noise=weighed)
+
+
+def _error_power(weight: float) -> float:
+    return _GRADIENT * weight

@@ -10,14 +10,25 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 
-_ONE = np.float32(1.0)
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
 def project_onto_measurement(
-    views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32, accelerated: bool = True
+    views: F32,
+    masks: F32,
+    inverse_energy: F32,
+    measured: F32,
+    target: F32,
+    accelerated: bool,
+    noise: F32,
+    error_power: float,
 ) -> F64:
     """Move the views towards the nearest ones that explain the measurement, in place.
+
+    With the power of the noise σ² known, it is weighed against the error that the views have before the step, s² in
+    each view: s² Φᵀ(y − Φx) / (s² Σ (wᵢ Mᵢ)² + σ²) is the best step, and the residual that is accumulated converges to
+    the multiple that noise of this power leaves; see `pnp.ReadingNoise`.
 
     Args:
         views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx).
@@ -26,6 +37,8 @@ def project_onto_measurement(
         measured: y, [C, H, W].
         target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not.
         accelerated: Whether the residuals of earlier steps are accumulated in the target.
+        noise: σ² e, [C, H, W]; of size 0: no noise.
+        error_power: s².
 
     Returns:
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
@@ -41,10 +54,17 @@ def project_onto_measurement(
         energy = 0.0
         for col in range(width):
             residual = measured[c, r, col] - change[col]
-            target[c, r, col] = target[c, r, col] + residual if accelerated else measured[c, r, col]
             if inverse_energy[r, col] > 0:
                 energy += residual * residual
-            change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col]
+            step = _ONE
+            if noise.size and noise[c, r, col] > 0:
+                share = noise[c, r, col] / np.float32(error_power)
+                kept = max(_ZERO, _ONE - share)
+                step = _ONE / max(_ONE, share)
+                target[c, r, col] = measured[c, r, col] + kept * (target[c, r, col] - measured[c, r, col] + residual)
+            else:
+                target[c, r, col] = target[c, r, col] + residual if accelerated else measured[c, r, col]
+            change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col] * step
         row_energy[task] = energy
         for i in range(n):
             for col in range(width):

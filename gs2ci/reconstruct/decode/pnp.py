@@ -17,7 +17,7 @@ from pydantic import Field, PositiveInt
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
-from gs2ci.core.errors import NumericsError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
@@ -63,6 +63,28 @@ class PlugAndPlaySettings(Bounded):
     begin: Beginning = "average"
 
 
+@dataclass(frozen=True)
+class ReadingNoise:
+    """The noise of the readings, as far as a decode by GAP weighs it; without it readings are explained exactly.
+
+    Each step then weighs the noise against the error of the views before it, as the half-quadratic splitting of Zhang
+    (2021, DPIR, eq. 7) does; and of the accumulated residual d of accelerated GAP the share κ / (1 + κ) is kept, where
+    1 + κ = s² Σ (wᵢ Mᵢ)² / σ²: at the fixed point the views of the plain step and those of accelerated GAP agree with
+    the minimum of ‖y − Φx‖² / 2σ² plus the denoiser's prior. Without noise this is accelerated GAP.
+
+    Args:
+        power: σ², in squared units of the measurement, [H, W, C] as the measurement.
+        error_power: Returns s², the expected squared error of a view before a step, from the denoiser's level there.
+    """
+
+    power: F32
+    error_power: Callable[[float], float]
+
+    def per_energy(self, inverse_energy: F32) -> F32:
+        """Return σ² / Σ (wᵢ Mᵢ)², [C, H, W]."""
+        return np.ascontiguousarray(self.power.transpose(2, 0, 1) * inverse_energy, np.float32)
+
+
 def plug_and_play(
     shot: Shot,
     denoise: Denoiser,
@@ -70,6 +92,7 @@ def plug_and_play(
     progress: Progress | None = None,
     start: F32 | None = None,
     enough: Callable[[F32], bool] | None = None,
+    noise: ReadingNoise | None = None,
 ) -> F32:
     """Decode one coded measurement into approximate views.
 
@@ -82,16 +105,19 @@ def plug_and_play(
         start: First views, in the form that is returned; None: as in the settings.
         enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
             last.
+        noise: Of the readings, for GAP; None: none.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 with a colour filter array. Pixels that no mask
         opens are filled by the denoiser from their surroundings.
 
     Raises:
-        InputError: The settings make no sense.
+        InputError: The settings make no sense, or the noise is to be weighed by ADMM.
         NumericsError: The denoiser changed the shape, or returned numbers that are not finite.
     """
     settings = (settings or PlugAndPlaySettings()).check()
+    if noise is not None and settings.scheme != "gap":
+        raise InputError(f"noise weighed by {settings.scheme}", allowed="scheme gap, or no noise")
     progress = progress or Silent()
     masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
     measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
@@ -99,7 +125,8 @@ def plug_and_play(
     prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
     # The measurement plus accumulated residual: it is zero before a first average, and the measurement for given views.
-    target = np.zeros_like(measured) if start is None else measured.copy()
+    target = np.zeros_like(measured) if start is None and noise is None else measured.copy()
+    weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(inverse_energy)
     if start is not None:
         views = _as_measured(shot, start)
     elif settings.begin == "average":
@@ -112,7 +139,10 @@ def plug_and_play(
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
         nearest = views if multiplier is None else views - multiplier
-        row_energy = project_onto_measurement(nearest, masks, inverse_energy, measured, target, multiplier is None)
+        error_power = 1.0 if noise is None else noise.error_power(sigma)
+        row_energy = project_onto_measurement(
+            nearest, masks, inverse_energy, measured, target, multiplier is None, weighed, error_power
+        )
         progress.step(iteration + 1, residual=_relative(row_energy, measured))
         views, seen = prior(nearest if multiplier is None else nearest + multiplier, sigma)
         if multiplier is not None:

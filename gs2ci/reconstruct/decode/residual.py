@@ -43,13 +43,14 @@ class ResidualSettings(Bounded):
         return GapTvSettings(iterations=self.iterations, weight=self.weight, inner=self.inner).check()
 
 
-def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F32:
+def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings, noise: F32 | None = None) -> F32:
     """Decode the measurement's residual by views of a scene.
 
     Args:
         shot: The measurement, with or without its held-out pixels.
         scene_views: Views of the scene, [N, H, W, C] float32; need not be clamped.
         settings: How the residual is decoded.
+        noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
 
     Returns:
         The missing part of the views, [N, H, W, C] float32, of either sign.
@@ -57,10 +58,11 @@ def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings) ->
     Raises:
         InputError: The settings make no sense, or the views do not fit the shot.
     """
-    return decode_left_over(shot, Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy(), settings)
+    predicted = Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy()
+    return decode_left_over(shot, predicted, settings, noise)
 
 
-def decode_left_over(shot: Shot, predicted: F32, settings: ResidualSettings) -> F32:
+def decode_left_over(shot: Shot, predicted: F32, settings: ResidualSettings, noise: F32 | None = None) -> F32:
     """Decode what a predicted measurement, [H, W, C], leaves of a shot's; results and errors as above."""
     left_over = replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
-    return decode_signed(left_over, settings.steps())
+    return decode_signed(left_over, settings.steps(), noise=noise)

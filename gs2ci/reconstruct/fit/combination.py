@@ -58,11 +58,6 @@ _LEAST_LEARNED: Final = 1e-6
 _LEAST_WEIGHT: Final = 0.01
 # Smaller shares are chance, and set to 0.
 _LEAST_SHARE: Final = 0.05
-# A fit follows some of the noise at the pixels that it sees, so that the noise there is larger than the residual shows.
-_FOLLOWED: Final = 1.1
-# The median of the absolute value of a standard normal deviate. The noise is estimated from the median residual, which
-# a model that is wrong only in places hardly changes.
-_MEDIAN_DEVIATE: Final = 0.6745
 
 
 @dataclass(frozen=True)
@@ -78,23 +73,6 @@ class Candidate:
     blind: F32
     full: F32
     cancels: bool = False
-
-
-def noise_power(holdout: Holdout, views: F32) -> float:
-    """Return an upper bound on the power of the measurement's noise, from a scene's residual at pixels that it saw.
-
-    Args:
-        holdout: The measurement.
-        views: Of a scene, which cannot follow the noise of single pixels, [N, H, W, C].
-
-    Returns:
-        In squared units of the measurement; 0 if there is no usable pixel.
-    """
-    asked = holdout.shot.usable & ~holdout.pixels
-    if not asked.any():
-        return 0.0
-    left = (holdout.shot.measurement - holdout.coded(views))[asked].astype(np.float64)
-    return _FOLLOWED * float(np.median(np.abs(left)) / _MEDIAN_DEVIATE) ** 2
 
 
 def expected_products(holdout: Holdout, candidates: Sequence[Candidate], noise: float) -> F64:
@@ -174,7 +152,7 @@ def expected_rms(holdout: Holdout, views: Candidate, noise: float) -> float | No
     Args:
         holdout: The measurement, and its held-out pixels.
         views: The delivered views.
-        noise: Power of the measurement's noise, as by `noise_power`.
+        noise: Mean power of the measurement's noise (`measurement.noise`).
 
     Returns:
         In full scales of one view; None if no pixel was held out, or the views are not finite.
@@ -240,7 +218,7 @@ def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float)
     Args:
         holdout: The measurement, and its held-out pixels.
         candidates: By name; those that are not finite get share 0. If no pixel was held out, the first gets share 1.
-        noise: Power of the measurement's noise, as by `noise_power`.
+        noise: Mean power of the measurement's noise (`measurement.noise`).
 
     Returns:
         Shares from 0 to 1 with sum 1; small ones are set to 0.

@@ -23,17 +23,23 @@ class Refinement:
     Args:
         holdout: The measurement, and its pixels that no decode may see.
         settings: How the residual is decoded; None: nothing is added.
+        noise: Power of the noise in each reading, [H, W, C] as the measurement, which is not decoded; None: unknown.
 
     Raises:
         InputError: The settings make no sense.
     """
 
-    def __init__(self, holdout: Holdout, settings: ResidualSettings | None) -> None:
+    def __init__(self, holdout: Holdout, settings: ResidualSettings | None, noise: F32 | None = None) -> None:
         if settings is not None:
             settings.steps()
         self._holdout = holdout
         self._seen = holdout.seen
         self._settings = settings
+        self._noise = noise
+
+    def with_noise(self, noise: F32) -> "Refinement":
+        """Return the same refinement, the noise of the readings known, [H, W, C]."""
+        return Refinement(self._holdout, self._settings, noise)
 
     def __call__(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, without the held-out pixels, so that these may judge the result."""
@@ -43,7 +49,7 @@ class Refinement:
         """Refine views, [N, H, W, C] float32; also return the share that was added, from 0 to 1."""
         if self._settings is None:
             return views, 0.0
-        added = decode_residual(self._seen, views, self._settings)
+        added = decode_residual(self._seen, views, self._settings, self._noise)
         share = self.share(views, added)
         return _plus(views, share, added), share
 
@@ -54,13 +60,13 @@ class Refinement:
         scene lacks, the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`)
         at its first look.
         """
-        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings)
+        return None if self._settings is None else decode_left_over(self._seen, coded, self._settings, self._noise)
 
     def in_full_and_by_share(self, views: F32) -> tuple[F32, F32]:
         """Refine views, [N, H, W, C] float32, by their whole residual and as a call does, with one decode."""
         if self._settings is None:
             return views, views
-        added = decode_residual(self._seen, views, self._settings)
+        added = decode_residual(self._seen, views, self._settings, self._noise)
         in_full = views + added
         return in_full, _plus(views, self.share(views, added), added)
 
@@ -71,7 +77,7 @@ class Refinement:
         """
         if self._settings is None:
             return views
-        return _plus(views, share, decode_residual(self._holdout.shot, views, self._settings))
+        return _plus(views, share, decode_residual(self._holdout.shot, views, self._settings, self._noise))
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.denoisers import NonLocalMeans, TotalVariation
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 
@@ -35,12 +37,73 @@ def reference(shot, settings):
 @pytest.mark.parametrize("scheme", ["gap", "admm"])
 @pytest.mark.parametrize(("channels", "begin"), [(1, "average"), (3, "average"), (1, "transpose")])
 def test_each_scheme_is_that_of_its_paper(make_shot, scheme, channels, begin):
-    shot = make_shot(channels=channels)
-    masks = shot.masks.copy()
-    masks[0][masks.sum(0) == 0] = 1
-    shot = type(shot)(shot.measurement, masks, shot.weights).check()
+    shot = opened(make_shot(channels=channels))
     settings = PlugAndPlaySettings(scheme, sigmas=(0.3, 0.1), iterations=4, begin=begin)
     np.testing.assert_allclose(plug_and_play(shot, halfway, settings), reference(shot, settings), atol=2e-5)
+
+
+def weighed_reference(shot, power, start, sigmas, error_power):
+    """GAP whose steps weigh noise against errors, float64, as `ReadingNoise` states it."""
+    masks, y = shot.masks.astype(float)[:, None], shot.measurement.astype(float).transpose(2, 0, 1)
+    energy, power = (masks**2).sum(0), power.astype(float).transpose(2, 0, 1)
+    views, accumulated = start.astype(float).transpose(0, 3, 1, 2), np.zeros_like(y)
+    for sigma in sigmas:
+        left = y - (masks * views).sum(0)
+        ratio = np.full_like(y, np.inf)  # 1 + κ
+        np.divide(error_power(sigma) * energy, power, out=ratio, where=power > 0)
+        accumulated = np.maximum(0, 1 - 1 / ratio) * (accumulated + left)
+        views = halfway(views + np.minimum(1, ratio) * masks * (left + accumulated) / energy, sigma)
+    return views.transpose(0, 2, 3, 1)
+
+
+def opened(shot):
+    """The shot, with a mask that opens all pixels that no other one does."""
+    masks = shot.masks.copy()
+    masks[0][masks.sum(0) == 0] = 1
+    return replace(shot, masks=masks)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_noise_is_weighed_as_stated(make_shot, channels):
+    shot = opened(make_shot(channels=channels))
+    rng = np.random.default_rng(0)
+    # From none to more than the errors, so that the step is shortened at some pixels and accumulated at others.
+    power = 0.03 * rng.integers(0, 3, shot.measurement.shape) * rng.random(shot.measurement.shape)
+    start = rng.random(shot.truth.views.shape).astype(np.float32)
+    settings = PlugAndPlaySettings(sigmas=(0.2, 0.1, 0.05), iterations=2)
+    noise = ReadingNoise(power.astype(np.float32), lambda sigma: 2 * sigma**2)
+    got = plug_and_play(shot, halfway, settings, start=start, noise=noise)
+    levels = np.repeat(settings.sigmas, settings.iterations)
+    expected = weighed_reference(shot, power, start, levels, noise.error_power)
+    np.testing.assert_allclose(got, expected, atol=2e-5)
+
+
+def test_no_noise_changes_nothing(make_shot):
+    shot = make_shot(channels=3)
+    start = np.full_like(shot.truth.views, 0.4)
+    none = ReadingNoise(np.zeros_like(shot.measurement), lambda sigma: sigma**2)
+    weighed, plain = (plug_and_play(shot, TotalVariation(), start=start, noise=noise) for noise in (none, None))
+    np.testing.assert_array_equal(weighed, plain)
+
+
+def test_weighed_noise_is_not_taken_into_the_views(make_shot):
+    """A decode to whom the noise is known errs less than one that explains every reading, in colour and grey."""
+    shot = make_shot(channels=3, slide=0.4)
+    noise = 0.3
+    readings = shot.measurement + noise * np.random.default_rng(3).standard_normal(shot.measurement.shape)
+    shot = replace(shot, measurement=readings.astype(np.float32))
+    known = ReadingNoise(np.full_like(shot.measurement, noise**2), lambda sigma: 0.1 * sigma)
+    error = [
+        np.mean((plug_and_play(shot, TotalVariation(1.0), noise=one) - shot.truth.views) ** 2) for one in (known, None)
+    ]
+    assert error[0] < 0.7 * error[1]
+
+
+def test_admm_does_not_weigh_noise(make_shot):
+    shot = make_shot()
+    with pytest.raises(InputError, match="noise weighed by admm") as caught:
+        plug_and_play(shot, halfway, PlugAndPlaySettings("admm"), noise=ReadingNoise(shot.measurement, float))
+    assert caught.value.allowed == "scheme gap, or no noise"
 
 
 @pytest.mark.parametrize("scheme", ["gap", "admm"])

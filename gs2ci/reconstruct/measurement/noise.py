@@ -1,0 +1,51 @@
+"""The noise of the readings, estimated from what a scene's views leave of them.
+
+Here: its power in each reading, and on the average. Not here: what follows from it (`decode.pnp`, `fit.combination`).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.measurement.holdout import Holdout
+
+# A fit follows some of the noise at the pixels that it sees, so that the noise there is larger than the residual shows.
+_FOLLOWED: Final = 1.1
+# The median of the absolute value of a standard normal deviate. The noise is estimated from the median residual, which
+# a model that is wrong only in places hardly changes.
+_MEDIAN_DEVIATE: Final = 0.6745
+# Photons make more noise in bright readings, so readings are divided into classes of equal size by their prediction:
+# at most so many, and none with fewer readings than this, of which the median still tells the power to a tenth.
+_CLASSES: Final = 16
+_LEAST_READINGS: Final = 256
+
+
+def noise_of_readings(holdout: Holdout, views: F32) -> F32:
+    """Return an upper bound on the power of the noise in each reading, from a scene's residual at pixels that it saw.
+
+    What a scene lacks everywhere counts as noise.
+
+    Args:
+        holdout: The measurement.
+        views: Of a scene, which cannot follow the noise of single pixels, [N, H, W, C].
+
+    Returns:
+        In squared units of the measurement, [H, W, C] as the measurement; 0 if there is no usable pixel.
+    """
+    asked = holdout.shot.usable & ~holdout.pixels
+    predicted = holdout.coded(views)
+    if not asked.any():
+        return np.zeros_like(predicted)
+    light = predicted[asked].ravel()
+    left = np.abs(holdout.shot.measurement[asked].ravel() - light)
+    classes = np.array_split(np.argsort(light, kind="stable"), np.clip(light.size // _LEAST_READINGS, 1, _CLASSES))
+    middle = [float(light[one].mean(dtype=np.float64)) for one in classes]
+    power = [_FOLLOWED * (float(np.median(left[one])) / _MEDIAN_DEVIATE) ** 2 for one in classes]
+    return np.interp(predicted, middle, power).astype(np.float32)
+
+
+def mean_power(noise: F32, holdout: Holdout) -> float:
+    """Return the mean power of the noise, [H, W, C], over the usable pixels; 0 if there is none."""
+    usable = holdout.shot.usable
+    return float(noise[usable].mean(dtype=np.float64)) if usable.any() else 0.0
