@@ -67,10 +67,12 @@ class PlugAndPlaySettings(Bounded):
 class ReadingNoise:
     """The noise of the readings, as far as a decode by GAP weighs it; without it readings are explained exactly.
 
-    Each step then weighs the noise against the error of the views before it, as the half-quadratic splitting of Zhang
-    (2021, DPIR, eq. 7) does; and of the accumulated residual d of accelerated GAP the share κ / (1 + κ) is kept, where
-    1 + κ = s² Σ (wᵢ Mᵢ)² / σ²: at the fixed point the views of the plain step and those of accelerated GAP agree with
-    the minimum of ‖y − Φx‖² / 2σ² plus the denoiser's prior. Without noise this is accelerated GAP.
+    Each step weighs the noise against the error of the views before it, as half-quadratic splitting does (Zhang et al.,
+    Plug-and-play image restoration with deep denoiser prior, 2021). Accelerated GAP accumulates the residual until it
+    is zero; here it keeps the share κ / (1 + κ) of what it has accumulated, with 1 + κ = s² Σ (wᵢ Mᵢ)² / σ². At the
+    fixed point it then adds κ times the residual, which makes the views the minimum of ‖y − Φx‖² / 2σ² plus the
+    denoiser's prior. Where 1 + κ < 1, nothing is accumulated and the step is shortened by it. Without noise this is
+    accelerated GAP, bit for bit.
 
     Args:
         power: σ², in squared units of the measurement, [H, W, C] as the measurement.
