@@ -16,7 +16,7 @@ _FOLLOWED: Final = 1.1
 # a model that is wrong only in places hardly changes.
 _MEDIAN_DEVIATE: Final = 0.6745
 # Photons make more noise in bright readings, so readings are divided into classes of equal size by their prediction:
-# at most so many, and none with fewer readings than this, of which the median still tells the power to a tenth.
+# at most so many, and none with fewer readings than this, whose median tells the power to a seventh.
 _CLASSES: Final = 16
 _LEAST_READINGS: Final = 256
 
