@@ -31,11 +31,12 @@ def project_onto_measurement(
     the multiple that noise of this power leaves; see `pnp.ReadingNoise`.
 
     Args:
-        views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx).
+        views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx), less far where noise outweighs s².
         masks: wᵢ Mᵢ, [N, H, W].
         inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 at pixels that do not count.
         measured: y, [C, H, W].
-        target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not.
+        target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not; where there is noise, to y and the
+            kept share of what y₁ + (y − Φx) has beyond it.
         accelerated: Whether the residuals of earlier steps are accumulated in the target.
         noise: σ² e, [C, H, W]; of size 0: no noise.
         error_power: s².

@@ -107,7 +107,7 @@ def plug_and_play(
         start: First views, in the form that is returned; None: as in the settings.
         enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
             last.
-        noise: Of the readings, for GAP; None: none.
+        noise: Of the readings, which GAP weighs; None: readings are explained exactly.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 with a colour filter array. Pixels that no mask

@@ -87,7 +87,7 @@ def test_no_noise_changes_nothing(make_shot):
 
 
 def test_weighed_noise_is_not_taken_into_the_views(make_shot):
-    """A decode to whom the noise is known errs less than one that explains every reading, in colour and grey."""
+    """A decode that knows the noise errs less than one that explains every reading."""
     shot = make_shot(channels=3, slide=0.4)
     noise = 0.3
     readings = shot.measurement + noise * np.random.default_rng(3).standard_normal(shot.measurement.shape)
