@@ -83,7 +83,7 @@ def hand_over(
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
     noise_by_reading = noise_of_readings(holdout, ensemble.views)
-    noise = mean_power(noise_by_reading, holdout)
+    noise = mean_power(noise_by_reading, holdout, ensemble.views)
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     refined_views, notes = _polished_densely(holdout, by_share, polishing)

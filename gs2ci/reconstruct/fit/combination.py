@@ -20,8 +20,7 @@ it is the same for all.
 The last term is the gain from a reading in the directions across its masks, which the reading itself does not measure:
 a decode adds it from its model of pictures. The change of an estimate that has gained is not correlated with the error
 that remains (the orthogonality principle), so that e·d = d·d there; the part of a change that follows noise is an
-error. Of a residual, the share 1 − σ²/⟨r²⟩ is not noise: c is this share if all of the residual is taken over, and 1 if
-no more than this share is.
+error. Of a residual, the share c = 1 − σ²/⟨r²⟩ is not noise, and the same share of the change is a gain.
 
 The reading of a pixel behind masks of which none is open says next to nothing about the views, however large r²/|M|²
 is there: what is derived from readings, the gain included, has the weight (|M|²/m²)² in each pixel, at most 1, where m
@@ -51,8 +50,6 @@ Name = TypeVar("Name", bound=str)
 # If all masks are about equally open at a pixel, the residual hardly shows such errors and cannot tell their size: this
 # bounds the correction.
 _LEAST_SHOWN: Final = 0.25
-# The least share of a residual that is not noise; it keeps the division defined if nothing is taken over.
-_LEAST_LEARNED: Final = 1e-6
 # A view whose mask has less than this share of the largest weight leaves no trace in the readings: a reading cannot
 # improve it, and its change, however large, is no gain.
 _LEAST_WEIGHT: Final = 0.01
@@ -137,8 +134,7 @@ class _Seen:
         coded = holdout.coded_at_pixels(candidate.full) - holdout.coded_at_pixels(candidate.blind)
         power = _power(residual)
         taken = float(np.clip(np.mean(coded * residual) / power, 0, 1)) if power > 0 else 0.0
-        signal = 1 - noise / power if power > 0 else 1.0
-        learned = signal / max(taken, signal, _LEAST_LEARNED)
+        learned = 1 - noise / power if power > 0 else 1.0
         return cls(residual, step, coded, taken, learned)
 
 

@@ -40,7 +40,7 @@ def holdout(truth):
 
 
 def noise_power(holdout, views):
-    return mean_power(noise_of_readings(holdout, views), holdout)
+    return mean_power(noise_of_readings(holdout, views), holdout, views)
 
 
 def noisy(views, seed, deviation=0.1):

@@ -39,7 +39,19 @@ def test_the_noise_is_told_also_where_a_model_is_wrong_in_places(noise, channels
     found = noise_of_readings(holdout, wrong)
     assert found.shape == holdout.shot.measurement.shape
     assert found.dtype == np.float32
-    assert mean_power(found, holdout) == pytest.approx(FOLLOWED * noise**2, rel=0.15)
+    assert mean_power(found, holdout, wrong) == pytest.approx(FOLLOWED * noise**2, rel=0.15)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_what_a_fit_has_followed_counts_as_noise_on_the_average(share):
+    views, noise = views_of(3), 0.1
+    holdout, light = holdout_of(views, lambda light: noise**2)
+    # At pixels that it saw it follows a share of their noise; it errs by as much where it saw nothing.
+    strange = np.random.default_rng(1).normal(0, np.sqrt((1 - share) ** -2 - 1) * noise, light.shape)
+    change = np.where(holdout.pixels[..., None], strange, share * (holdout.shot.measurement - light))
+    masks = holdout.shot.masks
+    fit = (views + masks[..., None] * (change / np.maximum(masks.sum(axis=0), 1)[..., None])).astype(np.float32)
+    assert mean_power(noise_of_readings(holdout, fit), holdout, fit) == pytest.approx(noise**2, rel=0.15)
 
 
 def test_bright_readings_have_the_noise_of_their_photons():
@@ -57,7 +69,7 @@ def test_there_is_no_noise_where_no_pixel_can_tell():
     clipped = Holdout(replace(holdout.shot, saturated=np.ones(SIZE, bool)), np.zeros(SIZE, bool))
     found = noise_of_readings(clipped, views)
     assert not found.any()
-    assert mean_power(found, clipped) == 0.0
+    assert mean_power(found, clipped, views) == 0.0
 
 
 def test_a_picture_of_few_pixels_has_one_class():
