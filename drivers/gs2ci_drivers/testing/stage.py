@@ -152,6 +152,14 @@ def test_stop_brings_it_to_rest_and_may_be_called_again(bench: StageBench) -> No
     assert abs(rest - (bench.middle_mm() + 40.0)) > 1.0
 
 
+def test_it_can_be_homed_after_a_stop(bench: StageBench) -> None:
+    bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
+    bench.clock.sleep_s(0.3)
+    bench.stage.stop()
+    bench.stage.home()
+    assert bench.stage.status().referenced
+
+
 def test_it_moves_again_after_a_stop(bench: StageBench) -> None:
     bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
     bench.clock.sleep_s(0.3)
