@@ -169,6 +169,29 @@ def test_it_moves_again_after_a_stop(bench: StageBench) -> None:
     )
 
 
+@pytest.mark.parametrize("after_s", [0.01, 1.5])
+def test_a_homing_that_is_interrupted_ends_at_rest_and_without_a_reference(
+    unreferenced: StageBench, after_s: float
+) -> None:
+    stage, clock = unreferenced.stage, unreferenced.clock
+    stage.connect()
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    clock.after(after_s, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        stage.home()
+    rest = unreferenced.true_mm()
+    clock.sleep_s(1.0)
+    assert unreferenced.true_mm() == rest
+    assert not stage.status().moving
+    with pytest.raises(ReferenceLostError):
+        stage.move_to({unreferenced.axis: unreferenced.middle_mm()})
+    stage.home()
+    assert stage.status().referenced
+
+
 def test_waiting_has_a_deadline(bench: StageBench) -> None:
     bench.stage.begin_move({bench.axis: bench.middle_mm() + 50.0}, speed_mm_s=1.0)
     begin_s = bench.clock.now_s()
