@@ -105,6 +105,7 @@ class GrblStage(Stage):
                 asked="home",
                 remedy="enable it with $22=1 if the stage has reference switches",
             )
+        self._link.drain("home")
         if self._link.alarm is not None:
             self._link.reset()  # ends a lock; after other alarms the controller restarts and would lose the next line
         self._targets = {}

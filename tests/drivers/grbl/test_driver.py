@@ -195,6 +195,17 @@ def test_a_stop_unlocks_the_controller_and_the_position_stays_lost(after_s, homi
         stage.move_to({"x": -20.0})
 
 
+@pytest.mark.parametrize("alarm", [1, 2, 3])
+@pytest.mark.parametrize("after_s", [0.0, 0.2, 0.6, 3.0])
+def test_a_home_after_an_alarm_of_which_nobody_has_heard_resets_first(after_s, alarm):
+    clock, twin, stage = make()
+    stage.connect()
+    twin._alarm(alarm)
+    clock.sleep_s(5e-3 + after_s)
+    stage.home()
+    assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
 def test_a_session_that_finds_the_controller_locked_resets_it_and_can_home_it():
     clock, twin, stage = make()
     stage.connect()
