@@ -83,7 +83,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
             self._camera_clock = CameraClock(self._port, self._features)
             try:
                 given = self._run(self._setup, self._config)
-            except DriverError:
+            except BaseException:
                 self._halt()
                 raise
             settings = self._setup.settings
