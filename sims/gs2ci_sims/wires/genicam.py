@@ -33,7 +33,7 @@ HELD = declare("genicam.held", "another program holds the camera (EBUSY)")
 INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buffer is incomplete")
 LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
 OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
-REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature")
+REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature, or a command of the acquisition")
 NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
@@ -211,8 +211,7 @@ class GenicamTwin:
     def write(self, name: str, value: FeatureValue) -> None:
         """Write a feature."""
         self._alive(f"write {name}")
-        if self.faults.take(REFUSED, name):
-            raise FeatureRefusalError(f"{name}: access denied")
+        self._refuse(name)
         self.nodes.write(name, value)
 
     def execute(self, name: str) -> None:
@@ -227,6 +226,7 @@ class GenicamTwin:
         self._alive("AcquisitionStart")
         del chunks  # frames carry the chunks that ChunkEnable selects, whatever is requested here
         self._buffers, self._frames, self.streaming = buffers, 0, True
+        self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take(NEVER_READY) is not None
         if any(self.nodes.of("TriggerMode", other) == "On" for other in ("AcquisitionStart", "FrameBurstStart")):
@@ -242,6 +242,7 @@ class GenicamTwin:
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
         """Wait for a full buffer and queue it again."""
         self._alive("fetch")
+        self._refuse("fetch")
         self._clock.wait_until(lambda: bool(self._full) or not self._plugged, timeout_s)
         if not self._plugged:
             raise OSError(ENODEV, "the camera is gone")
@@ -250,6 +251,7 @@ class GenicamTwin:
     def stop(self) -> None:
         """End the acquisition."""
         self.calls.append("stop")
+        self._refuse("AcquisitionStop")
         self._halt()
 
     def clock_ns(self) -> int:
@@ -273,6 +275,10 @@ class GenicamTwin:
             self.unplug()
         if not self._plugged or not self._opened:
             raise OSError(ENODEV, "the camera is gone")
+
+    def _refuse(self, asked: str) -> None:
+        if self.faults.take(REFUSED, asked):
+            raise FeatureRefusalError(f"{asked}: access denied")
 
     def _identity(self) -> CameraIdentity:
         return CameraIdentity("Twin", "Sfnc 2.7", "0001", self.model.transport)

@@ -387,6 +387,52 @@ def test_warm_up_ends_with_an_error_where_no_frame_comes():
         one.start(warm_up_frames=2)
 
 
+def test_a_start_that_is_refused_is_undone_and_the_next_one_works():
+    one = bench()
+    one.faults.inject("genicam.feature_refused", about="AcquisitionStart")
+    with pytest.raises(RefusedError, match=r"AcquisitionStart: refused with GenApi .*access denied.*another program"):
+        one.start()
+    assert not one.twin.streaming
+    one.start()
+    one.pulse()
+    assert one.sensor.read(0.5).sequence == 0
+
+
+def test_a_fetch_that_is_refused_is_named_with_its_trigger():
+    one = bench()
+    one.start()
+    one.faults.inject("genicam.feature_refused", about="fetch")
+    with pytest.raises(RefusedError, match=r"cam0, trigger 3: fetch: refused with GenApi"):
+        one.sensor.read(0.5, trigger_index=3)
+    one.pulse()
+    assert one.sensor.read(0.5).sequence == 0
+
+
+def test_a_stop_that_is_refused_is_named_and_closing_closes_the_port_all_the_same():
+    one = bench()
+    one.start()
+    one.faults.inject("genicam.feature_refused", about="AcquisitionStop", times=3)
+    with pytest.raises(RefusedError, match="AcquisitionStop: refused with GenApi"):
+        one.sensor.stop()
+    one.sensor.stop()  # it counts as stopped
+    one.sensor.close()
+    assert list(one.twin.calls)[-1] == "close"
+    assert not one.twin.streaming
+
+
+def test_closing_closes_the_port_whatever_interrupts_it():
+    one = bench()
+    one.start()
+
+    def interrupt(name, value):
+        raise KeyboardInterrupt
+
+    one.twin.write = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        one.sensor.close()
+    assert list(one.twin.calls)[-1] == "close"
+
+
 def test_a_camera_that_goes_away_is_told_in_every_call_until_it_is_back():
     one = bench()
     one.start()
