@@ -41,6 +41,7 @@ US = 1e-6
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
+FIXED_LIMIT_HZ = 1111.0
 CALLS_KEPT = 10_000
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
 
@@ -63,6 +64,9 @@ class GenicamModel(ShutterModel):
         clock_epoch_s: Time on its clock when the world's clock is at 0.
         clock_ppm: Rate error of its clock; positive runs fast.
         ready_s: From AcquisitionStart until it accepts triggers.
+        tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
+            the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
+            follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
     """
 
     height: int = 64
@@ -78,6 +82,7 @@ class GenicamModel(ShutterModel):
     clock_epoch_s: float = 4242.0
     clock_ppm: float = 40.0
     ready_s: float = 0.01
+    tells: Literal["time", "rate", "limit", "nothing"] = "time"
 
 
 def bits_of(name: str) -> int:
@@ -352,6 +357,12 @@ class GenicamTwin:
             if value is not None and self.nodes.of("ChunkEnable", entry)
         }
 
+    def _highest_rate_hz(self) -> float:
+        return 1 / max(self.model.own_period_s, self.nodes.number("ExposureTime") * US + self.model.readout_s)
+
+    def _rate_limit_hz(self) -> float:
+        return self._highest_rate_hz() if self.model.tells == "limit" else FIXED_LIMIT_HZ
+
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
         triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
@@ -360,7 +371,7 @@ class GenicamTwin:
             **self._sizes(),
             "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
             "AcquisitionMode": Node("enumeration", "Continuous", symbols=("Continuous", "SingleFrame")),
-            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, lambda: 1 / model.own_period_s, 1e-3),
+            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, self._rate_limit_hz, 1e-3),
             "AcquisitionStatusSelector": Node(
                 "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
             ),
@@ -379,7 +390,6 @@ class GenicamTwin:
             "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5),
             "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
             "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
-            "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
             # Only a loss of power or UserSetLoad resets these: another program may have left them.
             "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
@@ -388,6 +398,10 @@ class GenicamTwin:
             "Gamma": Node("float", 1.0, lambda: 0.25, lambda: 4.0, 0.01),
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
+        if model.tells == "time":
+            nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
+        if model.tells == "rate":
+            nodes["ResultingFrameRate"] = Node("float", fixed=True, read=self._highest_rate_hz)
         if model.stamped:
             nodes["TimestampLatch"] = Node("command", run=self._latch)
             nodes["TimestampLatchValue"] = Node("integer", fixed=True, read=lambda: self._latched_ns)

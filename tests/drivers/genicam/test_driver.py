@@ -120,6 +120,41 @@ def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     assert any("AcquisitionFrameRate = 12.3456 was requested, 12.346" in text for text in one.sensor.incidents)
 
 
+@pytest.mark.parametrize("tells", ["rate", "limit"])
+@pytest.mark.parametrize("mode", list(TriggerMode))
+@pytest.mark.parametrize("exposure_s", [2e-5, 1e-3, 0.02, 0.5, 10.0])
+@pytest.mark.parametrize(("period_s", "readout_s"), [(1 / 60, 1e-3), (1 / 200, 0.03)])
+def test_the_readout_follows_from_the_highest_rate_whatever_the_exposure(tells, mode, exposure_s, period_s, readout_s):
+    model = GenicamModel(trigger_line=LINE, own_period_s=period_s, readout_s=readout_s, tells=tells)
+    one = bench(model)
+    settings = one.sensor.configure(SensorConfig(exposure_s=exposure_s, trigger=mode))
+    shortest_s = 20e-6
+    assert settings.readout_s == pytest.approx(max(period_s, shortest_s + readout_s), rel=1e-9)
+    assert settings.exposure_s == pytest.approx(exposure_s, abs=1e-6)
+    if mode is not TriggerMode.LEVEL:
+        assert value(one, "ExposureTime") == pytest.approx(exposure_s / 1e-6, abs=0.5)
+
+
+@pytest.mark.parametrize("mode", [TriggerMode.EDGE, TriggerMode.LEVEL])
+def test_a_camera_that_computes_no_rate_needs_its_readout_in_the_rig_file(mode):
+    model = GenicamModel(trigger_line=LINE, tells="nothing")
+    with pytest.raises(UnsupportedError, match=rf"trigger mode {mode.value}: .*set `readout_s` in \[sensor\]"):
+        bench(model).sensor.configure(SensorConfig(exposure_s=1e-3, trigger=mode))
+    config = SensorConfig(exposure_s=1e-3, trigger=mode)
+    assert bench(model, readout_s=7e-3).sensor.configure(config).readout_s == 7e-3
+    free = SensorConfig(exposure_s=1e-3, trigger=TriggerMode.FREE_RUN)
+    assert bench(model).sensor.configure(free).readout_s == 0.0
+
+
+@pytest.mark.parametrize("gone", [("ExposureTime",), ("AcquisitionFrameRate",)])
+def test_a_rate_that_cannot_be_compared_is_none(gone):
+    one = bench(GenicamModel(trigger_line=LINE, tells="limit"), fixed_exposure_s=2e-3)
+    for name in gone:
+        del one.twin.nodes._nodes[name]
+    with pytest.raises(UnsupportedError, match="readout_s"):
+        one.sensor.configure(SensorConfig(exposure_s=2e-3))
+
+
 def test_a_region_lies_in_the_middle_or_where_it_is_wanted_on_the_cameras_grid():
     one = bench()
     one.start(height=32, width=40)
