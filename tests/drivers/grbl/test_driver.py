@@ -372,6 +372,16 @@ def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
     assert clock.now_s() - begin_s < 10.0
 
 
+@pytest.mark.parametrize("piece", [b"ok\r\n", b"ALARM:1\r\n", b"Grbl 1.1h ['$' for help]\r\n", b"x" * 256, b"\xff"])
+def test_lines_that_never_stop_coming_are_drained_for_a_while_only(piece):
+    clock = VirtualClock()
+    port = ScriptedPort(clock, [])
+    port.read = lambda max_bytes, timeout_s: piece
+    begin_s = clock.now_s()
+    GrblStage("stage0", port, clock)._link.drain("stop")
+    assert clock.now_s() - begin_s < 5.0
+
+
 def test_a_controller_that_does_not_obey_a_stop_is_reported_in_time():
     clock, twin, stage = make()
     stage.connect()
