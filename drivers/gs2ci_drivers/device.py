@@ -44,7 +44,9 @@ class Device(ABC, Generic[Info, Status]):
         return self._info
 
     def connect(self) -> Info:
-        """Read the device's identity; a second call returns the same. Nothing moves, and nothing is changed or reset.
+        """Read the device's identity; a second call returns the same.
+
+        Nothing moves, and nothing that answers is changed or reset.
 
         Raises:
             LinkError: No usable answer, or the port cannot be opened.

@@ -74,6 +74,16 @@ class LineChannel:
                 noise, self._buffer = self._buffer, b""
                 raise BadReplyError(self._device, asked, noise, "no end of line", allowed="lines of text")
 
+    def begun(self, asked: str) -> bool:
+        """Return whether at least the beginning of a line is there; never waits.
+
+        Raises:
+            DisconnectedError: The port is gone.
+        """
+        with port_errors(self._device, asked):
+            self._buffer += self._port.read(CHUNK_BYTES, 0.0)
+        return bool(self._buffer.strip(NOISE + b"\r\n "))
+
     def drain(self, asked: str = "drain") -> int:
         """Discard all bytes received so far; return how many.
 

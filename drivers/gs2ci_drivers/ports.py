@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 from gs2ci.core.arrays import U8
-from gs2ci_drivers.failures import AccessError, BadReplyError, DisconnectedError, NoAnswerError
+from gs2ci_drivers.failures import AccessError, BadReplyError, DisconnectedError, NoAnswerError, RefusedError
 
 T = TypeVar("T")
 
@@ -274,15 +274,26 @@ class CameraPort(Protocol):
         Args:
             buffers: How many buffers to announce; the producer may need more.
             chunks: Which chunks to read from each buffer, if it has them.
+
+        Raises:
+            FeatureRefusalError: The camera refuses; `stop` takes back what has been set up.
         """
         ...
 
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
-        """Wait for a filled buffer, copy it and queue it again; return None if none came in time."""
+        """Wait for a filled buffer, copy it and queue it again; return None if none came in time.
+
+        Raises:
+            FeatureRefusalError: The producer refuses.
+        """
         ...
 
     def stop(self) -> None:
-        """End the acquisition and take the buffers back; also allowed if none is running."""
+        """End the acquisition and take the buffers back; also allowed if none is running.
+
+        Raises:
+            FeatureRefusalError: The camera refuses.
+        """
         ...
 
     def clock_ns(self) -> int:
@@ -355,9 +366,14 @@ def port_errors(device: str, asked: str, *, timeout_s: float = 0.0) -> Iterator[
         NoAnswerError: A write was not taken in time (TimeoutError).
         AccessError: Permission denied, busy, or no such node (EACCES, EPERM, EBUSY, ENOENT).
         DisconnectedError: Any other OSError.
+        RefusedError: A camera refused a feature or a command (FeatureRefusalError).
     """
     try:
         yield
+    except FeatureRefusalError as error:
+        raise RefusedError(
+            device, asked, "GenApi", str(error), remedy="another program may hold or have locked the camera"
+        ) from error
     except TimeoutError as error:
         raise NoAnswerError(device, f"{asked} (write)", timeout_s) from error
     except OSError as error:

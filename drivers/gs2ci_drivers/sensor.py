@@ -323,7 +323,8 @@ class Sensor(Device[SensorInfo, SensorStatus]):
         """Stop streaming and give all buffers back; allowed in any state, any number of times.
 
         Raises:
-            LinkError: The command did not reach the device. It counts as stopped nevertheless.
+            LinkError, RefusedError: The command did not reach the device, or was refused. It counts as stopped
+                nevertheless.
         """
         self._require_open("stop")
         if self._streaming:

@@ -3,20 +3,22 @@
 The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks.
 
 Promises that every implementation keeps and `tests/contracts/test_stage.py` tests: connecting moves nothing and
-resets nothing; homing happens only on request; a target beyond the limits is refused, never clipped; positions
-are in mm and the quantised value is returned; a move that did not reach its target is an error; `stop` may be
-called in any state and more than once; `close` may be called twice and does not stop a move.
+resets nothing that answers; homing happens only on request, and ends at rest if it is interrupted; a target beyond the
+limits is refused, never clipped; positions are in mm and the quantised value is returned; a move that did not reach its
+target is an error; `stop` may be called in any state and more than once; `close` may be called twice and does not stop
+a move.
 
 Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (each driver's package).
 """
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import copysign, isfinite
 
 from gs2ci_drivers.device import Device
-from gs2ci_drivers.failures import OutOfRangeError, ReferenceLostError, WrongStateError
+from gs2ci_drivers.failures import DriverError, OutOfRangeError, ReferenceLostError, WrongStateError
 
 RAMP_MARGIN = 1.1
 """The run-up is this much longer than v²/2a says: drivers round accelerations and settle at the end of a ramp."""
@@ -130,13 +132,20 @@ class Stage(Device[StageInfo, StageStatus]):
     def home(self, axes: Sequence[str] = (), *, timeout_s: float = 120.0) -> dict[str, float]:
         """Find the reference of these axes (all when none are named); return all positions in mm.
 
+        If it fails or is interrupted, the stage is stopped.
+
         Raises:
             OutOfRangeError: No such axis.
             NoAnswerError: Not done in time.
             MoveFailedError: The reference was not found.
         """
         names = self._axes(axes)
-        self._do_home(names, timeout_s)
+        try:
+            self._do_home(names, timeout_s)
+        except BaseException:
+            with suppress(DriverError):
+                self._do_stop()
+            raise
         return self.positions_mm()
 
     def begin_move(self, targets_mm: Mapping[str, float], *, speed_mm_s: float | None = None) -> dict[str, float]:

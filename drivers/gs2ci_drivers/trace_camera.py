@@ -61,7 +61,8 @@ class TracedCamera(TracedPort[CameraPort]):
 
     def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
         """Begin and note."""
-        return self._trace.note(Call("start", args=[buffers, *chunks]), lambda: self._port.start(buffers, chunks))
+        call = Call("start", args=[buffers, *chunks])
+        return self._trace.note(call, lambda: _told(call, lambda: self._port.start(buffers, chunks)))
 
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
         """Wait and note what came."""
@@ -73,11 +74,12 @@ class TracedCamera(TracedPort[CameraPort]):
                 told = {key: value for key, value in asdict(result).items() if key != "data"}
                 call.result = [_text(told)]
 
-        return self._trace.note(call, lambda: self._port.fetch(timeout_s), outcome)
+        return self._trace.note(call, lambda: _told(call, lambda: self._port.fetch(timeout_s)), outcome)
 
     def stop(self) -> None:
         """End and note."""
-        self._trace.note(Call("stop"), self._port.stop)
+        call = Call("stop")
+        self._trace.note(call, lambda: _told(call, self._port.stop))
 
     def clock_ns(self) -> int:
         """Get the computer's time and note it: the camera's is compared with it."""

@@ -297,6 +297,28 @@ def test_an_unplug_ends_the_capture_and_after_a_replug_it_goes_on(bench: Bench) 
     assert bench.sensor.read(0.5).sequence == 0
 
 
+@pytest.mark.parametrize("after_s", [1e-4, 1e-3, 4e-3, 0.02])
+def test_a_start_that_is_interrupted_leaves_no_stream_and_the_next_one_works(bench: Bench, after_s: float) -> None:
+    bench.sensor.connect()
+    warming = SensorConfig(exposure_s=2e-3, trigger=bench.mode, warm_up_frames=9)
+    bench.sensor.configure(warming)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    bench.world.clock.after(after_s, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        bench.sensor.start()
+    exposed = len(bench.world.exposures)
+    bench.world.clock.sleep_s(1.0)
+    assert len(bench.world.exposures) <= exposed + 1  # the one that had begun
+    assert not bench.sensor.status().streaming
+    bench.sensor.configure(warming)
+    bench.sensor.start()
+    bench.fire()
+    assert bench.sensor.read(0.5).sequence == 0
+
+
 def test_warm_up_frames_are_never_seen(bench: Bench) -> None:
     bench.sensor.connect()
     bench.sensor.configure(SensorConfig(exposure_s=2e-3, trigger=bench.mode, warm_up_frames=2))

@@ -60,6 +60,23 @@ def test_bytes_without_any_end_of_line_are_a_bad_reply_not_memory():
         lines.line(clock.now_s() + 1, "ask")
 
 
+@pytest.mark.parametrize(
+    ("piece", "expected"), [(b"", False), (b"\x00\xff\r\n", False), (b"Grb", True), (b"ok\r\n", True)]
+)
+def test_whether_a_line_has_begun_is_known_without_waiting(piece, expected):
+    clock, _, lines = channel(piece, b"l 1.1\n")
+    begin_s = clock.now_s()
+    assert lines.begun("x") == expected
+    assert clock.now_s() == begin_s
+    assert lines.line(begin_s + 1, "x") == (b"ok" if b"ok" in piece else piece.strip(b"\x00\xff\r\n") + b"l 1.1")
+
+
+def test_whether_a_line_has_begun_cannot_be_known_of_a_port_that_is_gone():
+    _, _, lines = channel(error=OSError(errno.ENODEV, "gone"))
+    with pytest.raises(DisconnectedError, match="dev0: x"):
+        lines.begun("x")
+
+
 def test_draining_throws_away_what_waits_and_counts_it():
     clock, _, lines = channel(b"first\nsec", b"ond")
     assert lines.line(clock.now_s() + 1, "x") == b"first"

@@ -78,6 +78,14 @@ def test_a_refusal_is_written_down_and_passed_on(tmp_path):
         port.execute("Gain")
     with pytest.raises(FeatureRefusalError, match="cannot be read"):
         port.read("TimestampLatch")
+    for call, about in (
+        (lambda: port.start(4, ()), "AcquisitionStart"),
+        (lambda: port.fetch(0.1), "fetch"),
+        (port.stop, "AcquisitionStop"),
+    ):
+        faults.inject("genicam.feature_refused", about=about)
+        with pytest.raises(FeatureRefusalError, match=about):
+            call()
     port.close()
     trace.close()
     errors = [call_of(line).error for line in (tmp_path / "x.wire").read_text().splitlines()[1:]]
@@ -85,6 +93,9 @@ def test_a_refusal_is_written_down_and_passed_on(tmp_path):
         "Gain: access denied",
         "Gain is no command",
         "TimestampLatch cannot be read",
+        "AcquisitionStart: access denied",
+        "fetch: access denied",
+        "AcquisitionStop: access denied",
     ]
 
 

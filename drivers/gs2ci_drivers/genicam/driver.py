@@ -16,7 +16,7 @@ from gs2ci_drivers.genicam.frame_checks import FIRST_IDS, BufferChecks, TakenFra
 from gs2ci_drivers.genicam.nodes import Features
 from gs2ci_drivers.genicam.options import ONLY, GenicamOptions
 from gs2ci_drivers.genicam.setup import GenicamSetup, describe_camera
-from gs2ci_drivers.ports import CameraIdentity, CameraPort, port_errors
+from gs2ci_drivers.ports import CameraIdentity, CameraPort, FeatureRefusalError, port_errors
 from gs2ci_drivers.sensor import SensorConfig, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.streamed_sensor import StreamedSensor
 
@@ -83,7 +83,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
             self._camera_clock = CameraClock(self._port, self._features)
             try:
                 given = self._run(self._setup, self._config)
-            except DriverError:
+            except BaseException:
                 self._halt()
                 raise
             settings = self._setup.settings
@@ -172,9 +172,11 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
 
     def _do_close(self) -> None:
         self._halt()
-        with contextlib.suppress(DriverError):
-            self._put_trigger_back()
-        self._port.close()
+        try:
+            with contextlib.suppress(DriverError):
+                self._put_trigger_back()
+        finally:
+            self._port.close()
 
     def _remember_trigger(self) -> None:
         """Store the trigger mode that was found, once, so that it can be restored."""
@@ -188,7 +190,7 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
             self._features.write("TriggerMode", self._found_mode)
 
     def _halt(self) -> None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, FeatureRefusalError):
             self._port.stop()
 
     def _let_go(self) -> None:

@@ -4,11 +4,8 @@ Here: reading and writing features by the names of the Standard Features Naming 
 spellings of exposure and gain. Not here: which features make up a set-up (`setup`), time (`camera_clock`).
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from gs2ci_drivers.failures import OutOfRangeError, RefusedError, UnsupportedError
-from gs2ci_drivers.ports import CameraPort, Feature, FeatureRefusalError, FeatureValue, port_errors
+from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
+from gs2ci_drivers.ports import CameraPort, Feature, FeatureValue, port_errors
 
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1, both in microseconds."""
@@ -30,7 +27,7 @@ class Features:
 
     def find(self, name: str) -> Feature | None:
         """Return the present state of a feature; None if there is none of that name."""
-        with self._errors(f"describe {name}"):
+        with port_errors(self.device, f"describe {name}"):
             return self._port.describe(name)
 
     def first(self, names: tuple[str, ...]) -> tuple[str, Feature] | None:
@@ -61,7 +58,7 @@ class Features:
             RefusedError: The camera refuses.
             LinkError: It does not answer.
         """
-        with self._errors(f"read {name}"):
+        with port_errors(self.device, f"read {name}"):
             return self._port.read(name)
 
     def write(self, name: str, value: FeatureValue) -> FeatureValue:
@@ -96,7 +93,7 @@ class Features:
                 asked="configure",
                 allowed=f"{found.low:g} to {found.high:g}" + (f" by {found.step:g}" if found.step != 1 else ""),
             )
-        with self._errors(f"{name} = {value}"):
+        with port_errors(self.device, f"{name} = {value}"):
             self._port.write(name, value)
         return self.read(name) if found.readable else value
 
@@ -113,15 +110,5 @@ class Features:
             RefusedError: The camera refuses.
             LinkError: It does not answer.
         """
-        with self._errors(name):
+        with port_errors(self.device, name):
             self._port.execute(name)
-
-    @contextmanager
-    def _errors(self, asked: str) -> Iterator[None]:
-        try:
-            with port_errors(self.device, asked):
-                yield
-        except FeatureRefusalError as error:
-            raise RefusedError(
-                self.device, asked, "GenApi", str(error), remedy="another program may hold or have locked the camera"
-            ) from error

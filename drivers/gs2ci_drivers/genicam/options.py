@@ -52,7 +52,8 @@ class GenicamOptions(CameraOptions):
     fixed_exposure_s: Duration | None = None
     """Exposure of a camera that has no feature for it."""
     readout_s: Delay | None = None
-    """Time from the end of an exposure to the earliest next one; without it, the camera's own figure."""
+    """Time from the end of an exposure to the earliest next one; without it, the camera's own figure, or the period of
+    its highest frame rate at its shortest exposure."""
     first_frame_id: Annotated[int, Field(ge=0)] | None = None
     """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, any for others."""
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE

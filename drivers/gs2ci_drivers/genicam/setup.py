@@ -40,6 +40,14 @@ CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "Expo
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
 """Readout time in microseconds by makers' own features: SFNC has none."""
+RATES: Final = (
+    "ResultingFrameRate",
+    "ResultingFrameRateAbs",
+    "BslResultingAcquisitionFrameRate",
+    "AcquisitionResultingFrameRate",
+)
+"""The highest frame rate with the present settings, in Hz, by makers' own features: Basler's (manual: "Resulting
+Acquisition Frame Rate"; its reciprocal is the shortest period of triggers) and FLIR's."""
 
 
 def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:
@@ -145,12 +153,13 @@ class GenicamSetup:
             if in_force != value:
                 self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
         self.chunks = self._set_chunks()
+        readout_s = self._readout_s(config.trigger)
         self.set_trigger(config.trigger)
         self.settings = SensorSettings(
             format=FrameFormat(self.form.name, height, width, self.form.bits, self.form.cfa),
             exposure_s=exposure_s,
             trigger=config.trigger,
-            readout_s=self._readout_s(),
+            readout_s=readout_s,
             exposure_offset_s=self._options.exposure_offset_s,
             full_well_e=self._options.full_well_e,
             stride=0,
@@ -289,8 +298,14 @@ class GenicamSetup:
         self._features.write_if_there("ExposureMode", "Timed")
         if config.trigger is TriggerMode.LEVEL:
             return config.exposure_s
-        wanted_us = min(max(config.exposure_s / US, found[1].low), found[1].high)
-        return float(self._features.write(found[0], wanted_us)) * US
+        return self._write_exposure(config.exposure_s)
+
+    def _write_exposure(self, exposure_s: float) -> float:
+        """Set the nearest exposure that the camera takes now; return it."""
+        found = self._features.first(EXPOSURES)
+        assert found is not None  # the caller has seen it
+        name, limits = found
+        return float(self._features.write(name, min(max(exposure_s / US, limits.low), limits.high))) * US
 
     def _set_gain(self, gain_db: float | None) -> None:
         if gain_db is None:
@@ -315,16 +330,57 @@ class GenicamSetup:
             self._features.write_if_there("ChunkEnable", True)
         return tuple(CHUNKS[entry] for entry in wanted)
 
-    def _readout_s(self) -> float:
-        """Return the readout time: from the options, from the camera, or from its highest frame rate."""
+    def _readout_s(self, trigger: TriggerMode) -> float:
+        """Return the readout time: from the options, from the camera, or from its highest frame rate.
+
+        Raises:
+            UnsupportedError: It is triggered, and none of them is known.
+        """
         if self._options.readout_s is not None:
             return self._options.readout_s
         for name in READOUTS:
             told = self._features.number(name)
             if told is not None:
                 return told * US
-        rate = self._features.find("AcquisitionFrameRate")
-        return 1 / rate.high if rate is not None and rate.high > 0 else 0.0
+        rate_hz = self._highest_rate_hz()
+        if rate_hz is not None:
+            return 1 / rate_hz
+        if trigger is TriggerMode.FREE_RUN:  # the camera's own frame period holds
+            return 0.0
+        raise UnsupportedError(
+            self._device,
+            "the camera does not tell how long reading out a frame takes",
+            asked=f"trigger mode {trigger.value}",
+            remedy="set `readout_s` in [sensor] from the camera's data sheet",
+        )
+
+    def _highest_rate_hz(self) -> float | None:
+        """Return the frame rate that the camera computes for its shortest exposure; None if it computes none.
+
+        At a longer exposure the rate tells of the exposure. A limit that a long exposure does not lower is only a
+        number of the data sheet (mvBlueFOX3 manual: AcquisitionFrameRate from 0.8 to 1111 Hz for every sensor).
+        """
+        found = self._features.first(EXPOSURES)
+        if found is None:
+            return None
+        present_us = float(self._features.read(found[0]))
+        try:
+            self._write_exposure(0.0)
+            shortest_hz = self._rate_hz()
+            if shortest_hz is None:
+                return None
+            self._write_exposure(2 / shortest_hz)
+            longer_hz = self._rate_hz()
+        finally:
+            self._write_exposure(present_us * US)
+        return shortest_hz if longer_hz is not None and longer_hz < shortest_hz else None
+
+    def _rate_hz(self) -> float | None:
+        """Return the highest frame rate at the present exposure, as far as the camera tells one."""
+        told = next((rate for name in RATES if (rate := self._features.number(name)) is not None), None)
+        limits = self._features.find("AcquisitionFrameRate")
+        rate = told if told is not None else limits.high if limits is not None else 0.0
+        return rate if rate > 0 else None
 
     def _delay_s(self, mode: TriggerMode) -> float:
         if mode is TriggerMode.FREE_RUN:

@@ -5,6 +5,9 @@ the travel, and can be cancelled without losing the position. The end of a motio
 Idle can be reported early): first the state is Idle, then a `G4` dwell, which the planner executes last, is
 acknowledged.
 
+A soft reset loses the position if the machine moves. It is sent only where nothing else works: to a controller that is
+locked or in a homing cycle, and to one that gives no reports, in `stop` and, after the time to boot, in `connect`.
+
 Here: what a stage does. Not here: lines (`link`), formats (`packets`).
 """
 
@@ -22,7 +25,7 @@ from gs2ci_drivers.failures import (
 )
 from gs2ci_drivers.grbl.link import GrblLink
 from gs2ci_drivers.grbl.options import GrblOptions
-from gs2ci_drivers.grbl.packets import ALARMS, JOG_CANCEL, SOFT_RESET, Status, jog, parse_setting
+from gs2ci_drivers.grbl.packets import ALARMS, JOG_CANCEL, Status, jog, parse_setting
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
 
@@ -39,8 +42,6 @@ REPORT_STEP_MM = 0.001
 LOCKED_OUT = 9
 MM_PER_INCH = 25.4
 NUMBERS_NEEDED = (13, 22, 100, 110, 120, 130)
-RESETTING_ALARMS = frozenset({1, 2, 3, 6, 7, 8, 9})
-"""Alarms that only a soft reset ends."""
 
 
 class GrblStage(Stage):
@@ -60,6 +61,7 @@ class GrblStage(Stage):
         self._settings: dict[int, float] = {}
         self._offset: tuple[float, ...] | None = None
         self._targets: dict[str, float] = {}
+        self._homing = False
 
     def _do_connect(self) -> StageInfo:
         self._link.await_boot()
@@ -103,16 +105,21 @@ class GrblStage(Stage):
                 asked="home",
                 remedy="enable it with $22=1 if the stage has reference switches",
             )
-        if self._link.alarm in RESETTING_ALARMS:
-            self._link.send(SOFT_RESET, "soft reset")
-            self._link.await_banner()
+        self._link.drain("home")
+        if self._link.alarm is not None:
+            self._link.reset()  # ends a lock; after other alarms the controller restarts and would lose the next line
         self._targets = {}
-        self._link.restarted = False
-        self._link.command("$H", timeout_s)
+        self._homing = True
+        try:
+            self._link.command("$H", timeout_s)
+        except RefusedError:
+            self._homing = False  # it has not begun: `stop` need not reset
+            raise
+        self._homing = self._link.restarted = False
         self._link.alarm = None
 
     def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:
-        here = self._positions(self._link.status())
+        here = self._do_positions_mm()
         shares = [targets_mm[axis] - here[axis] for axis in targets_mm]
         longest = max(abs(share) for share in shares)
         path_mm_s = speed_mm_s * hypot(*shares) / longest if longest else speed_mm_s
@@ -135,22 +142,36 @@ class GrblStage(Stage):
                 )
 
     def _do_positions_mm(self) -> dict[str, float]:
-        return self._positions(self._link.status())
+        return self._positions(self._link.status("position"))
 
     def _do_stop(self) -> None:
         self._targets = {}
-        self._link.drain()
-        self._link.send(JOG_CANCEL, "stop")
+        self._link.drain("stop")
+        if self._homing or self._link.locked or not self._cancel_jog():
+            self._link.reset()
+            self._homing = False
+
+    def _cancel_jog(self) -> bool:
+        """Cancel a jog and wait for its end; return False if the controller does not report it."""
         begin_s = self.clock.now_s()
-        while self._link.status().state in ("Jog", "Run", "Home"):
+        while True:
+            self._link.send(JOG_CANCEL, "stop")
+            try:
+                state = self._link.status("stop").state
+            except (NoAnswerError, MoveFailedError):
+                return False
+            if state not in ("Jog", "Run", "Home"):
+                return True
             waited_s = self.clock.now_s() - begin_s
             if waited_s > STOP_TIMEOUT_S:
                 raise NoAnswerError(self.name, "stop", waited_s, remedy="cut the stage's power")
-            self._link.send(JOG_CANCEL, "stop")
             self.clock.sleep_s(POLL_S)
 
     def _do_status(self) -> StageStatus:
-        status = self._link.status()
+        try:
+            status = self._link.status("status")
+        except MoveFailedError as error:  # locked: it reports no position, and nothing moves
+            return StageStatus(moving=False, referenced=False, faults=error.faults)
         faults, warnings = [], []
         if status.state == "Alarm" and self._link.alarm is not None:
             faults.append(f"ALARM:{self._link.alarm} ({ALARMS.get(self._link.alarm, 'unknown alarm')})")
@@ -191,7 +212,7 @@ class GrblStage(Stage):
     def _wait_until_idle(self, timeout_s: float, asked: str) -> Status:
         begin_s = self.clock.now_s()
         while True:
-            status = self._link.status()
+            status = self._link.status(asked)
             if self._link.restarted:
                 raise ReferenceLostError(
                     self.name,

@@ -1,20 +1,28 @@
 """Requests to a GRBL controller and its answers: `ok`, `error:n`, reports, alarms, banners, in any order.
 
+After ALARM:1 and 2 GRBL 1.1 answers nothing, not even `?`, until a soft reset (gnea/grbl, protocol.c,
+protocol_exec_rt_system); during a homing cycle it answers nothing either, and only a soft reset ends the cycle
+(limits.c, limits_go_home).
+
 Here: the exchange. Not here: what a stage does with it (`driver`).
 """
+
+from contextlib import suppress
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import BadReplyError, MoveFailedError, NoAnswerError, ReferenceLostError, RefusedError
 from gs2ci_drivers.grbl.packets import (
     ALARMS,
     ERRORS,
+    LOCKING_ALARMS,
+    SOFT_RESET,
     STATUS_REQUEST,
     Status,
     is_banner,
     parse_code,
     parse_status,
 )
-from gs2ci_drivers.lines import LineChannel
+from gs2ci_drivers.lines import MOST_READS, LineChannel
 from gs2ci_drivers.ports import BytePort, with_one_retry
 
 REPLY_TIMEOUT_S = 1.0
@@ -22,6 +30,10 @@ REPLY_TIMEOUT_S = 1.0
 STATUS_TIMEOUT_S = 0.5
 BOOT_TIMEOUT_S = 2.5
 """An Arduino's boot loader takes up to 2 s."""
+RESET_TIMEOUT_S = 0.75
+"""From a soft reset to the banner: half a second after an alarm (report.c, report_alarm_message), else milliseconds."""
+LINE_S = 0.05
+"""From the first byte of a line to its last."""
 
 
 class GrblLink:
@@ -39,50 +51,70 @@ class GrblLink:
         self._clock = clock
         self._incidents = incidents
         self._lines = LineChannel(name, port, clock)
-        self._text = ""
         self.alarm: int | None = None
-        """The last alarm's number, until the controller is reset or homed."""
+        """The last alarm's number, until the stage is homed."""
+        self.locked = False
+        """Whether the controller answers nothing until it is reset, after one of `LOCKING_ALARMS`."""
         self.restarted = False
-        """Whether a banner came without a reset by this link: the controller restarted and lost its position."""
+        """Whether a banner came since the connection or the last homing: the position may be lost."""
 
     def await_boot(self) -> None:
-        """Wait for a status report; a controller whose line was just opened may have to boot first."""
+        """Wait for a status report; a controller whose line was just opened may have to boot first.
+
+        One that gives neither a report nor a banner gets a soft reset: an earlier session may have left it locked, or
+        in a homing cycle.
+
+        Raises:
+            NoAnswerError: No report and no banner came.
+            BadReplyError, DisconnectedError: No usable answer.
+        """
         self._lines.drain("connect")
         try:
-            self._one_status()
+            self._one_status("connect")
         except NoAnswerError:
-            self.await_banner()
+            try:
+                self._await_banner(BOOT_TIMEOUT_S)
+            except NoAnswerError as error:
+                self._reset_once()
+                self._incidents.append(f"{error}; it answered after a soft reset")
         self.restarted = False  # a restart before connecting is seen in the state
 
-    def await_banner(self) -> None:
-        """Wait for the banner after a reset.
+    def reset(self) -> None:
+        """Reset the controller softly, and wait until it reports again; motion and homing end at once.
+
+        A reset within half a second of a locking alarm has no effect (protocol.c clears it), hence the second one.
 
         Raises:
-            NoAnswerError: None came.
+            NoAnswerError, BadReplyError, DisconnectedError: It does not restart.
         """
-        deadline_s = self._clock.now_s() + BOOT_TIMEOUT_S
-        while not is_banner(self._next(deadline_s, "banner")):
-            continue
-        self.alarm, self.restarted = None, False
+        self.drain("soft reset")
+        with_one_retry(self._reset_once, self._incidents)
+        self.status("soft reset")  # the alarm's own restart may have crossed the reset: a second banner comes before
 
-    def status(self) -> Status:
+    def status(self, asked: str = "?") -> Status:
         """Request a status report; a lost or damaged one is requested again once.
 
+        Args:
+            asked: What it is requested for, for the message of an alarm.
+
         Raises:
+            MoveFailedError: The controller is locked by an alarm and reports nothing.
             NoAnswerError, BadReplyError, DisconnectedError: No usable answer.
         """
-        return with_one_retry(self._one_status, self._incidents)
+        return with_one_retry(lambda: self._one_status(asked), self._incidents)
 
     def command(self, line: str, timeout_s: float = REPLY_TIMEOUT_S) -> list[str]:
         """Send a line and wait for its `ok`; return the lines before it.
 
         Raises:
             RefusedError: `error:n`.
-            MoveFailedError: An alarm came instead.
+            MoveFailedError: An alarm came instead, or has locked the controller.
             ReferenceLostError: The controller restarted.
             LinkError: No usable answer.
         """
-        self._lines.drain(line)
+        self.drain(line)
+        if self.locked:
+            raise self.alarm_error(line)
         self._lines.send(line.encode("ascii") + b"\n", line)
         deadline_s = self._clock.now_s() + timeout_s
         before: list[str] = []
@@ -97,7 +129,7 @@ class GrblLink:
                 )
             if code:
                 raise self.alarm_error(line)
-            if self.restarted:
+            if is_banner(text):
                 raise ReferenceLostError(
                     self._name, line, ["the controller restarted"], remedy="home the stage: `gs2ci devices --home`"
                 )
@@ -107,9 +139,17 @@ class GrblLink:
         """Send real-time bytes, which are not answered."""
         self._lines.send(data, asked)
 
-    def drain(self) -> None:
-        """Discard the bytes that wait on the line."""
-        self._lines.drain()
+    def drain(self, asked: str) -> None:
+        """Discard the lines that wait, once the alarms and restarts that they report are noted.
+
+        Raises:
+            DisconnectedError: The port is gone.
+        """
+        with suppress(NoAnswerError, BadReplyError):
+            for _ in range(MOST_READS):
+                patience_s = LINE_S if self._lines.begun(asked) else 0.0
+                self._next(self._clock.now_s() + patience_s, asked)
+        self._lines.drain(asked)
 
     def close(self) -> None:
         """Close the port."""
@@ -126,10 +166,21 @@ class GrblLink:
             remedy="remove the obstacle, then home the stage: `gs2ci devices --home`",
         )
 
-    def _one_status(self) -> Status:
+    def _reset_once(self) -> None:
+        self._lines.send(SOFT_RESET, "soft reset")
+        self._await_banner(RESET_TIMEOUT_S)
+
+    def _await_banner(self, timeout_s: float) -> None:
+        deadline_s = self._clock.now_s() + timeout_s
+        while not is_banner(self._next(deadline_s, "banner")):
+            continue
+
+    def _one_status(self, asked: str) -> Status:
         self._lines.send(STATUS_REQUEST, "?")
         deadline_s = self._clock.now_s() + STATUS_TIMEOUT_S
         while True:
+            if self.locked:
+                raise self.alarm_error(asked)
             text = self._next(deadline_s, "?")
             if text.startswith("<"):
                 try:
@@ -145,8 +196,9 @@ class GrblLink:
         code = parse_code(text)
         if code and code[0] == "ALARM":
             self.alarm = code[1]
+            self.locked = code[1] in LOCKING_ALARMS
         if is_banner(text):
-            self.restarted = True
+            self.restarted, self.locked = True, False
         return text
 
 

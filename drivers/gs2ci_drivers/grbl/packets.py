@@ -25,6 +25,8 @@ ALARMS: dict[int, str] = {
     9: "homing: switch not found",
     10: "homing: dual axis switch not found",
 }
+LOCKING_ALARMS = frozenset({1, 2})
+"""After these the controller answers nothing until a soft reset (gnea/grbl, protocol.c, protocol_exec_rt_system)."""
 ERRORS: dict[int, str] = {
     1: "expected a command letter",
     2: "bad number format",

@@ -152,6 +152,14 @@ def test_stop_brings_it_to_rest_and_may_be_called_again(bench: StageBench) -> No
     assert abs(rest - (bench.middle_mm() + 40.0)) > 1.0
 
 
+def test_it_can_be_homed_after_a_stop(bench: StageBench) -> None:
+    bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
+    bench.clock.sleep_s(0.3)
+    bench.stage.stop()
+    bench.stage.home()
+    assert bench.stage.status().referenced
+
+
 def test_it_moves_again_after_a_stop(bench: StageBench) -> None:
     bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
     bench.clock.sleep_s(0.3)
@@ -159,6 +167,29 @@ def test_it_moves_again_after_a_stop(bench: StageBench) -> None:
     assert bench.stage.move_to({bench.axis: bench.middle_mm()})[bench.axis] == pytest.approx(
         bench.middle_mm(), abs=0.01
     )
+
+
+@pytest.mark.parametrize("after_s", [0.01, 1.5])
+def test_a_homing_that_is_interrupted_ends_at_rest_and_without_a_reference(
+    unreferenced: StageBench, after_s: float
+) -> None:
+    stage, clock = unreferenced.stage, unreferenced.clock
+    stage.connect()
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    clock.after(after_s, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        stage.home()
+    rest = unreferenced.true_mm()
+    clock.sleep_s(1.0)
+    assert unreferenced.true_mm() == rest
+    assert not stage.status().moving
+    with pytest.raises(ReferenceLostError):
+        stage.move_to({unreferenced.axis: unreferenced.middle_mm()})
+    stage.home()
+    assert stage.status().referenced
 
 
 def test_waiting_has_a_deadline(bench: StageBench) -> None:

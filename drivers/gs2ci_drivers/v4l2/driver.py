@@ -84,7 +84,7 @@ class V4l2Sensor(StreamedSensor[TakenBuffer]):
             self._queue = BufferQueue(camera.node, self.clock, self._config.buffers)
             try:
                 started_ns = self._run(camera, self._queue, self._config)
-            except DriverError:
+            except BaseException:
                 self._drop_queue()
                 raise
             first = self._options.first_sequence if self._options.first_sequence >= 0 else None

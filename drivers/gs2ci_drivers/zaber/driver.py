@@ -127,14 +127,14 @@ class ZaberStage(Stage):
 
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         self._targets = {}
+        self._forget_interruption(self._read_flags())
         for axis in axes:
             self._link.command(self._numbers[axis], "home")
         self._wait_until_idle(timeout_s, "home")
         self._raise_for_flags(self._read_flags(), "home")
 
     def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:
-        if INTERRUPTED & set(self._flags):
-            self._link.command(0, "warnings clear")  # an old interruption must not be taken for a new one
+        self._forget_interruption(self._flags)
         self._targets = {axis: self._units[axis].steps(target) for axis, target in targets_mm.items()}
         # Rounding must not request more than the device's own speed.
         speeds = {axis: min(self._units[axis].speed_data(speed_mm_s), self._own_speed[axis]) for axis in targets_mm}
@@ -200,13 +200,23 @@ class ZaberStage(Stage):
             self.clock.sleep_s(POLL_S)
 
     def _read_flags(self) -> tuple[str, ...]:
-        """Return all flags that are set."""
-        data = self._link.query(0, "warnings").data.split()
+        """Return the flags that are set on any axis in use; another one may have no reference, or no stage at all."""
+        return tuple(dict.fromkeys(flag for number in self._numbers.values() for flag in self._flags_of(number)))
+
+    def _flags_of(self, number: int) -> list[str]:
+        """Return the flags of one axis (zaber-motion, ascii.Warnings: "on device or axis")."""
+        data = self._link.query(number, "warnings").data.split()
         if not data or not data[0].isdigit() or len(data) != int(data[0]) + 1:
             raise BadReplyError(
                 self.name, "warnings", " ".join(data).encode(), "not a count and its flags", allowed="NN FF FF ..."
             )
-        return tuple(data[1:])
+        return data[1:]
+
+    def _forget_interruption(self, flags: tuple[str, ...]) -> None:
+        """Clear the flags of an earlier interruption: it must not be taken for one of the motion that begins."""
+        if INTERRUPTED & set(flags):
+            for number in self._numbers.values():
+                self._link.command(number, "warnings clear")
 
     def _raise_for_flags(self, flags: tuple[str, ...], asked: str) -> None:
         faults = [describe(flag) for flag in flags if is_fault(flag) or flag in INTERRUPTED]

@@ -33,7 +33,7 @@ HELD = declare("genicam.held", "another program holds the camera (EBUSY)")
 INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buffer is incomplete")
 LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
 OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
-REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature")
+REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature, or a command of the acquisition")
 NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
@@ -41,6 +41,7 @@ US = 1e-6
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
+FIXED_LIMIT_HZ = 1111.0
 CALLS_KEPT = 10_000
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
 
@@ -63,6 +64,9 @@ class GenicamModel(ShutterModel):
         clock_epoch_s: Time on its clock when the world's clock is at 0.
         clock_ppm: Rate error of its clock; positive runs fast.
         ready_s: From AcquisitionStart until it accepts triggers.
+        tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
+            the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
+            follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
     """
 
     height: int = 64
@@ -78,6 +82,7 @@ class GenicamModel(ShutterModel):
     clock_epoch_s: float = 4242.0
     clock_ppm: float = 40.0
     ready_s: float = 0.01
+    tells: Literal["time", "rate", "limit", "nothing"] = "time"
 
 
 def bits_of(name: str) -> int:
@@ -211,8 +216,7 @@ class GenicamTwin:
     def write(self, name: str, value: FeatureValue) -> None:
         """Write a feature."""
         self._alive(f"write {name}")
-        if self.faults.take(REFUSED, name):
-            raise FeatureRefusalError(f"{name}: access denied")
+        self._refuse(name)
         self.nodes.write(name, value)
 
     def execute(self, name: str) -> None:
@@ -227,6 +231,7 @@ class GenicamTwin:
         self._alive("AcquisitionStart")
         del chunks  # frames carry the chunks that ChunkEnable selects, whatever is requested here
         self._buffers, self._frames, self.streaming = buffers, 0, True
+        self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take(NEVER_READY) is not None
         if any(self.nodes.of("TriggerMode", other) == "On" for other in ("AcquisitionStart", "FrameBurstStart")):
@@ -242,6 +247,7 @@ class GenicamTwin:
     def fetch(self, timeout_s: float) -> CameraBuffer | None:
         """Wait for a full buffer and queue it again."""
         self._alive("fetch")
+        self._refuse("fetch")
         self._clock.wait_until(lambda: bool(self._full) or not self._plugged, timeout_s)
         if not self._plugged:
             raise OSError(ENODEV, "the camera is gone")
@@ -250,6 +256,7 @@ class GenicamTwin:
     def stop(self) -> None:
         """End the acquisition."""
         self.calls.append("stop")
+        self._refuse("AcquisitionStop")
         self._halt()
 
     def clock_ns(self) -> int:
@@ -273,6 +280,10 @@ class GenicamTwin:
             self.unplug()
         if not self._plugged or not self._opened:
             raise OSError(ENODEV, "the camera is gone")
+
+    def _refuse(self, asked: str) -> None:
+        if self.faults.take(REFUSED, asked):
+            raise FeatureRefusalError(f"{asked}: access denied")
 
     def _identity(self) -> CameraIdentity:
         return CameraIdentity("Twin", "Sfnc 2.7", "0001", self.model.transport)
@@ -346,6 +357,12 @@ class GenicamTwin:
             if value is not None and self.nodes.of("ChunkEnable", entry)
         }
 
+    def _highest_rate_hz(self) -> float:
+        return 1 / max(self.model.own_period_s, self.nodes.number("ExposureTime") * US + self.model.readout_s)
+
+    def _rate_limit_hz(self) -> float:
+        return self._highest_rate_hz() if self.model.tells == "limit" else FIXED_LIMIT_HZ
+
     def _make_nodes(self) -> dict[str, Node]:
         model = self.model
         triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
@@ -354,7 +371,7 @@ class GenicamTwin:
             **self._sizes(),
             "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
             "AcquisitionMode": Node("enumeration", "Continuous", symbols=("Continuous", "SingleFrame")),
-            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, lambda: 1 / model.own_period_s, 1e-3),
+            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, self._rate_limit_hz, 1e-3),
             "AcquisitionStatusSelector": Node(
                 "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
             ),
@@ -373,7 +390,6 @@ class GenicamTwin:
             "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5),
             "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
             "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
-            "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
             # Only a loss of power or UserSetLoad resets these: another program may have left them.
             "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
@@ -382,6 +398,10 @@ class GenicamTwin:
             "Gamma": Node("float", 1.0, lambda: 0.25, lambda: 4.0, 0.01),
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
+        if model.tells == "time":
+            nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
+        if model.tells == "rate":
+            nodes["ResultingFrameRate"] = Node("float", fixed=True, read=self._highest_rate_hz)
         if model.stamped:
             nodes["TimestampLatch"] = Node("command", run=self._latch)
             nodes["TimestampLatchValue"] = Node("integer", fixed=True, read=lambda: self._latched_ns)

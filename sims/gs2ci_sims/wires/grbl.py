@@ -1,8 +1,19 @@
 """The twin of a GRBL 1.1 controller with three axes: real-time bytes, line replies, jogs, homing, alarms.
 
-It parses lines with its own code. States, alarms, early Idle, reboot and locking are as in reference 3.3. The motors
-run in open loop: if an axis is blocked the controller continues to count, and only the carriage stands still. Not here:
-the byte level (`serial_twin`), the driver.
+It parses lines with its own code. States, early Idle, reboot and locking are as in reference 3.3. Alarms and soft
+resets are those of GRBL 1.1h (gnea/grbl bfb67f0):
+
+- report.c, report_alarm_message: it halts for half a second after ALARM:n and does nothing meanwhile;
+- protocol.c, protocol_exec_rt_system: after ALARM:1 and 2 it answers nothing, `?` included, until a soft reset, and a
+  reset within that half second has no effect;
+- motion_control.c, mc_reset: a reset in motion kills the steppers, ALARM:3 or, in a homing cycle, ALARM:6;
+- limits.c, limits_go_home: a homing cycle answers no `?` and ends early by a reset only; when it has failed, system.c's
+  `ok` follows the alarm, and then the restart (gnea/grbl issue 1067 shows the lines);
+- main.c and protocol_main_loop: a restart empties the serial buffer and clears a pending `?`; the state Alarm outlives
+  a soft reset, whatever $22 is.
+
+The motors run in open loop: if an axis is blocked the controller continues to count, and only the carriage stands
+still. Not here: the byte level (`serial_twin`), the driver.
 """
 
 import re
@@ -30,7 +41,9 @@ MESSAGE = declare("grbl.message", "a [MSG:...] line comes before a reply")
 SILENT_STATUS = declare("grbl.silent_status", "a status request is not answered")
 
 BOOT_S = 1.2
-BANNER = b"Grbl 1.1h ['$' for help]\r\n"
+BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+ALARM_PAUSE_S = 0.5
+CRITICAL_ALARMS = (1, 2)
 DWELL_S = 0.01
 AXES = ("x", "y", "z")
 _WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d*)?|-?\.\d+)")
@@ -89,7 +102,8 @@ class GrblTwin(SerialTwin):
             for i, name in enumerate(AXES)
         ]
         self._state = "Idle" if machine.homed or not self._settings[22] else "Alarm"
-        self._booting_until_s = 0.0
+        self._deaf_until_s = 0.0
+        self._awaits_reset = False
         self._generation = 0
         self._early_reports = 0
 
@@ -138,20 +152,23 @@ class GrblTwin(SerialTwin):
             axis.halt(now_s)
             axis.set_position(0.0, now_s)
         self._state = "Alarm" if self._settings[22] else "Idle"
-        self._booting_until_s = now_s + BOOT_S
-        self._reply(BANNER, "banner", BOOT_S)
+        self._awaits_reset = False
+        self._deaf_until_s = now_s + BOOT_S
+        self._reply(self._greeting(), "banner", BOOT_S)
 
     def _stale(self) -> bytes:
         return b"ok\r\n<Run|MPos:1.000,2.000,3.000|FS:500,0>\r\n"
 
     def _realtime(self, byte: int) -> bool:
-        if self.clock.now_s() < self._booting_until_s:
-            return True  # the boot loader discards received bytes
-        if byte == ord("?"):
+        if self.clock.now_s() < self._deaf_until_s:
+            return True  # the boot loader, and the restart after an alarm, discard what was received
+        if byte == 0x18:
+            self._soft_reset()
+        elif self._awaits_reset:
+            return True
+        elif byte == ord("?"):
             if self._state != "Home" and not self.faults.take(SILENT_STATUS):
                 self._reply(self._report(), "?")
-        elif byte == 0x18:
-            self._soft_reset()
         elif byte == 0x85:
             if self._state == "Jog":
                 self._brake("Idle")
@@ -179,21 +196,22 @@ class GrblTwin(SerialTwin):
         return f"<{state}|MPos:{shown}|FS:{speed:.0f},0>\r\n".encode("ascii")
 
     def _soft_reset(self) -> None:
-        moving = self._moving()
-        self._generation += 1
-        self._incoming = b""
-        for axis in self._axes:
-            axis.halt(self.clock.now_s())
-        if moving:
+        if self._state == "Home":
+            self._alarm(6)
+        elif self._moving():
             self._alarm(3)
-        elif self._settings[22] and self._state == "Alarm":
-            self._state = "Alarm"
         else:
-            self._state = "Idle"
-        self._reply(b"\r\n" + BANNER, "banner")
+            self._generation += 1
+            self._incoming = b""
+            self._awaits_reset = False
+            self._state = "Alarm" if self._state == "Alarm" else "Idle"
+            self._reply(self._greeting(), "banner")
+
+    def _greeting(self) -> bytes:
+        return BANNER + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self._state == "Alarm" else b"")
 
     def _line(self, line: bytes) -> None:
-        if self.clock.now_s() < self._booting_until_s:
+        if self.clock.now_s() < self._deaf_until_s or self._awaits_reset:
             return
         text = line.decode("ascii", "replace").upper().replace(" ", "")
         if self.faults.take(MESSAGE, text):
@@ -343,11 +361,20 @@ class GrblTwin(SerialTwin):
         self._later(ends_s, rest)
 
     def _alarm(self, number: int) -> None:
+        now_s = self.clock.now_s()
+        homing, self._state = self._state == "Home", "Alarm"
         self._generation += 1
+        self._incoming = b""
         for axis in self._axes:
-            axis.halt(self.clock.now_s())
-        self._state = "Alarm"
+            axis.halt(now_s)
         self._reply(f"ALARM:{number}\r\n".encode("ascii"), "alarm")
+        self._deaf_until_s = now_s + ALARM_PAUSE_S
+        self._awaits_reset = number in CRITICAL_ALARMS
+        if self._awaits_reset:
+            after, about = b"[MSG:Reset to continue]\r\n", "alarm"
+        else:
+            after, about = (b"ok\r\n" if homing else b"") + self._greeting(), "banner"
+        self._later(self._deaf_until_s, lambda: self._reply(after, about))
 
     def _moving(self) -> bool:
         return any(axis.moving_at(self.clock.now_s()) for axis in self._axes)

@@ -1,11 +1,12 @@
 """The twin of a Zaber stage: its firmware's ASCII protocol over a `SerialTwin`, its axes as `AxisMotion`.
 
 It parses and writes messages with its own code, so that it does not share a mistake of the driver's. Settings, warning
-flags, rejections, alerts, pre-emption and faults are as in reference 3.1 and 3.5. Not here: the byte level
-(`serial_twin`), the driver.
+flags, rejections, alerts, pre-emption and faults are as in reference 3.1 and 3.5. Each axis has flags of its own; a
+request to axis 0 gets those of all (zaber-motion, ascii.Warnings: "warnings and faults on device or axis"). Not here:
+the byte level (`serial_twin`), the driver.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
@@ -63,10 +64,11 @@ class ZaberAxis:
 
 
 class _Axis:
-    """An axis with its live settings."""
+    """An axis with its live settings and its warning flags."""
 
-    def __init__(self, built: ZaberAxis) -> None:
+    def __init__(self, built: ZaberAxis, *, referenced: bool) -> None:
         self.built = built
+        self.flags: set[str] = set() if referenced else {"WR"}
         self.max_speed = built.max_speed
         self.motion = AxisMotion(built.start_mm, self._acceleration_mm_s2(), built.mechanics)
 
@@ -111,8 +113,7 @@ class ZaberTwin(SerialTwin):
         self._firmware = firmware
         self._takes_speeds = tuple(int(part) for part in firmware.split(".")) >= (7, 25)
         self._names = tuple(axes or {"x": ZaberAxis()})
-        self._axes = [_Axis(axis) for axis in (axes or {"x": ZaberAxis()}).values()]
-        self._flags: set[str] = set() if referenced else {"WR"}
+        self._axes = [_Axis(axis, referenced=referenced) for axis in (axes or {"x": ZaberAxis()}).values()]
         self._replies_checked = False
         self._busy_until_s = 0.0
         self._generation = 0
@@ -134,12 +135,12 @@ class ZaberTwin(SerialTwin):
         for axis in self._axes:
             axis.motion.halt(now_s)
             axis.motion.set_position(0.0, now_s)
-        self._flags = {"WR"}
+            axis.flags = {"WR"}
         self._replies_checked = False
 
     def release(self) -> None:
         """Do what a user does after a fault: release the emergency stop, restore the supply, enable the driver."""
-        self._flags -= {"FH", "FV", "FD", "FO"}
+        self._clear(0, {"FH", "FV", "FD", "FO"})
 
     def _stale(self) -> bytes:
         return self._framed("@", f"{self._address:02d} 0 57 OK IDLE -- 123456")
@@ -183,11 +184,11 @@ class ZaberTwin(SerialTwin):
         if message_id is not None and take(WRONG_ID, text):
             message_id = (message_id + 50) % 100
         marked = "" if message_id is None else f" {message_id:02d}"
-        result = f"{'OK' if accepted else 'RJ'} {'BUSY' if self._busy() else 'IDLE'} {self._warning()}"
+        result = f"{'OK' if accepted else 'RJ'} {'BUSY' if self._busy() else 'IDLE'} {self._warning(number)}"
         line = self._framed("@", f"{address:02d} {number}{marked} {result} {data}")
         if self._replies_checked and take(BAD_CHECKSUM, text):
             line = line[:-4] + (b"00" if line[-4:-2] != b"00" else b"01") + b"\r\n"
-        alert = self._framed("!", f"{self._address:02d} 1 IDLE {self._warning()}")
+        alert = self._framed("!", f"{self._address:02d} 1 IDLE {self._warning(1)}")
         if take(ALERT, text):
             line = alert + line
         if take(ALERT_INSIDE, text):
@@ -202,11 +203,21 @@ class ZaberTwin(SerialTwin):
         now_s = self.clock.now_s()
         return now_s < self._busy_until_s or any(axis.motion.moving_at(now_s) for axis in self._axes)
 
-    def _warning(self) -> str:
-        return next((flag for flag in PRIORITY if flag in self._flags), "--")
+    def _warning(self, number: int) -> str:
+        return next(iter(self._flags(number)), "--")
+
+    def _flags(self, number: int) -> list[str]:
+        """Return the flags of an axis, or of all for 0, highest first."""
+        found = set().union(*(axis.flags for axis in self._chosen(number)))
+        return [flag for flag in PRIORITY if flag in found]
+
+    def _clear(self, number: int, flags: set[str]) -> None:
+        for axis in self._chosen(number):
+            axis.flags -= flags
 
     def _chosen(self, number: int) -> list[_Axis]:
-        return [self._axes[number - 1]] if number else self._axes
+        """Return an axis; all for 0 and for a number that no axis has."""
+        return self._axes[number - 1 : number] or self._axes
 
     def _do_get(self, number: int, words: list[str]) -> tuple[bool, str]:
         setting = words[0] if words else ""
@@ -227,7 +238,7 @@ class ZaberTwin(SerialTwin):
                 "pos": axis.steps_at(now_s),
                 "limit.min": axis.built.min_steps,
                 "limit.max": axis.built.max_steps,
-                "limit.home.triggered": int("WR" not in self._flags),
+                "limit.home.triggered": int("WR" not in axis.flags),
                 "maxspeed": axis.max_speed,
                 "accel": axis.built.acceleration,
                 "resolution": axis.built.resolution,
@@ -254,42 +265,52 @@ class ZaberTwin(SerialTwin):
 
     def _do_warnings(self, number: int, words: list[str]) -> tuple[bool, str]:
         if words == ["clear"]:
-            self._flags -= {"NI", "NC", "FS", "FE", "WL", "FH"}
-        flags = [flag for flag in PRIORITY if flag in self._flags]
+            self._clear(number, {"NI", "NC", "FS", "FE", "WL", "FH"})
+        flags = self._flags(number)
         return True, " ".join([f"{len(flags):02d}", *flags])
 
     def _do_stop(self, number: int, words: list[str]) -> tuple[bool, str]:
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             if axis.motion.moving_at(now_s):
-                self._flags.add("NI")
+                axis.flags.add("NI")
                 axis.motion.stop(now_s)
         self._busy_until_s = 0.0
         self._generation += 1
         return True, "0"
 
     def _do_estop(self, number: int, words: list[str]) -> tuple[bool, str]:
-        self._end_motion("NI")
+        self._end_motion(self._chosen(number), "NI")
         return True, "0"
 
     def _do_driver(self, number: int, words: list[str]) -> tuple[bool, str]:
         if words == ["disable"]:
-            self._end_motion("FO")
+            self._end_motion(self._chosen(number), "FO")
         elif words == ["enable"]:
-            self._flags -= {"FO", "FD", "FV", "FH"}
+            self._clear(number, {"FO", "FD", "FV", "FH"})
         else:
             return False, "BADCOMMAND"
         return True, "0"
 
     def _do_home(self, number: int, words: list[str]) -> tuple[bool, str]:
-        if self._disabled():
+        if self._disabled(number):
             return False, "DRIVERDISABLED"
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
             ends_s = axis.motion.move_to(0.0, axis.speed_mm_s() * HOMING_SPEED_SHARE, now_s)
+            axis.flags -= {"FS", "FE"}
             self._schedule_faults(axis, now_s, ends_s, "home")
-        self._flags -= {"WR", "WH", "FS", "FE"}
+            self._schedule_reference(axis, ends_s)
         return True, "0"
+
+    def _schedule_reference(self, axis: _Axis, ends_s: float) -> None:
+        """Give an axis its reference when it gets home, unless it has been stopped or moved elsewhere before."""
+
+        def arrive() -> None:
+            if axis.motion.ends_s == ends_s:
+                axis.flags -= {"WR", "WH"}
+
+        self.clock.at(ends_s, arrive)
 
     def _do_move(self, number: int, words: list[str]) -> tuple[bool, str]:
         kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
@@ -297,7 +318,7 @@ class ZaberTwin(SerialTwin):
         if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + most:
             return False, "BADCOMMAND"
         speeds = words[kinds[words[0]] :]
-        if self._disabled():
+        if self._disabled(number):
             return False, "DRIVERDISABLED"
         try:
             value = int(words[1]) if kinds[words[0]] > 1 else 0
@@ -305,10 +326,10 @@ class ZaberTwin(SerialTwin):
         except ValueError:
             return False, "BADDATA"
         now_s = self.clock.now_s()
-        if any(axis.motion.moving_at(now_s) for axis in self._chosen(number)):
-            self._flags.add("NI")
-        self._flags -= {"FS", "FE", "WL"}
         for axis in self._chosen(number):
+            if axis.motion.moving_at(now_s):
+                axis.flags.add("NI")
+            axis.flags -= {"FS", "FE", "WL"}
             if not self._move_axis(axis, words[0], value, now_s, speed):
                 return False, "BADDATA"
         return True, "0"
@@ -342,35 +363,36 @@ class ZaberTwin(SerialTwin):
         self._generation += 1
         if stall := take(STALL, about):
             share = stall.value or 0.5
-            self._schedule_end(now_s + share * (ends_s - now_s), "FS")
+            self._schedule_end(now_s + share * (ends_s - now_s), [axis], "FS")
         if take(LIMIT, about):
-            self._schedule_end(halfway_s, "FE", "WL")
+            self._schedule_end(halfway_s, [axis], "FE", "WL")
         if take(EMERGENCY_STOP, about):
-            self._schedule_end(halfway_s, "FH")
+            self._schedule_end(halfway_s, self._axes, "FH")
         if take(SUPPLY, about):
-            self._schedule_end(halfway_s, "FV", "FD")
+            self._schedule_end(halfway_s, self._axes, "FV", "FD")
         if take(PRE_EMPTED, about):
-            self._schedule_end(halfway_s, "NC")
+            self._schedule_end(halfway_s, [axis], "NC")
         if take(POWER_CYCLE, about):
             self.clock.at(halfway_s, self.power_cycle)
         if forever := take(NEVER_IDLE, about):
             self._busy_until_s = ends_s + (forever.value or 3600.0)
 
-    def _schedule_end(self, when_s: float, *flags: str) -> None:
+    def _schedule_end(self, when_s: float, axes: Sequence[_Axis], *flags: str) -> None:
         generation = self._generation
 
         def end() -> None:
             if generation == self._generation:
-                self._end_motion(*flags)
+                self._end_motion(axes, *flags)
 
         self.clock.at(when_s, end)
 
-    def _end_motion(self, *flags: str) -> None:
-        self._flags |= set(flags)
-        for axis in self._axes:
+    def _end_motion(self, axes: Sequence[_Axis], *flags: str) -> None:
+        for axis in axes:
+            axis.flags |= set(flags)
             axis.motion.halt(self.clock.now_s())
 
-    def _disabled(self) -> bool:
+    def _disabled(self, number: int) -> bool:
         if self.faults.take(DRIVER_DISABLED):
-            self._flags.add("FO")
-        return bool(self._flags & {"FO", "FD", "FV"})
+            for axis in self._chosen(number):
+                axis.flags.add("FO")
+        return any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number))

@@ -120,6 +120,41 @@ def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     assert any("AcquisitionFrameRate = 12.3456 was requested, 12.346" in text for text in one.sensor.incidents)
 
 
+@pytest.mark.parametrize("tells", ["rate", "limit"])
+@pytest.mark.parametrize("mode", list(TriggerMode))
+@pytest.mark.parametrize("exposure_s", [2e-5, 1e-3, 0.02, 0.5, 10.0])
+@pytest.mark.parametrize(("period_s", "readout_s"), [(1 / 60, 1e-3), (1 / 200, 0.03)])
+def test_the_readout_follows_from_the_highest_rate_whatever_the_exposure(tells, mode, exposure_s, period_s, readout_s):
+    model = GenicamModel(trigger_line=LINE, own_period_s=period_s, readout_s=readout_s, tells=tells)
+    one = bench(model)
+    settings = one.sensor.configure(SensorConfig(exposure_s=exposure_s, trigger=mode))
+    shortest_s = 20e-6
+    assert settings.readout_s == pytest.approx(max(period_s, shortest_s + readout_s), rel=1e-9)
+    assert settings.exposure_s == pytest.approx(exposure_s, abs=1e-6)
+    if mode is not TriggerMode.LEVEL:
+        assert value(one, "ExposureTime") == pytest.approx(exposure_s / 1e-6, abs=0.5)
+
+
+@pytest.mark.parametrize("mode", [TriggerMode.EDGE, TriggerMode.LEVEL])
+def test_a_camera_that_computes_no_rate_needs_its_readout_in_the_rig_file(mode):
+    model = GenicamModel(trigger_line=LINE, tells="nothing")
+    with pytest.raises(UnsupportedError, match=rf"trigger mode {mode.value}: .*set `readout_s` in \[sensor\]"):
+        bench(model).sensor.configure(SensorConfig(exposure_s=1e-3, trigger=mode))
+    config = SensorConfig(exposure_s=1e-3, trigger=mode)
+    assert bench(model, readout_s=7e-3).sensor.configure(config).readout_s == 7e-3
+    free = SensorConfig(exposure_s=1e-3, trigger=TriggerMode.FREE_RUN)
+    assert bench(model).sensor.configure(free).readout_s == 0.0
+
+
+@pytest.mark.parametrize("gone", [("ExposureTime",), ("AcquisitionFrameRate",)])
+def test_a_rate_that_cannot_be_compared_is_none(gone):
+    one = bench(GenicamModel(trigger_line=LINE, tells="limit"), fixed_exposure_s=2e-3)
+    for name in gone:
+        del one.twin.nodes._nodes[name]
+    with pytest.raises(UnsupportedError, match="readout_s"):
+        one.sensor.configure(SensorConfig(exposure_s=2e-3))
+
+
 def test_a_region_lies_in_the_middle_or_where_it_is_wanted_on_the_cameras_grid():
     one = bench()
     one.start(height=32, width=40)
@@ -385,6 +420,52 @@ def test_warm_up_ends_with_an_error_where_no_frame_comes():
     one.faults.inject("v4l2.stalled")
     with pytest.raises(TriggerTimeoutError, match="no frame 0"):
         one.start(warm_up_frames=2)
+
+
+def test_a_start_that_is_refused_is_undone_and_the_next_one_works():
+    one = bench()
+    one.faults.inject("genicam.feature_refused", about="AcquisitionStart")
+    with pytest.raises(RefusedError, match=r"AcquisitionStart: refused with GenApi .*access denied.*another program"):
+        one.start()
+    assert not one.twin.streaming
+    one.start()
+    one.pulse()
+    assert one.sensor.read(0.5).sequence == 0
+
+
+def test_a_fetch_that_is_refused_is_named_with_its_trigger():
+    one = bench()
+    one.start()
+    one.faults.inject("genicam.feature_refused", about="fetch")
+    with pytest.raises(RefusedError, match=r"cam0, trigger 3: fetch: refused with GenApi"):
+        one.sensor.read(0.5, trigger_index=3)
+    one.pulse()
+    assert one.sensor.read(0.5).sequence == 0
+
+
+def test_a_stop_that_is_refused_is_named_and_closing_closes_the_port_all_the_same():
+    one = bench()
+    one.start()
+    one.faults.inject("genicam.feature_refused", about="AcquisitionStop", times=3)
+    with pytest.raises(RefusedError, match="AcquisitionStop: refused with GenApi"):
+        one.sensor.stop()
+    one.sensor.stop()  # it counts as stopped
+    one.sensor.close()
+    assert list(one.twin.calls)[-1] == "close"
+    assert not one.twin.streaming
+
+
+def test_closing_closes_the_port_whatever_interrupts_it():
+    one = bench()
+    one.start()
+
+    def interrupt(name, value):
+        raise KeyboardInterrupt
+
+    one.twin.write = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        one.sensor.close()
+    assert list(one.twin.calls)[-1] == "close"
 
 
 def test_a_camera_that_goes_away_is_told_in_every_call_until_it_is_back():

@@ -14,6 +14,7 @@ from gs2ci_drivers.failures import (
 )
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_drivers.stage import StageStatus
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.world import VirtualClock
 from tests.drivers.scripted import ScriptedPort
@@ -76,6 +77,13 @@ def test_a_controller_that_never_answers_is_given_up_in_time():
     with pytest.raises(NoAnswerError, match="banner"):
         stage.connect()
     assert clock.now_s() < 1004.0
+
+
+def test_a_controller_that_says_nonsense_when_it_is_opened_is_a_bad_reply():
+    clock = VirtualClock()
+    stage = GrblStage("stage0", ScriptedPort(clock, [b"x" * 600]), clock)
+    with pytest.raises(BadReplyError, match="no end of line"):
+        stage.connect()
 
 
 def test_reports_in_inches_are_understood():
@@ -147,16 +155,169 @@ def test_homing_without_a_switch_ends_in_its_alarm_and_can_be_repeated():
     assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
 
 
-def test_a_hard_limit_loses_the_position_until_homed():
-    _, twin, stage = make()
-    stage.connect()
+def hit_a_limit(twin, stage):
     twin.faults.inject("grbl.hard_limit")
-    with pytest.raises(MoveFailedError, match="ALARM:1"):
+    with pytest.raises(MoveFailedError, match=r"move to .*ALARM:1 \(hard limit hit.*gs2ci devices --home"):
         stage.move_to({"x": -20.0})
-    with pytest.raises(ReferenceLostError):
-        stage.move_to({"x": -20.0})
+
+
+def test_a_controller_that_a_hard_limit_has_locked_says_so_and_can_be_homed():
+    clock, twin, stage = make()
+    stage.connect()
+    hit_a_limit(twin, stage)
+    assert stage.status() == StageStatus(
+        moving=False, referenced=False, faults=("ALARM:1 (hard limit hit; the position is lost)",)
+    )
+    for call in (stage.positions_mm, lambda: stage.move_to({"x": -20.0}), lambda: stage.wait_idle(1.0)):
+        begin_s = clock.now_s()
+        with pytest.raises(MoveFailedError, match="ALARM:1"):
+            call()
+        assert clock.now_s() - begin_s < 0.1
+    with pytest.raises(MoveFailedError, match=r"\$G: the device reports ALARM:1"):
+        stage._link.command("$G")
     stage.home()
     assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
+@pytest.mark.parametrize("homing", [0, 1])
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.49, 0.51, 3.0])
+def test_a_stop_unlocks_the_controller_and_the_position_stays_lost(after_s, homing):
+    clock, twin, stage = make(GrblMachine(settings={22: homing}))
+    stage.connect()
+    twin._alarm(1)
+    clock.sleep_s(after_s)
+    stage.stop()
+    stage.stop()
+    status = stage.status()
+    assert not status.referenced
+    assert status.faults == ("ALARM:1 (hard limit hit; the position is lost)",)
+    with pytest.raises(ReferenceLostError):
+        stage.move_to({"x": -20.0})
+
+
+@pytest.mark.parametrize("alarm", [1, 2, 3])
+@pytest.mark.parametrize("after_s", [0.0, 0.2, 0.6, 3.0])
+def test_a_home_after_an_alarm_of_which_nobody_has_heard_resets_first(after_s, alarm):
+    clock, twin, stage = make()
+    stage.connect()
+    twin._alarm(alarm)
+    clock.sleep_s(5e-3 + after_s)
+    stage.home()
+    assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
+def test_a_session_that_finds_the_controller_locked_resets_it_and_can_home_it():
+    clock, twin, stage = make()
+    stage.connect()
+    hit_a_limit(twin, stage)
+    stage.close()
+    again = opened(twin, clock)
+    again.connect()
+    assert "it answered after a soft reset" in again.incidents[-1]
+    with pytest.raises(ReferenceLostError):
+        again.move_to({"x": -20.0})
+    again.home()
+    assert again.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
+def test_a_session_that_finds_the_controller_homing_stops_it():
+    clock, twin, stage = make()
+    stage.connect()
+    stage._link.send(b"$H\n", "$H")
+    stage.close()
+    again = opened(twin, clock)
+    again.connect()
+    rest = twin.positions_mm_at(clock.now_s())
+    clock.sleep_s(1.0)
+    assert twin.positions_mm_at(clock.now_s()) == rest
+    assert not again.status().referenced
+
+
+def test_a_homing_that_takes_too_long_is_stopped():
+    clock, twin, stage = make()
+    stage.connect()
+    with pytest.raises(NoAnswerError, match=r"\$H: no answer within 2 s"):
+        stage.home(timeout_s=2.0)
+    rest = twin.positions_mm_at(clock.now_s())
+    clock.sleep_s(1.0)
+    assert twin.positions_mm_at(clock.now_s()) == rest
+    assert stage.status().faults == ("ALARM:6 (homing: reset)",)
+    stage.home()
+    assert stage.status().referenced
+
+
+def test_a_homing_that_is_refused_resets_nothing():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("grbl.error", value=13)
+    with pytest.raises(RefusedError, match=r"\$H: refused with error:13"):
+        stage.home()
+    assert stage.status().referenced
+
+
+def test_a_stop_that_is_not_answered_ends_in_a_soft_reset():
+    clock, twin, stage = make()
+    stage.connect()
+    stage.begin_move({"x": -20.0})
+    twin.faults.inject("grbl.silent_status", times=2)
+    stage.stop()
+    rest = twin.positions_mm_at(clock.now_s())
+    clock.sleep_s(1.0)
+    assert twin.positions_mm_at(clock.now_s()) == rest
+    assert not stage.status().referenced
+
+
+@pytest.mark.parametrize("when_s", [0.0, 1e-4, 1e-3, 2e-3, 0.1, 0.3])
+def test_a_limit_that_is_hit_while_a_stop_waits_leaves_a_controller_that_answers(when_s):
+    clock, twin, stage = make(GrblMachine(settings={120: 20}))
+    stage.connect()
+    stage.begin_move({"x": -20.0})
+    clock.sleep_s(1.5)
+    clock.after(when_s, lambda: twin._alarm(1))
+    stage.stop()
+    clock.sleep_s(1.0)
+    status = stage.status()
+    assert not status.moving
+    assert status.faults == ("ALARM:1 (hard limit hit; the position is lost)",)
+    stage.home()
+    assert stage.status().referenced
+
+
+def test_a_move_after_an_alarm_and_its_restart_is_refused_until_homed():
+    clock, twin, stage = make(GrblMachine(settings={22: 0}))
+    stage.connect()
+    stage.begin_move({"x": -20.0})
+    clock.sleep_s(0.5)
+    twin._soft_reset()
+    clock.sleep_s(2.0)
+    stage.stop()
+    with pytest.raises(ReferenceLostError):
+        stage.move_to({"x": -20.0})
+
+
+def test_a_restart_is_noticed_by_a_stop_wherever_its_line_is_cut():
+    banner = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+    idle = b"<Idle|MPos:-1.000,2.000,3.000|FS:0,0>\r\n"
+    for cut in range(1, len(banner)):
+        clock, twin, stage = make(GrblMachine(settings={22: 0}))
+        stage.connect()
+        now_s = clock.now_s()
+        twin._arrive(idle + banner[:cut], now_s)
+        twin._arrive(banner[cut:], now_s + 2e-3)
+        clock.sleep_s(0.0)
+        stage.stop()
+        assert not stage.status().referenced, cut
+        with pytest.raises(ReferenceLostError):
+            stage.move_to({"x": -20.0})
+
+
+def test_a_line_that_never_ends_does_not_keep_a_stop_waiting():
+    clock, twin, stage = make()
+    stage.connect()
+    twin._arrive(b"<Idle|MP", clock.now_s())
+    begin_s = clock.now_s()
+    stage.stop()
+    assert clock.now_s() - begin_s < 0.1
 
 
 def test_an_idle_that_comes_too_early_is_not_taken_for_the_arrival():
@@ -209,6 +370,16 @@ def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
     with pytest.raises(DriverError):
         stage.connect()
     assert clock.now_s() - begin_s < 10.0
+
+
+@pytest.mark.parametrize("piece", [b"ok\r\n", b"ALARM:1\r\n", b"Grbl 1.1h ['$' for help]\r\n", b"x" * 256, b"\xff"])
+def test_lines_that_never_stop_coming_are_drained_for_a_while_only(piece):
+    clock = VirtualClock()
+    port = ScriptedPort(clock, [])
+    port.read = lambda max_bytes, timeout_s: piece
+    begin_s = clock.now_s()
+    GrblStage("stage0", port, clock)._link.drain("stop")
+    assert clock.now_s() - begin_s < 5.0
 
 
 def test_a_controller_that_does_not_obey_a_stop_is_reported_in_time():

@@ -60,7 +60,7 @@ def test_what_a_killed_session_left_in_old_firmware_is_put_back_on_connecting():
     stage.begin_move({"x": 80.0}, speed_mm_s=5.0)
     twin._session = None  # killed
     twin.power_cycle()
-    twin._flags.clear()  # it has an absolute encoder
+    twin._axes[0].flags.clear()  # it has an absolute encoder
     assert twin._axes[0].speed_mm_s() == pytest.approx(5.0, abs=1e-4)
     again = ZaberStage("stage0", twin.open(), clock, ZaberOptions(own_speed_mm_s={"x": 40.0}))
     assert again.connect().axes["x"].max_speed_mm_s == pytest.approx(own)
@@ -120,6 +120,38 @@ def test_an_axis_whose_own_speed_moves_nothing_is_a_bad_reply(maxspeed):
     twin._do_get = lambda number, words: (True, maxspeed) if words == ["maxspeed"] else original(number, words)
     with pytest.raises(BadReplyError, match="axis x cannot move"):
         stage.connect()
+
+
+@pytest.mark.parametrize("flags", [{"WR"}, {"FZ", "WR"}, {"FS", "WL"}, {"FO"}, {"NI"}])
+def test_an_axis_that_is_not_in_use_does_not_concern_the_stage(flags):
+    clock = VirtualClock()
+    twin = ZaberTwin(clock, {"x": ZaberAxis(), "empty": ZaberAxis()})
+    twin._axes[1].flags |= flags
+    stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP}))
+    stage.connect()
+    status = stage.status()
+    assert (status.referenced, status.faults, status.warnings) == (True, (), ())
+    assert stage.move_to({"x": 76.0})["x"] == pytest.approx(76.0, abs=STEP)
+    stage.begin_move({"x": 80.0})
+    stage.stop()
+    assert stage.move_to({"x": 75.0})["x"] == pytest.approx(75.0, abs=STEP)
+    assert twin._axes[1].flags == flags
+
+
+@pytest.mark.parametrize("flag", ["WR", "FS", "FO", "NI"])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_flags_of_every_axis_in_use_are_heard(flag, axis):
+    clock = VirtualClock()
+    twin = ZaberTwin(clock, {"x": ZaberAxis(), "y": ZaberAxis()})
+    stage = ZaberStage(
+        "stage0", twin.open(), clock, ZaberOptions(axes={"x": 1, "y": 2}, microstep_mm={"x": STEP, "y": STEP})
+    )
+    stage.connect()
+    twin._axes[axis].flags.add(flag)
+    twin._axes[1 - axis].flags.add("NC")
+    status = stage.status()
+    assert [text[:2] for text in (*status.faults, *status.warnings)].count(flag) == 1
+    assert status.referenced == (flag != "WR")
 
 
 def test_a_warning_list_that_is_none_is_a_bad_reply():
