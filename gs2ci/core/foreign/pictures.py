@@ -72,7 +72,7 @@ def _in_folder(folder: Path) -> list[Path]:
         files = [file for file in files if is_picture(_start(file))]
     if not files:
         raise InputError(f"{folder}: no picture in this folder", allowed="PNG, TIFF, BMP or PGM")
-    return sorted(files, key=lambda file: [(int(part), "") if part.isdigit() else (0, part) for part in _parts(file)])
+    return sorted(files, key=lambda file: [(int(part), "") if part.isdecimal() else (0, part) for part in _parts(file)])
 
 
 def _parts(file: Path) -> list[str]:

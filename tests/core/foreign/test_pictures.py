@@ -148,6 +148,13 @@ def test_a_tiff_whose_directories_lead_in_a_circle_is_no_endless_one(tmp_path):
     assert np.array_equal(open_foreign(tmp_path / "m.tif").load("").values, pages)
 
 
+def test_names_with_digits_of_other_kinds_are_names(tmp_path):
+    """Superscripts are digits, but no decimal ones: no number can be made of them."""
+    for name in ("m1²0.png", "m1²1.png", "m²10.png", "m²9.png"):
+        (tmp_path / name).write_bytes(cv2.imencode(".png", np.ones((6, 8), np.uint8))[1])
+    assert open_foreign(tmp_path).note == "4 pictures, m1²0.png to m²10.png"
+
+
 def test_a_picture_that_is_partly_transparent_is_refused(tmp_path):
     picture = np.full((6, 8, 4), 255, np.uint8)
     picture[0, 0, 3] = 0
