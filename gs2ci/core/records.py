@@ -193,12 +193,15 @@ class Shot:
 def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
     """Convert a record's fields to numpy arrays of given types; None stays.
 
+    An array of the given type, which may be large, is copied only if it is not C-contiguous (torch takes no negative
+    strides) or read-only (torch warns of that).
+
     Raises:
-        InputError: A field holds no numbers.
+        InputError: A field holds no numbers, or masked ones.
     """
     for name, kind in kinds.items():
         given = getattr(record, name)
-        if given is None or (isinstance(given, np.ndarray) and given.dtype == kind):
+        if given is None:
             continue
         # A tensor may be part of a graph, or be on a device.
         held = given.detach().cpu() if hasattr(given, "detach") else given
@@ -207,7 +210,9 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
             # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
             if found.dtype.kind not in "biuf":
                 raise TypeError(f"it holds {found.dtype}")
-            taken = found.astype(kind, copy=False)
+            if np.ma.is_masked(held):
+                raise TypeError("some of its numbers are masked")
+            taken = np.require(found, kind, ("C", "W"))
         except (TypeError, ValueError) as error:
             raise InputError(
                 f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",
