@@ -4,14 +4,13 @@ Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a fore
 layouts (`gs2ci.core.storage`).
 """
 
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from gs2ci.api.options import check_number, check_whole
+from gs2ci.api.options import as_path, check_number, check_whole
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
@@ -40,8 +39,8 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
 
     Raises:
         StorageError: A shot file cannot be read, or has no such shot.
-        InputError: The first argument is no path, or a foreign file cannot be understood; the message names file, key
-            and remedy.
+        InputError: The first argument is no path, the index no number from 0, or a foreign file cannot be understood;
+            the message names file, key and remedy.
 
     Example:
         >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
@@ -49,6 +48,7 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
         (4, (24, 32), 3)
     """
     path = _place(path)
+    check_whole("--index", index, 0)
     if path.suffix in (".h5", ".hdf5"):
         if masks is not None or known:
             raise InputError(
@@ -146,7 +146,7 @@ def import_file(
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),
     )
-    return import_shots(Path(path), None if masks is None else Path(masks), options)
+    return import_shots(_place(path), None if masks is None else _place(masks), options)
 
 
 def check_imports(
@@ -161,7 +161,7 @@ def check_imports(
     """Check the numbers given for a foreign file.
 
     Raises:
-        InputError: One is out of bounds.
+        InputError: One is out of bounds, or the distortion is no list.
     """
     check_whole("--views", views, 1)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
@@ -169,6 +169,12 @@ def check_imports(
         check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
+    if not isinstance(distortion, Iterable):
+        raise InputError(
+            f"--distortion {distortion}",
+            allowed="a list: k1 k2 p1 p2, and k3 if it was fitted",
+            remedy="give such a list, or leave --distortion out",
+        )
     for coefficient in distortion:
         check_number("--distortion", coefficient)
 
@@ -185,7 +191,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
         The path.
 
     Raises:
-        InputError: A shot contradicts itself, or the first argument is no path.
+        InputError: A shot contradicts itself, the first argument is no path, or the second is no shot.
         StorageError: The file exists, cannot be written, or the shots differ in data that a file stores only once.
 
     Example:
@@ -198,8 +204,15 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
     from gs2ci.core.storage.sealing import check_target
 
     path = _place(path)
+    kept = list(shots) if isinstance(shots, Iterable) else [shots]
+    if not all(isinstance(shot, Shot) for shot in kept):
+        raise InputError(
+            f"{type(shots).__name__} where shots are expected",
+            allowed="a gs2ci.Shot, or several",
+            remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)",
+        )
     check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    return write_shots(path, [shots] if isinstance(shots, Shot) else list(shots))
+    return write_shots(path, kept)
 
 
 def recover(partial: str | Path, target: str | Path | None = None, *, overwrite: bool = False) -> Path:
@@ -215,6 +228,7 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
 
     Raises:
         StorageError: There is no finished row, or the new file cannot be written.
+        InputError: An argument is no path.
 
     Example:
         >>> gs2ci.load(gs2ci.recover("interrupted.h5.partial")).views
@@ -222,9 +236,9 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
     """
     from gs2ci.core import storage
 
-    partial = Path(partial)
+    partial = as_path(partial, of="an interrupted capture", remedy="give that of NAME.h5.partial")
     name = partial.name.removesuffix(".partial").removesuffix(".h5")
-    saved = partial.with_name(f"{name}.recovered.h5") if target is None else Path(target)
+    saved = partial.with_name(f"{name}.recovered.h5") if target is None else _place(target)
     storage.recover(partial, saved, replace=overwrite)
     return saved
 
@@ -250,13 +264,7 @@ def _place(path: str | Path) -> Path:
     Raises:
         InputError: It is something else.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(
-            f"{type(path).__name__} where a path is expected",
-            allowed="the path of a file",
-            remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)",
-        )
-    return Path(path)
+    return as_path(path, of="a file", remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)")
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":

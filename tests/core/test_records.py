@@ -51,6 +51,28 @@ def test_masks_of_which_those_with_a_weight_are_closed_are_refused(shot):
         replace(shot, masks=masks, weights=np.array([0, 1], np.float32)).check()
 
 
+@pytest.mark.parametrize("name", ["measurement", "masks"])
+def test_a_shot_without_measurement_or_masks_is_none(shot, name):
+    with pytest.raises(InputError, match=f"{name} of a shot is NoneType.*allowed: a numpy array"):
+        replace(shot, **{name: None})
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("truth", np.ones((2, 4, 5, 1), np.float32)),
+        ("truth", None),
+        ("name", None),
+        ("name", 3),
+        ("provenance", None),
+        ("provenance", ["a"]),
+    ],
+)
+def test_other_parts_than_arrays_are_held_to_their_kinds(shot, name, other):
+    with pytest.raises(InputError, match=f"{name} of a shot is {type(other).__name__}; allowed: .*or leave it out"):
+        replace(shot, **{name: other}).check()
+
+
 def still():
     return np.repeat(np.eye(4)[None], 2, axis=0)
 
