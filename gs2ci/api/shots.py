@@ -103,7 +103,7 @@ def import_file(
         mask_axis: Whether the masks are stacked along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
         views: Use only this many masks, from the first.
-        reverse_masks: The masks were exposed in the opposite order.
+        reverse_masks: The masks, with their weights, were exposed in the opposite order.
         mask_scale: Reading of a fully open mask.
         scale: Reading of a white scene under one open mask, above the offset.
         offset: Reading without light.
