@@ -6,11 +6,11 @@ layouts (`gs2ci.core.storage`).
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from gs2ci.api.options import as_path, check_number, check_whole
+from gs2ci.api.options import as_path, check_choice, check_number, check_whole
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
@@ -115,7 +115,8 @@ def import_file(
         `shots`, and `guesses`, one sentence each.
 
     Raises:
-        InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
+        InputError: The file cannot be understood or contradicts itself; names file, key and remedy. Or an argument is
+            out of bounds.
 
     Example:
         >>> imported = gs2ci.import_file("measurement.npz", focal_px=40.0)
@@ -123,9 +124,13 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
+    from gs2ci.core.foreign import axes, pixels
     from gs2ci.core.foreign.assemble import ImportOptions, import_shots
     from gs2ci.core.foreign.container import Array
 
+    check_choice("--mask-axis", mask_axis, get_args(axes.MaskAxis))
+    check_choice("--meas-layout", meas_layout, get_args(axes.Layout))
+    check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,

@@ -242,6 +242,11 @@ def test_words_that_the_parser_would_refuse_are_refused(examples):
     for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}):
         with pytest.raises(gs2ci.InputError, match=next(iter(wrong.values()))):
             gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **wrong)
+    for wrong in ({"bad_pixels": "Refuse"}, {"meas_layout": "RGB"}, {"mask_axis": 0}):
+        for call in (gs2ci.load, gs2ci.import_file):
+            (name,), (word,) = wrong, wrong.values()
+            with pytest.raises(gs2ci.InputError, match=f"--{name.replace('_', '-')} {word}; allowed: (refuse|auto), "):
+                call("measurement.npz", **wrong)
     with pytest.raises(gs2ci.InputError, match="no method"):
         gs2ci.decode(shot, "tv")
     with pytest.raises(gs2ci.InputError, match="network"):
