@@ -1,12 +1,14 @@
-"""Checks of numeric options, with the same error messages for every command.
+"""Checks of numeric options, words and paths, with the same error messages for every command.
 
 Here: checks made before anything is loaded, opened or computed. Not here: the effect of an option; nor bounds that
 depend on a file or a device.
 """
 
 import math
+import os
 from collections.abc import Sequence
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
@@ -89,6 +91,22 @@ def check_seed(seed: int) -> None:
         InputError: No generator takes it.
     """
     check_whole("--seed", seed, 0, MOST_SEED)
+
+
+def as_path(path: str | os.PathLike[str], *, of: str, remedy: str) -> Path:
+    """Return a path as a Path.
+
+    Args:
+        path: What was given.
+        of: What it should be the path of.
+        remedy: What to do with something else.
+
+    Raises:
+        InputError: It is something else.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{type(path).__name__} where a path is expected", allowed=f"the path of {of}", remedy=remedy)
+    return Path(path)
 
 
 def _left_out(option: str) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from gs2ci.api.display import in_notebook
-from gs2ci.api.options import check_whole
+from gs2ci.api.options import as_path, check_whole
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError, reason_with_file
 from gs2ci.core.findings import Code
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gs2ci.evaluate.report import Report
     from gs2ci.render.gaussians import Gaussians
 
+FOLDER_REMEDY: Final = "give the folder that `gs2ci reconstruct` or `Run.save` wrote"
 # A page in a notebook's cell: high enough for the first figures and one view.
 _FRAME_PX: Final = 720
 
@@ -167,12 +168,13 @@ class Run:
 
         Raises:
             StorageError: Something else is there, or writing fails.
-            InputError: That many moments cannot be rendered, or the run was read from a folder.
+            InputError: That many moments cannot be rendered, the run was read from a folder, or the first argument is
+                no path.
         """
         from gs2ci.evaluate.run_folder import write_run
         from gs2ci.evaluate.whole_folder import check_destination, whole_folder
 
-        folder = Path(folder)
+        folder = as_path(folder, of="a folder", remedy="name the folder to write")
         if self.result is not None and self.shot is not None:
             write_run(folder, self.shot, self.result, self.scene, overwrite=overwrite, moments=moments)
             object.__setattr__(self, "folder", folder)
@@ -271,6 +273,7 @@ def open_run(folder: str | Path) -> Run:
 
     Raises:
         StorageError: It is no run folder, or a part of it is missing or damaged.
+        InputError: The argument is no path.
 
     Example:
         >>> gs2ci.open_run("run").report.name
@@ -278,7 +281,7 @@ def open_run(folder: str | Path) -> Run:
     """
     from gs2ci.evaluate.evaluation import read_run
 
-    folder = Path(folder)
+    folder = as_path(folder, of="a run folder", remedy=FOLDER_REMEDY)
     found = read_run(folder)
     channels = found.report.channels
     try:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gs2ci.api.options import check_number
-from gs2ci.api.runs import Run
+from gs2ci.api.options import as_path, check_number, check_whole
+from gs2ci.api.runs import FOLDER_REMEDY, Run
 from gs2ci.api.shots import load
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
@@ -114,8 +114,10 @@ def measure(
         (True, 'scene units')
     """
     from gs2ci.evaluate import measuring
+    from gs2ci.evaluate.evaluation import FinishedRun
 
-    finished = finished_run(run) if isinstance(run, Run | str | Path) else run
+    finished = run if isinstance(run, FinishedRun) else finished_run(run)
+    check_whole("--view", view, 1, finished.report.views)
     chosen = middle_view(finished) if view is None else view
     return measuring.measure(finished, one, other, chosen - 1)
 
@@ -140,9 +142,9 @@ def folder_of(run: Run | str | Path) -> Path:
     """Return the folder of a run.
 
     Raises:
-        InputError: It was not saved.
+        InputError: It was not saved, or is no path.
     """
-    folder = run.folder if isinstance(run, Run) else Path(run)
+    folder = run.folder if isinstance(run, Run) else as_path(run, of="a run folder", remedy=FOLDER_REMEDY)
     if folder is None:
         raise InputError("the run has no folder yet", remedy="call save() first")
     return folder

@@ -4,14 +4,13 @@ Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a fore
 layouts (`gs2ci.core.storage`).
 """
 
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from gs2ci.api.options import check_number, check_whole
+from gs2ci.api.options import as_path, check_choice, check_number, check_whole
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
@@ -40,8 +39,8 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
 
     Raises:
         StorageError: A shot file cannot be read, or has no such shot.
-        InputError: The first argument is no path, or a foreign file cannot be understood; the message names file, key
-            and remedy.
+        InputError: The first argument is no path, the index no number from 0, or a foreign file cannot be understood;
+            the message names file, key and remedy.
 
     Example:
         >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
@@ -49,6 +48,7 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
         (4, (24, 32), 3)
     """
     path = _place(path)
+    check_whole("--index", index, 0)
     if path.suffix in (".h5", ".hdf5"):
         if masks is not None or known:
             raise InputError(
@@ -103,7 +103,7 @@ def import_file(
         mask_axis: Whether the masks are stacked along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
         views: Use only this many masks, from the first.
-        reverse_masks: The masks were exposed in the opposite order.
+        reverse_masks: The masks, with their weights, were exposed in the opposite order.
         mask_scale: Reading of a fully open mask.
         scale: Reading of a white scene under one open mask, above the offset.
         offset: Reading without light.
@@ -115,7 +115,8 @@ def import_file(
         `shots`, and `guesses`, one sentence each.
 
     Raises:
-        InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
+        InputError: The file cannot be understood or contradicts itself; names file, key and remedy. Or an argument is
+            out of bounds.
 
     Example:
         >>> imported = gs2ci.import_file("measurement.npz", focal_px=40.0)
@@ -123,9 +124,13 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
+    from gs2ci.core.foreign import axes, pixels
     from gs2ci.core.foreign.assemble import ImportOptions, import_shots
     from gs2ci.core.foreign.container import Array
 
+    check_choice("--mask-axis", mask_axis, get_args(axes.MaskAxis))
+    check_choice("--meas-layout", meas_layout, get_args(axes.Layout))
+    check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -146,7 +151,7 @@ def import_file(
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),
     )
-    return import_shots(Path(path), None if masks is None else Path(masks), options)
+    return import_shots(_place(path), None if masks is None else _place(masks), options)
 
 
 def check_imports(
@@ -161,7 +166,7 @@ def check_imports(
     """Check the numbers given for a foreign file.
 
     Raises:
-        InputError: One is out of bounds.
+        InputError: One is out of bounds, or the distortion is no list.
     """
     check_whole("--views", views, 1)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
@@ -169,6 +174,12 @@ def check_imports(
         check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
     check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
+    if not isinstance(distortion, Iterable):
+        raise InputError(
+            f"--distortion {distortion}",
+            allowed="a list: k1 k2 p1 p2, and k3 if it was fitted",
+            remedy="give such a list, or leave --distortion out",
+        )
     for coefficient in distortion:
         check_number("--distortion", coefficient)
 
@@ -185,7 +196,7 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
         The path.
 
     Raises:
-        InputError: A shot contradicts itself, or the first argument is no path.
+        InputError: A shot contradicts itself, the first argument is no path, or the second is no shot.
         StorageError: The file exists, cannot be written, or the shots differ in data that a file stores only once.
 
     Example:
@@ -198,8 +209,15 @@ def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = Fa
     from gs2ci.core.storage.sealing import check_target
 
     path = _place(path)
+    kept = list(shots) if isinstance(shots, Iterable) else [shots]
+    if not all(isinstance(shot, Shot) for shot in kept):
+        raise InputError(
+            f"{type(shots).__name__} where shots are expected",
+            allowed="a gs2ci.Shot, or several",
+            remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)",
+        )
     check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    return write_shots(path, [shots] if isinstance(shots, Shot) else list(shots))
+    return write_shots(path, kept)
 
 
 def recover(partial: str | Path, target: str | Path | None = None, *, overwrite: bool = False) -> Path:
@@ -215,6 +233,7 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
 
     Raises:
         StorageError: There is no finished row, or the new file cannot be written.
+        InputError: An argument is no path.
 
     Example:
         >>> gs2ci.load(gs2ci.recover("interrupted.h5.partial")).views
@@ -222,9 +241,9 @@ def recover(partial: str | Path, target: str | Path | None = None, *, overwrite:
     """
     from gs2ci.core import storage
 
-    partial = Path(partial)
+    partial = as_path(partial, of="an interrupted capture", remedy="give that of NAME.h5.partial")
     name = partial.name.removesuffix(".partial").removesuffix(".h5")
-    saved = partial.with_name(f"{name}.recovered.h5") if target is None else Path(target)
+    saved = partial.with_name(f"{name}.recovered.h5") if target is None else _place(target)
     storage.recover(partial, saved, replace=overwrite)
     return saved
 
@@ -250,13 +269,7 @@ def _place(path: str | Path) -> Path:
     Raises:
         InputError: It is something else.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(
-            f"{type(path).__name__} where a path is expected",
-            allowed="the path of a file",
-            remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)",
-        )
-    return Path(path)
+    return as_path(path, of="a file", remedy="make a shot of arrays by gs2ci.Shot(measurement, masks)")
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":

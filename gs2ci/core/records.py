@@ -4,7 +4,7 @@ Here: `Shot`, one coded measurement with all that is known about it, and its che
 (`gs2ci.core.storage`), torch.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -181,9 +181,11 @@ class Shot:
         """Return self if all parts fit together.
 
         Raises:
-            InputError: Shapes disagree, a number is not finite or unreasonably large, masks are negative, above one or
-                all zero, the colour filter array does not fit the channels, or the distortion folds the picture.
+            InputError: A part is of another kind, shapes disagree, a number is not finite or unreasonably large, masks
+                are negative, above one or all zero, the colour filter array does not fit the channels, or the
+                distortion folds the picture.
         """
+        _check_kinds(self)
         _check_measurement(self)
         _check_masks(self)
         _check_optional_parts(self)
@@ -191,14 +193,18 @@ class Shot:
 
 
 def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
-    """Convert a record's fields to numpy arrays of given types; None stays.
+    """Convert a record's fields to numpy arrays of given types; None stays where a field may be left out.
+
+    An array of the given type, which may be large, is copied only if it is not C-contiguous (torch takes no negative
+    strides) or read-only (torch warns of that).
 
     Raises:
-        InputError: A field holds no numbers.
+        InputError: A field holds no numbers, or masked ones.
     """
+    left_out = {part.name for part in fields(record) if part.default is None}
     for name, kind in kinds.items():
         given = getattr(record, name)
-        if given is None or (isinstance(given, np.ndarray) and given.dtype == kind):
+        if given is None and name in left_out:
             continue
         # A tensor may be part of a graph, or be on a device.
         held = given.detach().cpu() if hasattr(given, "detach") else given
@@ -207,7 +213,9 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
             # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
             if found.dtype.kind not in "biuf":
                 raise TypeError(f"it holds {found.dtype}")
-            taken = found.astype(kind, copy=False)
+            if np.ma.is_masked(held):
+                raise TypeError("some of its numbers are masked")
+            taken = np.require(found, kind, ("C", "W"))
         except (TypeError, ValueError) as error:
             raise InputError(
                 f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",
@@ -231,6 +239,22 @@ def _shape(what: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:
         raise InputError(
             f"{what} has shape {list(got)}", allowed=str(list(wanted)), remedy="check the order of the axes"
         )
+
+
+def _check_kinds(shot: Shot) -> None:
+    """Check the parts that are no arrays: files and reports could not be written with other kinds, or not be read."""
+    for name, kind, allowed in (
+        ("truth", Truth, "gs2ci.Truth(views=..., world_to_camera=..., depth=...)"),
+        ("name", str, "a text"),
+        ("provenance", dict, "a dictionary"),
+    ):
+        part = getattr(shot, name)
+        if not isinstance(part, kind):
+            raise InputError(
+                f"{name} of a shot is {type(part).__name__}",
+                allowed=allowed,
+                remedy=f"give such a {name}, or leave it out",
+            )
 
 
 def _check_measurement(shot: Shot) -> None:

@@ -8,7 +8,8 @@ and of the path.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from numbers import Integral
+from typing import Any, Final
 
 import numpy as np
 
@@ -67,11 +68,8 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         raise InputError(f"view {view + 1}", allowed=f"1 to {count}")
     cameras = Cameras(run.world_to_camera, run.intrinsics, run.distortion)
     points, spreads = [], []
-    for column, row in (one, other):
-        if not (0 <= column < width and 0 <= row < height):
-            raise InputError(
-                f"pixel {column},{row}", allowed=f"columns 0 to {width - 1}, rows 0 to {height - 1}, as COLUMN,ROW"
-            )
+    ends = [_pixel(given, width, height) for given in (one, other)]
+    for column, row in ends:
         depth = float(run.depth[view, row, column])
         if depth <= 0:
             raise InputError(
@@ -92,7 +90,25 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     direction = line / length if length > 0 else None
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
     metric = run.report.geometry is not None and run.report.geometry.unit_of == "stage"
-    seen = [float(run.depth_confidence[view, row, column]) for column, row in (one, other)]
+    seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
     return Length(
         length, float(np.sqrt(sum(variances))), np.stack(points), (seen[0], seen[1]), "mm" if metric else "scene units"
+    )
+
+
+def _pixel(given: Any, width: int, height: int) -> tuple[int, int]:
+    """Return column and row of a pixel.
+
+    Raises:
+        InputError: It is not two whole numbers, or lies outside the view.
+    """
+    parts = np.asarray(given, dtype=object)
+    if parts.shape == (2,) and all(isinstance(part, Integral) for part in parts):
+        column, row = (int(part) for part in parts)
+        if 0 <= column < width and 0 <= row < height:
+            return column, row
+    raise InputError(
+        f"pixel {','.join(map(str, parts.flat))}",
+        allowed=f"columns 0 to {width - 1}, rows 0 to {height - 1}, as COLUMN,ROW",
+        remedy="give column and row as whole numbers, counted from 0 at the upper left",
     )

@@ -1,8 +1,9 @@
 import math
+from pathlib import Path
 
 import pytest
 
-from gs2ci.api.options import MOST_COUNT, MOST_SEED, check_number, check_seed, check_whole
+from gs2ci.api.options import MOST_COUNT, MOST_SEED, as_path, check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
 
 
@@ -52,3 +53,12 @@ def test_seeds_are_what_generators_take():
     for seed in (-1, MOST_SEED + 1):
         with pytest.raises(InputError, match="--seed"):
             check_seed(seed)
+
+
+def test_paths_are_texts_or_paths():
+    assert as_path("a/b", of="a file", remedy="") == as_path(Path("a/b"), of="a file", remedy="") == Path("a/b")
+    for other in (None, 3, b"a", ["a"]):
+        with pytest.raises(InputError) as caught:
+            as_path(other, of="a run folder", remedy="ask somebody")
+        assert caught.value.problem == f"{type(other).__name__} where a path is expected"
+        assert (caught.value.allowed, caught.value.remedy) == ("the path of a run folder", "ask somebody")

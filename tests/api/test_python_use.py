@@ -55,6 +55,43 @@ def test_arguments_of_another_kind_are_refused_by_their_type():
         gs2ci.reconstruct(shot, focal_px="few")
 
 
+def test_what_is_no_path_is_refused_wherever_one_is_expected(examples):
+    array = np.ones((6, 8))
+    for call in (
+        lambda: gs2ci.import_file(array),
+        lambda: gs2ci.import_file("measurement.npz", array),
+        lambda: gs2ci.load("measurement.npz", array),
+        lambda: gs2ci.recover(array),
+        lambda: gs2ci.recover("interrupted.h5.partial", array),
+        lambda: gs2ci.open_run(array),
+        lambda: gs2ci.open_run("run").save(array),
+        lambda: gs2ci.measure(array, (1, 1), (2, 2)),
+        lambda: gs2ci.evaluate(array, "shot.h5"),
+    ):
+        with pytest.raises(gs2ci.InputError, match="ndarray where a path is expected"):
+            call()
+
+
+def test_what_is_no_shot_is_not_saved(examples):
+    for other in (np.ones((6, 8)), None, "shot.h5", [gs2ci.load("shot.h5"), 3]):
+        with pytest.raises(gs2ci.InputError, match=rf"{type(other).__name__} where shots are expected.*gs2ci\.Shot"):
+            gs2ci.save("other.h5", other)
+    assert not (examples / "other.h5").exists()
+
+
+def test_counts_and_lists_of_another_kind_are_refused(examples):
+    for file in ("measurement.npz", "shot.h5"):
+        for index in ("0", 0.5, -1):
+            with pytest.raises(gs2ci.InputError, match=f"--index {index}; allowed: a whole number from 0"):
+                gs2ci.load(file, index=index)
+    for view in (0, 1.0, "1", 5):
+        with pytest.raises(gs2ci.InputError, match=f"--view {view}; allowed: a whole number from 1 to 4"):
+            gs2ci.measure("run", (1, 1), (2, 2), view=view)
+    for distortion in (None, 0.1):
+        with pytest.raises(gs2ci.InputError, match=f"--distortion {distortion}; allowed: a list: k1 k2 p1 p2"):
+            gs2ci.load("measurement.npz", focal_px=40.0, distortion=distortion)
+
+
 def test_a_shot_file_takes_no_guesses_beside_it_and_a_foreign_one_tells_them(examples):
     with pytest.raises(gs2ci.InputError, match=r"shot.h5 is a shot file.*leave focal_px out"):
         gs2ci.load("shot.h5", focal_px=3.0)
@@ -205,6 +242,11 @@ def test_words_that_the_parser_would_refuse_are_refused(examples):
     for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}):
         with pytest.raises(gs2ci.InputError, match=next(iter(wrong.values()))):
             gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **wrong)
+    for wrong in ({"bad_pixels": "Refuse"}, {"meas_layout": "RGB"}, {"mask_axis": 0}):
+        for call in (gs2ci.load, gs2ci.import_file):
+            (name,), (word,) = wrong, wrong.values()
+            with pytest.raises(gs2ci.InputError, match=f"--{name.replace('_', '-')} {word}; allowed: (refuse|auto), "):
+                call("measurement.npz", **wrong)
     with pytest.raises(gs2ci.InputError, match="no method"):
         gs2ci.decode(shot, "tv")
     with pytest.raises(gs2ci.InputError, match="network"):

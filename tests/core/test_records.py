@@ -51,6 +51,28 @@ def test_masks_of_which_those_with_a_weight_are_closed_are_refused(shot):
         replace(shot, masks=masks, weights=np.array([0, 1], np.float32)).check()
 
 
+@pytest.mark.parametrize("name", ["measurement", "masks"])
+def test_a_shot_without_measurement_or_masks_is_none(shot, name):
+    with pytest.raises(InputError, match=f"{name} of a shot is NoneType.*allowed: a numpy array"):
+        replace(shot, **{name: None})
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("truth", np.ones((2, 4, 5, 1), np.float32)),
+        ("truth", None),
+        ("name", None),
+        ("name", 3),
+        ("provenance", None),
+        ("provenance", ["a"]),
+    ],
+)
+def test_other_parts_than_arrays_are_held_to_their_kinds(shot, name, other):
+    with pytest.raises(InputError, match=f"{name} of a shot is {type(other).__name__}; allowed: .*or leave it out"):
+        replace(shot, **{name: other}).check()
+
+
 def still():
     return np.repeat(np.eye(4)[None], 2, axis=0)
 
@@ -175,3 +197,49 @@ def test_a_tensor_of_the_right_type_is_not_copied():
     masks = torch.ones(2, 4, 5)
     shot = Shot(np.ones((4, 5, 1), np.float32), masks)
     assert np.shares_memory(shot.masks, masks.numpy())
+
+
+def test_an_array_of_the_right_type_and_layout_is_not_copied(shot):
+    again = replace(shot)
+    assert again.masks is shot.masks
+    assert again.measurement is shot.measurement
+
+
+@pytest.mark.parametrize(
+    "laid_out",
+    [
+        lambda array: array[::-1],
+        lambda array: array[:, ::-1],
+        lambda array: array[..., ::-1],
+        np.asfortranarray,
+        lambda array: np.broadcast_to(array[:1], array.shape),
+        lambda array: np.repeat(array, 2, axis=1)[:, ::2],
+        lambda array: np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape),
+    ],
+    ids=["reversed", "upside down", "mirrored", "columns first", "broadcast", "every second", "read-only"],
+)
+def test_arrays_of_any_layout_become_such_as_torch_takes(laid_out):
+    """A shot of another layout has the same numbers as one of its copies."""
+    torch = pytest.importorskip("torch")
+    rng = np.random.default_rng(0)
+    given = {
+        "measurement": laid_out(rng.random((4, 5, 3), np.float32)),
+        "masks": laid_out(rng.random((2, 4, 5), np.float32)),
+        "telemetry_world_to_camera": laid_out(rng.random((2, 4, 4))),
+        "saturated": laid_out(rng.random((4, 5)) < 0.5),
+    }
+    views = laid_out(rng.random((2, 4, 5, 3), np.float32))
+    shot = Shot(**given, truth=Truth(views=views))
+    for taken, array in ((shot.truth.views, views), *((getattr(shot, name), array) for name, array in given.items())):
+        np.testing.assert_array_equal(taken, array)
+        assert taken.flags.c_contiguous
+        assert taken.flags.writeable
+        torch.from_numpy(taken)
+
+
+def test_masked_numbers_are_refused_as_they_would_be_taken_for_readings(shot):
+    for kind in (np.float32, np.float64):
+        array = np.ma.masked_less(np.arange(20, dtype=kind).reshape(4, 5, 1), 3)
+        with pytest.raises(InputError, match=r"measurement of a shot is MaskedArray.*some of its numbers are masked"):
+            replace(shot, measurement=array)
+    assert type(replace(shot, measurement=np.ma.array(shot.measurement)).measurement) is np.ndarray

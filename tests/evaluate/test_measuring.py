@@ -64,6 +64,12 @@ def test_lengths_of_a_stage_are_in_millimetres(wall):
     assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "mm"
 
 
+def test_pixels_are_whole_numbers_of_any_kind(wall):
+    expected = measure(wall, (10, 20), (50, 20), 1)
+    found = measure(wall, np.array([10, 20]), [np.int16(50), np.uint8(20)], 1)
+    assert (found.length, found.standard_error) == (expected.length, expected.standard_error)
+
+
 def test_what_cannot_be_measured_is_refused(wall):
     with pytest.raises(InputError, match=r"pixel 64,3.*columns 0 to 63, rows 0 to 47"):
         measure(wall, (64, 3), (1, 1), 0)
@@ -71,6 +77,9 @@ def test_what_cannot_be_measured_is_refused(wall):
         measure(wall, (1, 1), (2, -1), 0)
     with pytest.raises(InputError, match=r"view 4.*1 to 3"):
         measure(wall, (1, 1), (2, 2), 3)
+    for other in ((10.0, 10.0), ("a", "b"), (1, 2, 3), (1, (2, 3)), 10, None):
+        with pytest.raises(InputError, match=r"pixel .*; allowed: columns 0 to 63, rows 0 to 47.*whole numbers"):
+            measure(wall, (1, 1), other, 0)
     hole = wall.depth.copy()
     hole[1, 5, 6] = 0
     with pytest.raises(InputError, match="nothing is seen at pixel 6,5 of view 2"):

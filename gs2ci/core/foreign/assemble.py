@@ -32,7 +32,7 @@ class ImportOptions:
         mask_axis: Whether masks are counted along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three.
         views: Use only the first so many masks (for files that hold more than were exposed).
-        reverse_masks: Whether the masks were exposed in the opposite order.
+        reverse_masks: Whether the masks, with their weights, were exposed in the opposite order.
         mask_scale: Reading of a fully open mask.
         scale: Reading of a white scene under one open mask, above the offset.
         offset: Reading without light.
@@ -114,6 +114,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     stack = _chosen_masks(order.masks, found, options)
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
     coding = CodingConvention(masks, _weights(found.container, len(masks), guesses))
+    coding = coding.reversed() if options.reverse_masks else coding
     stored = order.measurements.astype(np.float64)
     stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
     work = _Import(found, options, coding, stored - (options.offset or 0.0), guesses)
@@ -199,6 +200,8 @@ class _Import:
                 allowed=f"one of {', '.join(CFA_PATTERNS)}, for a single-channel measurement",
                 remedy="leave it out for RGB and mono measurements",
             )
+        if key is not None:
+            self.guesses.append(f"{where}: colour filter array {cfa}")
         if cfa is None and channels == 1 and views is not None and views.shape[4] == 3:
             cfa = agreement.guess_cfa(self.readings[0], self.coding, views[0], self.guesses)
         if cfa is None and channels == 1:
@@ -277,7 +280,10 @@ class _Import:
     def poses(self, role: roles.Role) -> F64 | None:
         """Get the poses under a role of the file, [K, N, 4, 4]."""
         given = self._load(role)
-        return None if given is None else self._stack_of_poses(given, camera_to_world=role == "camera_to_world")
+        if given is None:
+            return None
+        self.guesses.append(f"{given.where}: {'poses of the stage' if role == 'telemetry' else 'true poses'}")
+        return self._stack_of_poses(given, camera_to_world=role == "camera_to_world")
 
     def provenance(self, index: int, full_scale: float) -> dict[str, Any]:
         """Say where a shot came from and what was guessed."""
@@ -331,7 +337,7 @@ def _chosen_masks(stack: NDArray[Any], found: _Found, options: ImportOptions) ->
                 f"{found.masks.where}: --views {options.views} of {len(stack)} masks", allowed=f"1 to {len(stack)}"
             )
         stack = stack[: options.views]
-    return stack[::-1] if options.reverse_masks else stack
+    return stack
 
 
 def _weights(container: Container, count: int, guesses: list[str]) -> F32:
@@ -346,4 +352,5 @@ def _weights(container: Container, count: int, guesses: list[str]) -> F32:
             allowed=f"{count} numbers >= 0, the share of its interval during which each mask was exposed",
             remedy="correct them or take them out of the file",
         )
+    guesses.append(f"{given.where}: weights of the masks, {values.min():.3g} to {values.max():.3g}")
     return values

@@ -53,6 +53,23 @@ def test_a_reversed_order_of_masks_is_found_through_the_truth(scene, take):
     assert np.array_equal(shot.masks, made.masks)
 
 
+def test_weights_are_reversed_with_their_masks(scene, take, said):
+    """Otherwise the option that the error names would make the import worse."""
+    made = scene()
+    weights = np.array([0.4, 0.6, 0.8, 1.0])
+    meas = np.einsum("n,nhw,nhwc->hwc", weights, made.masks, made.views / 255.0)
+    file = {"meas": meas, "mask": made.masks[::-1], "truth": made.views, "weights": weights[::-1]}
+    with pytest.raises(InputError, match=r"reversed order.*--reverse-masks"):
+        take(**file)
+    imported = take(ImportOptions(reverse_masks=True), **file)
+    (shot,) = imported.shots
+    assert np.array_equal(shot.masks, made.masks)
+    assert np.array_equal(shot.weights, weights.astype(np.float32))
+    assert np.allclose(shot.measurement, meas)
+    assert said(imported, "truth: explains the measurement")
+    assert not said(imported, "WARNING")
+
+
 def test_a_truth_of_another_scene_is_doubted(scene, take, said):
     made = scene()
     other = (np.random.default_rng(5).random(made.views.shape) > 0.9) * np.uint8(255)
@@ -60,13 +77,15 @@ def test_a_truth_of_another_scene_is_doubted(scene, take, said):
 
 
 @pytest.mark.parametrize("cfa", CFA_PATTERNS)
-def test_a_mosaic_is_recognised_through_its_true_colours_or_its_key(scene, take, cfa):
+def test_a_mosaic_is_recognised_through_its_true_colours_or_its_key(scene, take, said, cfa):
     made = scene()
     meas = mosaic(made.meas, cfa)[..., 0]
     assert take(meas=meas, mask=made.masks, truth=made.views).shots[0].cfa == cfa
     assert take(ImportOptions(cfa=cfa), meas=meas, mask=made.masks).shots[0].cfa == cfa
     assert take(meas=meas, mask=made.masks, bayer=cfa.lower()).shots[0].cfa == cfa
-    assert take(meas=meas, mask=made.masks, bayer=cfa.encode()).shots[0].cfa == cfa
+    imported = take(meas=meas, mask=made.masks, bayer=cfa.encode())
+    assert imported.shots[0].cfa == cfa
+    assert said(imported, f"key 'bayer': colour filter array {cfa}")
 
 
 def test_a_mosaic_without_truth_is_doubted_to_be_mono(scene, take, said):

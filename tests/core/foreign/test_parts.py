@@ -67,6 +67,7 @@ def test_weights_are_read_and_must_fit(scene, take, said):
     imported = take(meas=meas, mask=made.masks, truth=made.views, weights=weights)
     assert imported.shots[0].weights.tolist() == [1, 0.5, 1, 1]
     assert said(imported, "explains the measurement")
+    assert said(imported, "key 'weights': weights of the masks, 0.5 to 1")
     for bad in (np.ones(3), -np.ones(4), np.full(4, np.nan), np.zeros(4)):
         with pytest.raises(InputError, match="key 'weights'"):
             take(meas=meas, mask=made.masks, weights=bad)
@@ -230,10 +231,11 @@ def test_doubtful_intrinsics_are_said(scene, take, said):
     ],
     ids=["4x4", "3x4", "counted last", "transposed", "inverse"],
 )
-def test_poses_come_in_every_usual_form(scene, take, given):
+def test_poses_come_in_every_usual_form(scene, take, said, given):
     made = scene(n=5)
-    shot = take(meas=made.meas, mask=made.masks, **given).shots[0]
-    assert np.allclose(shot.truth.world_to_camera, poses())
+    imported = take(meas=made.meas, mask=made.masks, **given)
+    assert np.allclose(imported.shots[0].truth.world_to_camera, poses())
+    assert said(imported, f"key '{next(iter(given))}': true poses")
 
 
 @pytest.mark.parametrize("form", ["first", "last"])
@@ -243,9 +245,11 @@ def test_four_poses_show_their_counting_axis_by_their_last_rows(scene, take, for
     assert np.allclose(take(meas=made.meas, mask=made.masks, w2c=stack).shots[0].truth.world_to_camera, poses(4))
 
 
-def test_telemetry_is_kept_apart_from_the_truth(scene, take):
+def test_telemetry_is_kept_apart_from_the_truth(scene, take, said):
     made = scene(n=5)
-    shot = take(meas=made.meas, mask=made.masks, telemetry_world_to_camera=poses()).shots[0]
+    imported = take(meas=made.meas, mask=made.masks, telemetry_world_to_camera=poses())
+    (shot,) = imported.shots
+    assert said(imported, "key 'telemetry_world_to_camera': poses of the stage")
     assert np.array_equal(shot.telemetry_world_to_camera, poses())
     assert shot.truth.world_to_camera is None
 

@@ -1,5 +1,7 @@
 """Pictures as a laboratory has them: a frame of the camera, and the masks as they were sent to the modulator."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -80,6 +82,77 @@ def test_pictures_that_do_not_go_together_are_refused_by_name(tmp_path):
         cv2.imwrite(str(tmp_path / "b.png"), odd)
         with pytest.raises(InputError, match=r"b\.png: 6 x .* pixels of .*, but a\.png has 6 x 8 pixels of uint8"):
             open_foreign(tmp_path)
+
+
+@pytest.mark.parametrize("odd", [np.ones((6, 9), np.uint8), np.ones((6, 8), np.uint16)])
+@pytest.mark.parametrize("place", [1, 2])
+def test_pages_of_one_file_that_do_not_go_together_are_refused_by_number(tmp_path, odd, place):
+    pages = [np.ones((6, 8), np.uint8)] * 3
+    pages[place] = odd
+    cv2.imwritemulti(str(tmp_path / "m.tif"), pages)
+    with pytest.raises(InputError, match=rf"m\.tif, page {place + 1}: 6 x .*, but m\.tif has 6 x 8 pixels of uint8"):
+        open_foreign(tmp_path / "m.tif")
+
+
+def tiff(pages, order, *, big, pictures_first):
+    """Write 8-bit pages as a TIFF, each followed by its directory, or all of them before the first directory."""
+    link, count = (order + "Q", order + "Q") if big else (order + "I", order + "H")
+    mark = b"II" if order == "<" else b"MM"
+    stored = bytearray(mark + (struct.pack(order + "HHH", 43, 8, 0) if big else struct.pack(order + "H", 42)))
+    at = len(stored)
+    stored += struct.pack(link, 0)
+    places = {}
+    for k in range(len(pages)) if pictures_first else ():
+        places[k] = len(stored)
+        stored += pages[k].tobytes()
+    for k, page in enumerate(pages):
+        if k not in places:
+            places[k] = len(stored)
+            stored += page.tobytes()
+        stored[at : at + struct.calcsize(link)] = struct.pack(link, len(stored))
+        height, width = page.shape
+        # Width, length, bits, compression, photometric interpretation, strip, samples, rows per strip, bytes of it.
+        tags = {256: width, 257: height, 258: 8, 259: 1, 262: 1, 273: places[k], 277: 1, 278: height, 279: page.nbytes}
+        stored += struct.pack(count, len(tags))
+        for tag, value in tags.items():
+            stored += struct.pack(order + "HH" + 2 * link[1], tag, 16 if big else 4, 1, value)
+        at = len(stored)
+        stored += struct.pack(link, 0)
+    return bytes(stored)
+
+
+@pytest.mark.parametrize("pictures_first", [False, True])
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_tiff_that_was_cut_anywhere_is_refused(tmp_path, order, big, pictures_first):
+    """Nowhere may the pages before the cut be taken for all of them."""
+    pages = list(np.random.default_rng(0).integers(0, 256, (3, 6, 8), np.uint8))
+    whole = tiff(pages, order, big=big, pictures_first=pictures_first)
+    path = tmp_path / "m.tif"
+    path.write_bytes(whole)
+    assert np.array_equal(open_foreign(path).load("").values, pages)
+    counted = False
+    for kept in (*range(16, len(whole), 5), len(whole) - 1):
+        path.write_bytes(whole[:kept])
+        with pytest.raises(InputError, match=r"m\.tif: (no picture|cannot be read|\d page)") as refused:
+            open_foreign(path)
+        counted |= "2 page(s) can be read, but its list of pages does not end there" in refused.value.problem
+    assert counted
+
+
+def test_a_tiff_whose_directories_lead_in_a_circle_is_no_endless_one(tmp_path):
+    pages = list(np.random.default_rng(0).integers(0, 256, (2, 6, 8), np.uint8))
+    whole = tiff(pages, "<", big=False, pictures_first=True)
+    (first,) = struct.unpack_from("<I", whole, 4)
+    (tmp_path / "m.tif").write_bytes(whole[:-4] + struct.pack("<I", first))
+    assert np.array_equal(open_foreign(tmp_path / "m.tif").load("").values, pages)
+
+
+def test_names_with_digits_of_other_kinds_are_names(tmp_path):
+    """Superscripts are digits, but no decimal ones: no number can be made of them."""
+    for name in ("m1²0.png", "m1²1.png", "m²10.png", "m²9.png"):
+        (tmp_path / name).write_bytes(cv2.imencode(".png", np.ones((6, 8), np.uint8))[1])
+    assert open_foreign(tmp_path).note == "4 pictures, m1²0.png to m²10.png"
 
 
 def test_a_picture_that_is_partly_transparent_is_refused(tmp_path):
