@@ -128,7 +128,8 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
     stage_info = stage.connect() if stage is not None else None
     if settings.mode is Mode.PER_MASK and sensor_info.only_gated:
         settings = replace(settings, gated=True)
-    exposure_s = min(max(sensor_exposure_s(settings), sensor_info.min_exposure_s), sensor_info.max_exposure_s)
+    needed_s = sensor_exposure_s(settings.rounded_for(modulator_info))
+    exposure_s = min(max(needed_s, sensor_info.min_exposure_s), sensor_info.max_exposure_s)
     setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.trigger_mode))
     plan = lay_out(settings, modulator_info, sensor_info, setup, stage_info)
     try:

@@ -7,6 +7,7 @@ them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.pat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, unique
+from math import ceil
 
 import numpy as np
 
@@ -82,6 +83,15 @@ class ModulatorInfo:
         if self.typical_start_s is not None:
             return self.typical_start_s
         return (self.start_latency_s or 0.0) / 2
+
+    def quantise_s(self, time_s: float) -> float:
+        """Return a time as an upload keeps it: the nearest multiple of the step, but never 0 for a time above 0."""
+        return max(round(time_s / self.exposure_step_s), 1 if time_s > 0 else 0) * self.exposure_step_s
+
+    def at_least_s(self, time_s: float) -> float:
+        """Return the shortest multiple of the step that is not shorter than a time."""
+        step = self.exposure_step_s
+        return ceil(time_s / step - 1e-6) * step  # 1e-6 steps: rounding error of the division
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ pause, the stage's sweep, and a figure for each check (reference section 5). Not
 (`gs2ci_drivers.plan`), carrying the plan out (`gs2ci_drivers.acquisition`).
 """
 
-from math import ceil
+from math import floor
 
 import numpy as np
 
@@ -21,12 +21,14 @@ EXPOSURE_TOLERANCE = 0.1
 CLOCK_TOLERANCE = 2e-4
 """Share by which an exposure may be longer than set, measured by the modulator's clock: two crystals, each off by up
 to 100 ppm, as their data sheets allow."""
+ROUNDING_TOLERANCE = 0.1
+"""Share by which the modulator may round the time of a mask or of the darkness between masks."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
-    """Return the exposure to request from the sensor, before the devices round it.
+    """Return the exposure to request from the sensor, before the sensor rounds it.
 
     A gated sensor exposes while masks are on show, without a margin.
     """
@@ -66,6 +68,7 @@ def lay_out(
         setup: The sensor's settings in force.
         stage: The stage's limits, or None.
     """
+    asked, settings = settings, settings.rounded_for(modulator)
     sequence = _sequence(settings, modulator, setup)
     exposure_s = _exposure(settings, setup)
     begin_s = settings.begin_s(modulator.trigger_delay_s, setup.trigger_delay_s)
@@ -76,6 +79,7 @@ def lay_out(
     sweep, sweep_figures = _sweep(settings, sequence, modulator, stage)
     figures = [
         *_modulator_figures(settings, sequence, modulator),
+        *_rounding_figures(asked, settings, modulator),
         *_sensor_figures(settings, sequence, exposure_s, sensor, setup, modulator),
         *_continuous_figures(settings, sequence, exposure_s, setup),
         *_light_figures(settings, sequence, weights, setup),
@@ -125,10 +129,7 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
 
 def _allowed_dark(dark_s: float, modulator: ModulatorInfo) -> float:
     """Return a dark time that is long enough and that the device can keep."""
-    if dark_s <= 0:
-        return 0.0
-    step = modulator.exposure_step_s
-    return max(ceil(dark_s / step - 1e-6) * step, modulator.min_dark_s)  # 1e-6 steps: rounding error of the division
+    return modulator.at_least_s(max(dark_s, modulator.min_dark_s)) if dark_s > 0 else 0.0
 
 
 def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
@@ -172,6 +173,31 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             remedy="set `shots` and `burst`",
         ),
     ]
+
+
+def _rounding_figures(asked: CaptureSettings, settings: CaptureSettings, info: ModulatorInfo) -> list[Figure]:
+    """Return a figure for each time that the modulator rounds by more than two clocks may differ anyway."""
+    step_s, figures = info.exposure_step_s, []
+    for key, what, least_s in (
+        ("mask_s", "rounded time per mask", info.min_exposure_s.get(asked.bit_depth, step_s)),
+        ("dark_s", "rounded dark time", info.min_dark_s),
+    ):
+        asked_s, shown_s = getattr(asked, key), getattr(settings, key)
+        off_s = abs(shown_s - asked_s)
+        if off_s <= CLOCK_TOLERANCE * asked_s:
+            continue
+        around_s = floor(asked_s / step_s) * step_s, info.at_least_s(max(asked_s, least_s))
+        nearest = " or ".join(f"{near_s:.7g}" for near_s in around_s if near_s >= info.at_least_s(least_s))
+        figures.append(
+            Figure(
+                what,
+                f"{shown_s * 1e3:.3f} ms for {key} = {asked_s:.7g} s",
+                f"steps of {step_s * 1e3:.3f} ms; {nearest} s",
+                broken=off_s > ROUNDING_TOLERANCE * asked_s,
+                remedy=f"set `{key}` to {nearest}",
+            )
+        )
+    return figures
 
 
 def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:

@@ -345,7 +345,7 @@ def _loop_masks(info: ModulatorInfo) -> np.ndarray[tuple[int, int, int], np.dtyp
 def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     """Show masks with one trigger each and count the frames."""
     info = devices.modulator.info
-    mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
+    mask_s = info.at_least_s(max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)]))
     settings = CaptureSettings(
         masks=_loop_masks(info), bit_depth=min(info.min_exposure_s), mask_s=mask_s, mode=Mode.PER_MASK,
         margin_s=mask_s / 2, gated=_gated(rig, devices),

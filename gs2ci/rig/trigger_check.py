@@ -145,7 +145,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
     frames: list[Frame] = []
     with Steps() as steps:
         steps.do("modulator dark", modulator.disarm, modulator.disarm)
-        modulator.upload(sequence)
+        sequence = modulator.upload(sequence).sequence
         steps.do("sensor on", sensor.start, sensor.stop)
         modulator.arm()
         sensor.discard()
@@ -221,7 +221,7 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
         DriverError: A device failed; all are at rest.
     """
     mask_s, _ = _times(devices)
-    pause_s = max(2 * mask_s, 2 * PAUSE_S)
+    pause_s = devices.modulator.info.at_least_s(max(2 * mask_s, 2 * PAUSE_S))
     config = replace(config, trigger=TriggerMode.LEVEL, exposure_s=MASKS * mask_s)
     opened = np.ones(MASKS, np.uint8)
     looks = [
@@ -255,7 +255,7 @@ def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> Stam
         DriverError: A device failed; all are at rest.
     """
     mask_s, shortest_s = _times(devices)
-    mask_s = max(mask_s, STAMP_MASK_S)
+    mask_s = devices.modulator.info.at_least_s(max(mask_s, STAMP_MASK_S))
     info = devices.sensor.info
     lengths_s = (shortest_s, min(0.6 * mask_s, info.max_exposure_s))
     looks = []
@@ -301,7 +301,7 @@ def _times(devices: Devices) -> tuple[float, float]:
     modulator, sensor = devices.modulator.info, devices.sensor.info
     shortest_s = modulator.min_exposure_s[min(modulator.min_exposure_s)]
     exposure_s = min(max(MASK_S / 10, sensor.min_exposure_s, 2 * shortest_s), sensor.max_exposure_s)
-    return max(MASK_S, 4 * exposure_s), exposure_s
+    return modulator.at_least_s(max(MASK_S, 4 * exposure_s)), exposure_s
 
 
 def _sequence(devices: Devices, is_open: U8, mask_s: float, trigger: TriggerOut, passes: int) -> PatternSequence:
