@@ -321,7 +321,9 @@ class Bench:
             return np.full(len(at_masks_mm), np.nan)
         column = tuple(stage.info.axes).index(sweep.axis)
         modulator, sensor = self.devices.modulator.info, self.devices.sensor.settings
-        appeared_s = began_s[0] - plan.settings.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        appeared_s = began_s[0] - plan.settings.begin_s(
+            modulator.delay_s(plan.sequence.trigger), sensor.trigger_delay_s
+        )
         after_s = began_s + plan.exposure_s / 2 - appeared_s - plan.sequence.windows_s().mean(axis=1)
         way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
         return np.asarray(at_masks_mm[:, column] + way * after_s, np.float64)

@@ -168,7 +168,7 @@ class _Capture:
         self._plan = plan
         self._sink = sink
         self._progress = progress
-        self._timing = FrameTiming(plan, devices.sensor, devices.modulator.name)
+        self._timing = FrameTiming(plan, devices.sensor, devices.modulator)
         self._trigger = 0  # the trigger being served
         self._next_trigger = 0
         self._taken = 0
@@ -387,7 +387,7 @@ class _Capture:
         if asked.late_s is None or asked.mode is not Mode.PER_EXPOSURE:
             return windows_s
         modulator, sensor = self._devices.modulator.info, self._devices.sensor.settings
-        begin_s = asked.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        begin_s = asked.begin_s(modulator.delay_s(self._plan.sequence.trigger), sensor.trigger_delay_s)
         seen_s = np.clip(windows_s, begin_s, begin_s + self._plan.exposure_s + asked.longer_s)
         return np.where(seen_s[:, 1:] > seen_s[:, :1], seen_s, windows_s)
 
@@ -398,4 +398,4 @@ class _Capture:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
         asked = self._plan.settings
         began_s = frame.began_s(self._plan.exposure_s + asked.longer_s, settings.readout_s)
-        return began_s - asked.begin_s(modulator.trigger_delay_s, settings.trigger_delay_s)
+        return began_s - asked.begin_s(modulator.delay_s(self._plan.sequence.trigger), settings.trigger_delay_s)

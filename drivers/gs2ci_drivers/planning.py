@@ -39,13 +39,13 @@ def sensor_exposure_s(settings: CaptureSettings) -> float:
     return count * settings.mask_s + (count - 1) * settings.dark_s - margin_s
 
 
-def overlap_weights(windows_s: F64, start_s: float, end_s: float) -> F64:
+def overlap_weights(windows_s: F64, start_s: float | F64, end_s: float | F64) -> F64:
     """Return the share of each mask's interval that lies inside an exposure, [N] in [0, 1].
 
     Args:
         windows_s: Start and end of each mask, [N, 2].
-        start_s: Start of the exposure on the same clock.
-        end_s: Its end.
+        start_s: Start of the exposure on the same clock, or of each mask's own, [N].
+        end_s: Its end, or theirs.
     """
     begin, end = windows_s[:, 0], windows_s[:, 1]
     overlap = np.minimum(end, end_s) - np.maximum(begin, start_s)
@@ -70,12 +70,11 @@ def lay_out(
     """
     asked, settings = settings, settings.rounded_for(modulator)
     sequence = _sequence(settings, modulator, setup)
-    exposure_s = _exposure(settings, setup)
-    begin_s = settings.begin_s(modulator.trigger_delay_s, setup.trigger_delay_s)
+    exposure_s = _exposure(settings, modulator, setup)
     windows = sequence.windows_s()
+    delay_s = settings.begin_s(modulator.delay_s(sequence.trigger), setup.trigger_delay_s)
+    begin_s = windows[:, 0] + delay_s if settings.mode is Mode.PER_MASK else np.full(len(windows), delay_s)
     weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
-    if settings.mode is Mode.PER_MASK:
-        weights = np.full(len(windows), min(1.0, exposure_s / sequence.exposure_s))
     sweep, sweep_figures = _sweep(settings, sequence, modulator, stage)
     figures = [
         *_modulator_figures(settings, sequence, modulator),
@@ -90,20 +89,21 @@ def lay_out(
     return CapturePlan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
 
 
-def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
+def _exposure(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
     if settings.trigger_mode is TriggerMode.LEVEL:
-        return sensor_exposure_s(settings) + setup.exposure_offset_s
+        return sensor_exposure_s(settings) + modulator.gate_longer_s + setup.exposure_offset_s
     return setup.exposure_s + setup.exposure_offset_s
 
 
-def _busy_s(exposure_s: float, settings: CaptureSettings, setup: SensorSettings, delay_s: float) -> float:
-    """Return for how long after an edge a sensor may miss another one."""
+def _busy_s(exposure_s: float, settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
+    """Return for how long after the appearance of a mask a sensor may miss another edge."""
+    delay_s = max(modulator.delay_s(settings.trigger_out), 0.0) + setup.trigger_delay_s
     return exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s + settings.jitter_s + delay_s
 
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
     """Return the sequence, with dark time wherever the sensor needs it for its readout."""
-    busy_s = _busy_s(_exposure(settings, setup), settings, setup, setup.trigger_delay_s)
+    busy_s = _busy_s(_exposure(settings, modulator, setup), settings, modulator, setup)
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
@@ -224,8 +224,7 @@ def _sensor_figures(
     setup: SensorSettings,
     modulator: ModulatorInfo,
 ) -> list[Figure]:
-    delay_s = max(modulator.trigger_delay_s, 0.0) + setup.trigger_delay_s
-    busy_s = _busy_s(exposure_s, settings, setup, delay_s)
+    busy_s = _busy_s(exposure_s, settings, modulator, setup)
     per_mask = settings.mode is Mode.PER_MASK
     period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
     alone = not per_mask and settings.burst == 1
