@@ -247,9 +247,10 @@ class _Capture:
             self._deliver_shot(fire, shot, first_trigger, frames, attempt)
 
     def _stream(self, fire: Fire) -> None:
-        """Take the exposures of one long run; lost and corrupt ones are named and skipped."""
+        """Take the exposures of one long run; lost and corrupt ones are named and skipped, unless all of them are."""
         shots, shot = self._plan.settings.shots, 0
         last: Frame | None = None
+        missed: FrameError | None = None
         while shot < shots:
             first_trigger = self._next_trigger
             try:
@@ -260,10 +261,12 @@ class _Capture:
                 fire.frames += skipped
                 self._next_trigger += skipped
                 shot += skipped
-                last = None
+                last, missed = None, error
                 continue
             self._deliver_shot(fire, shot, first_trigger, frames, 1)
             shot, last = shot + 1, frames[-1]
+        if missed is not None and not self._taken:
+            raise missed
         self._settle(fire, last)
 
     def _start_motion_after_arming(self, fire: Fire) -> None:
