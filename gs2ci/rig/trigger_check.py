@@ -36,6 +36,7 @@ GLANCE_S: Final = 1e-3
 """Timeout for a frame while the host steps the masks: it must not wait longer."""
 PATIENCE_S: Final = 1.0
 MOST_FRAMES: Final = 200
+"""After this many frames, good or bad, a run ends: a camera that runs freely sends them for ever."""
 SURE: Final = 5.0
 """Number of standard errors by which the brightness of two runs must differ for a conclusion."""
 LEAST_DN: Final = 0.5
@@ -143,6 +144,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
     modulator, sensor, clock = devices.modulator, devices.sensor, devices.clock
     setup = sensor.configure(config)
     frames: list[Frame] = []
+    bad = 0
     with Steps() as steps:
         steps.do("modulator dark", modulator.disarm, modulator.disarm)
         sequence = modulator.upload(sequence).sequence
@@ -153,7 +155,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
         _start(devices)
         ended_s = fired_s + (modulator.info.start_latency_s or 0.0) + sequence.duration_s
         patience_s = setup.exposure_s + setup.readout_s + PATIENCE_S
-        while len(frames) < MOST_FRAMES:
+        while len(frames) + bad < MOST_FRAMES:
             try:
                 if not modulator.info.hardware_timed:
                     modulator.keep_time(clock.now_s() + LOOK_S)
@@ -165,7 +167,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
                 elif clock.now_s() > ended_s + patience_s:
                     break
             except (FrameLostError, FrameCorruptError):
-                continue
+                bad += 1
         status = sensor.status()
     return TriggerRun(tuple(frames), status.lost + status.corrupt, fired_s, ended_s, setup.exposure_s)
 
