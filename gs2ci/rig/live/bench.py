@@ -6,6 +6,7 @@ whole process is killed, the modulator goes dark.
 Here: `LiveBench`. Not here: the page and who may press its buttons (`server`), the figures of a picture (`looks`).
 """
 
+import math
 import tempfile
 import threading
 import time
@@ -238,7 +239,7 @@ class LiveBench:
     def _exposure(self, *, seconds: float) -> None:
         """Set the exposure time from the next picture on."""
         info = self._devices.sensor.info
-        if not info.min_exposure_s <= float(seconds) <= info.max_exposure_s:
+        if math.isinf(float(seconds)) or not info.min_exposure_s <= float(seconds) <= info.max_exposure_s:
             raise InputError(
                 f"an exposure of {seconds} s", allowed=f"{info.min_exposure_s:g} to {info.max_exposure_s:g} s"
             )
@@ -411,7 +412,10 @@ class LiveBench:
             "shown": self._shown,
             "masks": len(self._codes),
             "exposure_s": self._exposure_s,
-            "exposure_limits_s": [info.min_exposure_s, info.max_exposure_s],
+            # Without an exposure control there is no longest exposure, and JSON has no infinity.
+            "exposure_limits_s": [
+                limit_s if math.isfinite(limit_s) else None for limit_s in (info.min_exposure_s, info.max_exposure_s)
+            ],
             "axes": positions,
             "figures": self._figures,
             "residual": self._residual,

@@ -1,5 +1,6 @@
 """A live bench by its actions: what it shows, what it tells, and that nothing stays armed."""
 
+import json
 import sys
 import time
 
@@ -12,6 +13,7 @@ from gs2ci.rig.live import bench as live_bench
 from gs2ci.rig.live.bench import LiveBench
 from gs2ci.rig.opening import load_rig
 from gs2ci_drivers.failures import AccessError, OutOfRangeError
+from gs2ci_drivers.v4l2.setup import OpenCamera
 from tests.patience import HANG_S
 
 
@@ -198,6 +200,16 @@ def test_a_closed_bench_is_at_rest_and_refuses(make_live):
     assert at_rest(bench)
     with pytest.raises(InputError, match="the bench is closed"):
         bench.act("disarm")
+
+
+def test_a_camera_without_an_exposure_control_has_no_longest_exposure(make_live, monkeypatch):
+    monkeypatch.setattr(OpenCamera, "_exposure_control", lambda camera, width: None)
+    bench = make_live()
+    state = bench.view().state
+    assert state["exposure_limits_s"] == [0.0, None]
+    json.dumps(state, allow_nan=False)
+    with pytest.raises(InputError, match="an exposure of inf s"):
+        bench.act("exposure", seconds=float("inf"))
 
 
 def test_a_bench_that_does_not_answer_is_closed_again(tmp_path, make_live):
