@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -175,9 +175,10 @@ class LiveBench:
             except (TypeError, ValueError) as error:  # no such argument, or no number
                 raise InputError(f"{action} with {given}", allowed=str(error)) from error
 
-        if self._ended.is_set() or self._thread is None:
-            raise InputError("the bench is closed", remedy="start `gs2ci live` again")
-        self._asked.put((do, done))
+        with self._lock:  # what is asked before the end is refused there, and nothing is asked after it
+            if self._ended.is_set() or self._thread is None:
+                raise InputError("the bench is closed", remedy="start `gs2ci live` again")
+            self._asked.put((do, done))
         done.result()
 
     def _serve(self) -> None:
@@ -196,11 +197,14 @@ class LiveBench:
                     self._disarm()
                 self._publish()
                 self._ended.wait(max(0.0, began_s + 1 / PICTURES_PER_S - time.monotonic()) if self._camera_on else 0.0)
+        except Exception as error:
+            self._note(f"the bench has ended: {str(error) or type(error).__name__}")
+            raise
         finally:
-            self._disarm()
-            self._publish()
-            self._devices.close()
-            self._refuse_the_rest()
+            self._ended.set()
+            with ExitStack() as ending:  # each is done, even if another one fails
+                for step in (self._refuse_the_rest, self._devices.close, self._publish, self._disarm):
+                    ending.callback(step)
 
     def _answer(self, wait_s: float) -> None:
         try:
@@ -220,7 +224,7 @@ class LiveBench:
             done.set_result(None)
 
     def _refuse_the_rest(self) -> None:
-        with suppress(Empty):
+        with self._lock, suppress(Empty):
             while True:
                 _, done = self._asked.get_nowait()
                 done.set_exception(InputError("the bench is closed", remedy="start `gs2ci live` again"))

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 import time
 
 import cv2
@@ -200,6 +201,50 @@ def test_a_closed_bench_is_at_rest_and_refuses(make_live):
     assert at_rest(bench)
     with pytest.raises(InputError, match="the bench is closed"):
         bench.act("disarm")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_bench_that_dies_is_at_rest_says_why_and_refuses(make_live, monkeypatch):
+    bench = make_live()
+    bench.act("show", what="open")
+    bench.act("camera", on=True)
+
+    def broken(*_):
+        raise ValueError("zero-size array")
+
+    monkeypatch.setattr(bench._devices.sensor, "stop", broken)  # not even that ends as it should
+    monkeypatch.setattr(live_bench, "figures_of", broken)
+    bench._thread.join(HANG_S)
+    assert not bench._thread.is_alive()
+    assert bench._devices.modulator._closed
+    assert bench._devices.sensor._closed
+    with pytest.raises(InputError, match="the bench is closed"):
+        bench.act("disarm")
+    assert any("the bench has ended: zero-size array" in note for note in bench.view().state["notes"])
+
+
+def test_what_is_asked_while_the_bench_ends_is_refused(make_live, monkeypatch):
+    bench, answers = make_live(), []
+    disarm = bench._disarm
+
+    def slowly():
+        asking = threading.Thread(target=ask)
+        asking.start()
+        while bench._asked.empty() and asking.is_alive():
+            time.sleep(0.01)
+        disarm()
+
+    def ask():
+        with pytest.raises(InputError, match="the bench is closed"):
+            bench.act("disarm")
+        answers.append("refused")
+
+    monkeypatch.setattr(bench, "_disarm", slowly)
+    bench.close()
+    until = time.monotonic() + HANG_S
+    while not answers and time.monotonic() < until:
+        time.sleep(0.01)
+    assert answers == ["refused"]
 
 
 def test_a_camera_without_an_exposure_control_has_no_longest_exposure(make_live, monkeypatch):
