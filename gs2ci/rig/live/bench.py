@@ -1,7 +1,8 @@
 """The bench behind the live page: one thread owns its devices, answers requests, and takes pictures.
 
 A mask is shown by a sequence that ends by itself after `HOLD_S` and is restarted as long as a page is open: even if the
-whole process is killed, the modulator goes dark.
+whole process is killed, a modulator with a clock of its own goes dark. Where the host steps the masks, each is one
+sequence: nobody would step to the next one in time while a picture is awaited.
 
 Here: `LiveBench`. Not here: the page and who may press its buttons (`server`), the figures of a picture (`looks`).
 """
@@ -10,6 +11,7 @@ import math
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
@@ -94,7 +96,7 @@ class LiveBench:
         self._taking = False
         self._shown = "dark"
         self._mask: int | None = None
-        self._sequence: PatternSequence | None = None
+        self._turn: deque[PatternSequence] = deque()  # shown one after another, the present one first
         self._shown_since_s = 0.0
         self._figures: dict[str, Any] = {}
         self._residual: dict[str, Any] | None = None
@@ -104,7 +106,7 @@ class LiveBench:
     def armed(self) -> list[str]:
         """Get which devices are active: showing, streaming or moving."""
         return [
-            *([f"the modulator shows {self._shown}"] if self._sequence is not None else []),
+            *([f"the modulator shows {self._shown}"] if self._turn else []),
             *(["the camera streams"] if self._camera_on else []),
             *(["the stage moves"] if self._moving else []),
         ]
@@ -259,7 +261,8 @@ class LiveBench:
         if what == "mask" and not 0 <= int(index) < len(self._codes):
             raise InputError(f"mask {index}", allowed=f"0 to {len(self._codes) - 1}")
         modulator.disarm()
-        self._sequence, self._shown, self._mask, self._residual = None, "dark", None, None
+        self._turn.clear()
+        self._shown, self._mask, self._residual = "dark", None, None
         if what == "dark":
             return
         bits = self._rig.table.capture.bit_depth
@@ -269,17 +272,20 @@ class LiveBench:
         else:
             chosen = self._codes if what == "sequence" else self._codes[int(index)][None]
             levels = on_modulator(chosen, self._rig.table.registration, size)
-        step_s = min(STEP_S, modulator.info.max_exposure_s)
-        outs = modulator.info.trigger_outs
-        sequence = PatternSequence(
-            levels,
-            bits,
-            step_s,
-            repeats=max(1, round(HOLD_S / (step_s * len(levels)))),
-            trigger=TriggerOut.NONE if TriggerOut.NONE in outs else sorted(outs, key=lambda out: out.value)[0],
+        timed, outs = modulator.info.hardware_timed, modulator.info.trigger_outs
+        step_s = min(STEP_S if timed else HOLD_S, modulator.info.max_exposure_s)
+        sequences = deque(
+            PatternSequence(
+                shown,
+                bits,
+                step_s,
+                repeats=max(1, round(HOLD_S / (step_s * len(shown)))),
+                trigger=TriggerOut.NONE if TriggerOut.NONE in outs else sorted(outs, key=lambda out: out.value)[0],
+            )
+            for shown in ([levels] if timed else np.split(levels, len(levels)))
         )
-        modulator.upload(sequence)
-        self._sequence = sequence
+        modulator.upload(sequences[0])
+        self._turn = sequences
         self._shown = {"open": "everything open", "sequence": "all masks in turn"}.get(what, f"mask {int(index) + 1}")
         self._mask = int(index) if what == "mask" else None
         self._start()
@@ -290,18 +296,18 @@ class LiveBench:
         self._shown_since_s = self._devices.clock.now_s()
 
     def _renew(self) -> None:
-        """Restart a sequence before it ends by itself."""
-        if self._sequence is None:
+        """Restart a sequence before it ends by itself, or go on to the next one if there are several."""
+        if not self._turn:
             return
         modulator, now_s = self._devices.modulator, self._devices.clock.now_s()
-        if not modulator.info.hardware_timed:
-            modulator.keep_time(now_s)
+        several = len(self._turn) > 1
         if not self._camera_on and self._rig.bench is not None:
             self._devices.clock.sleep_s(1 / PICTURES_PER_S)  # simulated time passes only while something waits
-        if now_s - self._shown_since_s > RENEWED_S:
+        if now_s - self._shown_since_s > (STEP_S if several else RENEWED_S):
+            self._turn.rotate(-1)
             modulator.disarm()
-            if modulator.loaded is None:
-                modulator.upload(self._sequence)
+            if several or modulator.loaded is None:
+                modulator.upload(self._turn[0])
             self._start()
 
     def _jog(self, *, axis: str, mm: float) -> None:
@@ -367,7 +373,8 @@ class LiveBench:
                 step()
             except Gs2ciError as error:
                 self._note(str(error))
-        self._sequence, self._shown, self._mask, self._residual = None, "dark", None, None
+        self._turn.clear()
+        self._shown, self._mask, self._residual = "dark", None, None
         self._camera_on = self._moving = False
 
     def _look(self) -> None:

@@ -16,6 +16,7 @@ from gs2ci.rig.opening import load_rig
 from gs2ci_drivers.failures import AccessError, OutOfRangeError
 from gs2ci_drivers.v4l2.setup import OpenCamera
 from tests.patience import HANG_S
+from tests.rig.live.conftest import MODULATOR
 
 
 def wait_for(bench, done):
@@ -110,6 +111,36 @@ def test_a_mask_goes_dark_by_itself_unless_somebody_is_there(make_live, monkeypa
     begin_s = world.clock.now_s()
     wait_for(bench, lambda view: world.clock.now_s() - begin_s > 3.0)
     assert at_rest(bench)
+
+
+@pytest.mark.parametrize("modulator", [MODULATOR, 'kind = "video"'])
+@pytest.mark.parametrize("camera", [False, True])
+def test_all_masks_are_shown_in_turn(make_live, modulator, camera):
+    bench = make_live(modulator=modulator)
+    world = bench._rig.bench.world
+    bench.act("camera", on=camera)
+    begin_s = world.clock.now_s()
+    bench.act("show", what="sequence")
+    wait_for(bench, lambda view: world.clock.now_s() - begin_s > 4.0)
+    assert bench.armed[0] == "the modulator shows all masks in turn"
+    shown = [mask.levels.tobytes() for mask in world.masks_between(begin_s, world.clock.now_s())]
+    assert len(set(shown)) == 4
+    assert shown[4] == shown[0]
+
+
+@pytest.mark.parametrize("what", ["mask", "sequence"])
+@pytest.mark.parametrize(("modulator", "camera"), [('kind = "video"', True), ('kind = "santec"', False)])
+def test_a_panel_that_the_host_steps_goes_on_showing(make_live, monkeypatch, modulator, camera, what):
+    monkeypatch.setattr(live_bench, "HOLD_S", 1.2)
+    monkeypatch.setattr(live_bench, "RENEWED_S", 0.8)
+    bench = make_live(modulator=modulator)
+    clock = bench._rig.bench.world.clock
+    bench.act("camera", on=camera)
+    bench.act("show", what=what)
+    begin_s = clock.now_s()
+    view = wait_for(bench, lambda view: clock.now_s() - begin_s > 2.0)
+    assert len(view.state["armed"]) == 1 + camera
+    assert not [note for note in view.state["notes"] if "modulator" in note]
 
 
 def test_the_stage_is_jogged_within_its_limits(make_live):
