@@ -99,7 +99,8 @@ class Bench:
         devices: Open devices of the rig.
         operator: Sets up the arrangements.
         config: The sensor's set-up; exposure and trigger are filled in for each stack.
-        capture: The settings of `gs2ci capture` on this rig, its patterns [N, Hm, Wm] included.
+        capture: The settings of `gs2ci capture` on this rig, its patterns [N, Hm, Wm] included, with its times as the
+            modulator rounds them.
         codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
         lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
         options: The rig file's [calibration].
@@ -211,12 +212,13 @@ class Bench:
             PlanRefusedError: Patterns, exposure or travel are beyond the devices.
             DriverError: A device failed; all are at rest.
         """
-        shortest_s = self.devices.modulator.connect().min_exposure_s.get(bit_depth, 0.0)  # 0: refused by the plan
+        modulator = self.devices.modulator.connect()
+        shortest_s = modulator.min_exposure_s.get(bit_depth, 0.0)  # 0: refused by the plan
         if self.gated:  # it exposes while a pattern is shown; a slower pass has dark time in between
-            mask_s = max(exposure_s, shortest_s)
-            dark_s, margin_s = max(shown_s - mask_s, 0.0), 0.0
+            mask_s = modulator.quantise_s(max(exposure_s, shortest_s))
+            dark_s, margin_s = modulator.quantise_s(max(shown_s - mask_s, 0.0)), 0.0
         else:
-            mask_s = max(shown_s, exposure_s + GUARD_S, shortest_s)
+            mask_s = modulator.at_least_s(max(shown_s, exposure_s + GUARD_S, shortest_s))
             dark_s, margin_s = 0.0, mask_s - exposure_s
         settings = CaptureSettings(
             masks=patterns,
@@ -247,6 +249,7 @@ class Bench:
             PlanRefusedError: Patterns or exposure are beyond the devices.
             DriverError: A device failed; all are at rest.
         """
+        mask_s = self.devices.modulator.connect().quantise_s(mask_s)
         settings = CaptureSettings(
             masks=patterns,
             bit_depth=bit_depth,
@@ -318,7 +321,9 @@ class Bench:
             return np.full(len(at_masks_mm), np.nan)
         column = tuple(stage.info.axes).index(sweep.axis)
         modulator, sensor = self.devices.modulator.info, self.devices.sensor.settings
-        appeared_s = began_s[0] - plan.settings.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        appeared_s = began_s[0] - plan.settings.begin_s(
+            modulator.delay_s(plan.sequence.trigger), sensor.trigger_delay_s
+        )
         after_s = began_s + plan.exposure_s / 2 - appeared_s - plan.sequence.windows_s().mean(axis=1)
         way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
         return np.asarray(at_masks_mm[:, column] + way * after_s, np.float64)

@@ -233,6 +233,7 @@ def _first_look(bench: Bench, dark: Dark) -> Coarse:
 
 def _look(bench: Bench, dark: Dark, pattern_s: float, spare_s: float, frames: int) -> Look:
     """Take all kinds of patterns, each in two halves; `edge` gets twice the frames of the others, for the jitter."""
+    pattern_s = bench.devices.modulator.connect().quantise_s(pattern_s)
     good, levels, noises = dark.good, {kind: list[F64]() for kind in OPEN}, {kind: list[float]() for kind in OPEN}
     exposure_s = 2 * pattern_s + spare_s
     for kind in ORDER:

@@ -128,7 +128,8 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
     stage_info = stage.connect() if stage is not None else None
     if settings.mode is Mode.PER_MASK and sensor_info.only_gated:
         settings = replace(settings, gated=True)
-    exposure_s = min(max(sensor_exposure_s(settings), sensor_info.min_exposure_s), sensor_info.max_exposure_s)
+    needed_s = sensor_exposure_s(settings.rounded_for(modulator_info))
+    exposure_s = min(max(needed_s, sensor_info.min_exposure_s), sensor_info.max_exposure_s)
     setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.trigger_mode))
     plan = lay_out(settings, modulator_info, sensor_info, setup, stage_info)
     try:
@@ -167,7 +168,7 @@ class _Capture:
         self._plan = plan
         self._sink = sink
         self._progress = progress
-        self._timing = FrameTiming(plan, devices.sensor, devices.modulator.name)
+        self._timing = FrameTiming(plan, devices.sensor, devices.modulator)
         self._trigger = 0  # the trigger being served
         self._next_trigger = 0
         self._taken = 0
@@ -246,9 +247,10 @@ class _Capture:
             self._deliver_shot(fire, shot, first_trigger, frames, attempt)
 
     def _stream(self, fire: Fire) -> None:
-        """Take the exposures of one long run; lost and corrupt ones are named and skipped."""
+        """Take the exposures of one long run; lost and corrupt ones are named and skipped, unless all of them are."""
         shots, shot = self._plan.settings.shots, 0
         last: Frame | None = None
+        missed: FrameError | None = None
         while shot < shots:
             first_trigger = self._next_trigger
             try:
@@ -259,10 +261,12 @@ class _Capture:
                 fire.frames += skipped
                 self._next_trigger += skipped
                 shot += skipped
-                last = None
+                last, missed = None, error
                 continue
             self._deliver_shot(fire, shot, first_trigger, frames, 1)
             shot, last = shot + 1, frames[-1]
+        if missed is not None and not self._taken:
+            raise missed
         self._settle(fire, last)
 
     def _start_motion_after_arming(self, fire: Fire) -> None:
@@ -386,7 +390,7 @@ class _Capture:
         if asked.late_s is None or asked.mode is not Mode.PER_EXPOSURE:
             return windows_s
         modulator, sensor = self._devices.modulator.info, self._devices.sensor.settings
-        begin_s = asked.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        begin_s = asked.begin_s(modulator.delay_s(self._plan.sequence.trigger), sensor.trigger_delay_s)
         seen_s = np.clip(windows_s, begin_s, begin_s + self._plan.exposure_s + asked.longer_s)
         return np.where(seen_s[:, 1:] > seen_s[:, :1], seen_s, windows_s)
 
@@ -397,4 +401,4 @@ class _Capture:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
         asked = self._plan.settings
         began_s = frame.began_s(self._plan.exposure_s + asked.longer_s, settings.readout_s)
-        return began_s - asked.begin_s(modulator.trigger_delay_s, settings.trigger_delay_s)
+        return began_s - asked.begin_s(modulator.delay_s(self._plan.sequence.trigger), settings.trigger_delay_s)

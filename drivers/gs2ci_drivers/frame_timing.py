@@ -7,6 +7,7 @@ Here: what is recorded while one start of the modulator is served (`Fire`), and 
 from dataclasses import dataclass, field
 
 from gs2ci_drivers.failures import ExtraFrameError, SequenceError, TriggerTimeoutError
+from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plan import CapturePlan, Mode
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor
 
@@ -38,10 +39,10 @@ class FrameTiming:
     Args:
         plan: The capture.
         sensor: The sensor that took the frames, set up for the capture.
-        modulator: Name of the modulator, for messages.
+        modulator: The modulator that sends the triggers.
     """
 
-    def __init__(self, plan: CapturePlan, sensor: Sensor, modulator: str) -> None:
+    def __init__(self, plan: CapturePlan, sensor: Sensor, modulator: Modulator) -> None:
         self._plan = plan
         self._sensor = sensor
         self._modulator = modulator
@@ -110,10 +111,12 @@ class FrameTiming:
         late_s = 0.0 if last.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) else readout_s
         one_mask = plan.settings.mode is Mode.PER_MASK
         shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
-        short_s = last.began_s(plan.exposure_s, readout_s) + shown_s - fire.done_s
+        delay_s = self._modulator.info.delay_s(plan.sequence.trigger)
+        appeared_s = last.began_s(plan.exposure_s, readout_s) - delay_s - self._sensor.settings.trigger_delay_s
+        short_s = appeared_s + shown_s - fire.done_s
         if short_s > late_s + END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
             raise SequenceError(
-                self._modulator,
+                self._modulator.name,
                 "fire",
                 [f"the sequence ended {short_s:.3g} s before the masks of its last trigger could have been shown"],
                 remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",

@@ -118,12 +118,12 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
             UnsupportedError: The trigger output cannot do what the sequence needs.
         """
         check_sequence(self.name, self.info, sequence)
-        step = self.info.exposure_step_s
+        kept_s = self.info.quantise_s
         return replace(
             sequence,
-            exposure_s=round(sequence.exposure_s / step) * step,
-            dark_s=round(sequence.dark_s / step) * step,
-            pause_s=round(sequence.pause_s / step) * step,
+            exposure_s=kept_s(sequence.exposure_s),
+            dark_s=kept_s(sequence.dark_s),
+            pause_s=kept_s(sequence.pause_s),
         )
 
     def upload_eta_s(self, sequence: PatternSequence) -> float:

@@ -7,6 +7,7 @@ them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.pat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, unique
+from math import ceil
 
 import numpy as np
 
@@ -47,7 +48,9 @@ class ModulatorInfo:
         min_dark_s: Shortest dark time greater than zero.
         capacity: Largest number of masks in one sequence, by bit depth.
         trigger_outs: The supported modes of the trigger output.
-        trigger_delay_s: From a mask's appearance to the trigger's edge (negative: the edge comes first).
+        trigger_delay_s: From a mask's appearance to the edge of a pulse (negative: the edge comes first).
+        gate_delay_s: From a mask's appearance to the edge that begins a gate; None is `trigger_delay_s`.
+        gate_longer_s: By how much a gate is held longer than its masks are shown.
         start_latency_s: Longest time from `start` to the first mask; None if the host times each mask.
         typical_start_s: Usual time from `start` to the first mask; None takes half of the longest.
         hardware_timed: Whether the device's own clock steps the masks. If false, the host steps them, and only
@@ -70,6 +73,8 @@ class ModulatorInfo:
     capacity: Mapping[int, int]
     trigger_outs: frozenset[TriggerOut]
     trigger_delay_s: float = 0.0
+    gate_delay_s: float | None = None
+    gate_longer_s: float = 0.0
     start_latency_s: float | None = 0.05
     typical_start_s: float | None = None
     hardware_timed: bool = True
@@ -82,6 +87,20 @@ class ModulatorInfo:
         if self.typical_start_s is not None:
             return self.typical_start_s
         return (self.start_latency_s or 0.0) / 2
+
+    def delay_s(self, out: TriggerOut) -> float:
+        """Return the time from a mask's appearance to the edge that begins an exposure."""
+        gated = out in (TriggerOut.GATE, TriggerOut.GATE_PER_MASK)
+        return self.trigger_delay_s if self.gate_delay_s is None or not gated else self.gate_delay_s
+
+    def quantise_s(self, time_s: float) -> float:
+        """Return a time as an upload keeps it: the nearest multiple of the step, but never 0 for a time above 0."""
+        return max(round(time_s / self.exposure_step_s), 1 if time_s > 0 else 0) * self.exposure_step_s
+
+    def at_least_s(self, time_s: float) -> float:
+        """Return the shortest multiple of the step that is not shorter than a time."""
+        step = self.exposure_step_s
+        return ceil(time_s / step - 1e-6) * step  # 1e-6 steps: rounding error of the division
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from math import ceil
 
 from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.failures import PlanRefusedError
-from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.stage import Sweep
 
@@ -104,6 +104,11 @@ class CaptureSettings:
     continuous: bool = False
     ring: int = 0
 
+    def rounded_for(self, modulator: ModulatorInfo) -> "CaptureSettings":
+        """Return the settings with the times for which the modulator will show masks and darkness between them."""
+        mask_s, dark_s = modulator.quantise_s(self.mask_s), modulator.quantise_s(self.dark_s)
+        return replace(self, mask_s=mask_s, dark_s=dark_s)
+
     def begin_s(self, modulator_delay_s: float, sensor_delay_s: float) -> float:
         """Return when an exposure begins, from the appearance of its first mask: as measured, otherwise as configured.
 
@@ -159,8 +164,8 @@ class CapturePlan:
     """A capture laid out.
 
     Args:
-        settings: What the user wants.
-        sequence: What the modulator will be given.
+        settings: What the user wants, its times rounded as the modulator rounds them.
+        sequence: What the modulator will be given and will keep as it is.
         exposure_s: Exposure of each frame.
         frames_per_shot: 1, or the number of masks in `Mode.PER_MASK`.
         weights: Share of its interval during which each mask is exposed, [N].

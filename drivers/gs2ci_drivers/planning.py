@@ -5,7 +5,7 @@ pause, the stage's sweep, and a figure for each check (reference section 5). Not
 (`gs2ci_drivers.plan`), carrying the plan out (`gs2ci_drivers.acquisition`).
 """
 
-from math import ceil
+from math import floor
 
 import numpy as np
 
@@ -21,12 +21,14 @@ EXPOSURE_TOLERANCE = 0.1
 CLOCK_TOLERANCE = 2e-4
 """Share by which an exposure may be longer than set, measured by the modulator's clock: two crystals, each off by up
 to 100 ppm, as their data sheets allow."""
+ROUNDING_TOLERANCE = 0.1
+"""Share by which the modulator may round the time of a mask or of the darkness between masks."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
-    """Return the exposure to request from the sensor, before the devices round it.
+    """Return the exposure to request from the sensor, before the sensor rounds it.
 
     A gated sensor exposes while masks are on show, without a margin.
     """
@@ -37,13 +39,13 @@ def sensor_exposure_s(settings: CaptureSettings) -> float:
     return count * settings.mask_s + (count - 1) * settings.dark_s - margin_s
 
 
-def overlap_weights(windows_s: F64, start_s: float, end_s: float) -> F64:
+def overlap_weights(windows_s: F64, start_s: float | F64, end_s: float | F64) -> F64:
     """Return the share of each mask's interval that lies inside an exposure, [N] in [0, 1].
 
     Args:
         windows_s: Start and end of each mask, [N, 2].
-        start_s: Start of the exposure on the same clock.
-        end_s: Its end.
+        start_s: Start of the exposure on the same clock, or of each mask's own, [N].
+        end_s: Its end, or theirs.
     """
     begin, end = windows_s[:, 0], windows_s[:, 1]
     overlap = np.minimum(end, end_s) - np.maximum(begin, start_s)
@@ -66,16 +68,17 @@ def lay_out(
         setup: The sensor's settings in force.
         stage: The stage's limits, or None.
     """
+    asked, settings = settings, settings.rounded_for(modulator)
     sequence = _sequence(settings, modulator, setup)
-    exposure_s = _exposure(settings, setup)
-    begin_s = settings.begin_s(modulator.trigger_delay_s, setup.trigger_delay_s)
+    exposure_s = _exposure(settings, modulator, setup)
     windows = sequence.windows_s()
+    delay_s = settings.begin_s(modulator.delay_s(sequence.trigger), setup.trigger_delay_s)
+    begin_s = windows[:, 0] + delay_s if settings.mode is Mode.PER_MASK else np.full(len(windows), delay_s)
     weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
-    if settings.mode is Mode.PER_MASK:
-        weights = np.full(len(windows), min(1.0, exposure_s / sequence.exposure_s))
     sweep, sweep_figures = _sweep(settings, sequence, modulator, stage)
     figures = [
         *_modulator_figures(settings, sequence, modulator),
+        *_rounding_figures(asked, settings, modulator),
         *_sensor_figures(settings, sequence, exposure_s, sensor, setup, modulator),
         *_continuous_figures(settings, sequence, exposure_s, setup),
         *_light_figures(settings, sequence, weights, setup),
@@ -86,20 +89,21 @@ def lay_out(
     return CapturePlan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
 
 
-def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
+def _exposure(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
     if settings.trigger_mode is TriggerMode.LEVEL:
-        return sensor_exposure_s(settings) + setup.exposure_offset_s
+        return sensor_exposure_s(settings) + modulator.gate_longer_s + setup.exposure_offset_s
     return setup.exposure_s + setup.exposure_offset_s
 
 
-def _busy_s(exposure_s: float, settings: CaptureSettings, setup: SensorSettings, delay_s: float) -> float:
-    """Return for how long after an edge a sensor may miss another one."""
+def _busy_s(exposure_s: float, settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> float:
+    """Return for how long after the appearance of a mask a sensor may miss another edge."""
+    delay_s = max(modulator.delay_s(settings.trigger_out), 0.0) + setup.trigger_delay_s
     return exposure_s * (1 + CLOCK_TOLERANCE) + setup.readout_s + settings.jitter_s + delay_s
 
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
     """Return the sequence, with dark time wherever the sensor needs it for its readout."""
-    busy_s = _busy_s(_exposure(settings, setup), settings, setup, setup.trigger_delay_s)
+    busy_s = _busy_s(_exposure(settings, modulator, setup), settings, modulator, setup)
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
@@ -125,10 +129,7 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
 
 def _allowed_dark(dark_s: float, modulator: ModulatorInfo) -> float:
     """Return a dark time that is long enough and that the device can keep."""
-    if dark_s <= 0:
-        return 0.0
-    step = modulator.exposure_step_s
-    return max(ceil(dark_s / step - 1e-6) * step, modulator.min_dark_s)  # 1e-6 steps: rounding error of the division
+    return modulator.at_least_s(max(dark_s, modulator.min_dark_s)) if dark_s > 0 else 0.0
 
 
 def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
@@ -174,6 +175,31 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
     ]
 
 
+def _rounding_figures(asked: CaptureSettings, settings: CaptureSettings, info: ModulatorInfo) -> list[Figure]:
+    """Return a figure for each time that the modulator rounds by more than two clocks may differ anyway."""
+    step_s, figures = info.exposure_step_s, []
+    for key, what, least_s in (
+        ("mask_s", "rounded time per mask", info.min_exposure_s.get(asked.bit_depth, step_s)),
+        ("dark_s", "rounded dark time", info.min_dark_s),
+    ):
+        asked_s, shown_s = getattr(asked, key), getattr(settings, key)
+        off_s = abs(shown_s - asked_s)
+        if off_s <= CLOCK_TOLERANCE * asked_s:
+            continue
+        around_s = floor(asked_s / step_s) * step_s, info.at_least_s(max(asked_s, least_s))
+        nearest = " or ".join(f"{near_s:.7g}" for near_s in around_s if near_s >= info.at_least_s(least_s))
+        figures.append(
+            Figure(
+                what,
+                f"{shown_s * 1e3:.3f} ms for {key} = {asked_s:.7g} s",
+                f"steps of {step_s * 1e3:.3f} ms; {nearest} s",
+                broken=off_s > ROUNDING_TOLERANCE * asked_s,
+                remedy=f"set `{key}` to {nearest}",
+            )
+        )
+    return figures
+
+
 def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
     """Refuse trigger pulses while it is unknown with which masks they come: a frame of wrong masks looks normal."""
     pulsed = sequence.trigger in (TriggerOut.PER_EXPOSURE, TriggerOut.PER_MASK)
@@ -198,8 +224,7 @@ def _sensor_figures(
     setup: SensorSettings,
     modulator: ModulatorInfo,
 ) -> list[Figure]:
-    delay_s = max(modulator.trigger_delay_s, 0.0) + setup.trigger_delay_s
-    busy_s = _busy_s(exposure_s, settings, setup, delay_s)
+    busy_s = _busy_s(exposure_s, settings, modulator, setup)
     per_mask = settings.mode is Mode.PER_MASK
     period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
     alone = not per_mask and settings.burst == 1

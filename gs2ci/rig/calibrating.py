@@ -76,7 +76,7 @@ def bench_of(
         devices=devices,
         operator=operator,
         config=config,
-        capture=capture,
+        capture=capture.rounded_for(modulator),
         codes=codes,
         lay_out=lay_out,
         options=rig.table.calibration,

@@ -16,6 +16,7 @@ from serial.tools import list_ports
 
 from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError, reason_of
+from gs2ci.rig.intent import sensor_config
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
@@ -29,7 +30,7 @@ from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
-from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
+from gs2ci_drivers.sensor import FrameFlag, TriggerMode
 from gs2ci_drivers.video_out.options import VideoOutOptions
 
 Verdict = Literal["ok", "note", "bad"]
@@ -120,7 +121,7 @@ def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Bench
     if TriggerOut.PER_EXPOSURE not in info.trigger_outs or TriggerMode.EDGE not in triggers:
         return
     try:
-        pulses = check_pulses(devices, _config(rig))
+        pulses = check_pulses(devices, sensor_config(rig, devices))
     except Gs2ciError as error:
         yield _finding_of_error("trigger pulses", error)
         return
@@ -145,7 +146,7 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
     """Find out whether a gated sensor exposes while masks are shown; put the correct polarity into `found`."""
     modulator = rig.table.modulator
     try:
-        gate = check_gate(devices, _config(rig))
+        gate = check_gate(devices, sensor_config(rig, devices))
     except Gs2ciError as error:
         yield _finding_of_error("trigger gate", error)
         return
@@ -170,7 +171,7 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     mode = TriggerMode.LEVEL if gated else TriggerMode.EDGE
     if out not in devices.modulator.info.trigger_outs or mode not in devices.sensor.info.triggers:
         return
-    found = check_stamps(devices, _config(rig), gated=gated)
+    found = check_stamps(devices, sensor_config(rig, devices), gated=gated)
     if found.meaning is None:
         yield BenchFinding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
         return
@@ -180,18 +181,6 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
         "ok" if agrees else "bad",
         f"{found.meaning.value}: {found.why}" + ("" if agrees else f"; they were taken for {found.assumed.value}"),
         "" if agrees else f'set stamps = "{found.meaning.value}" in [sensor]',
-    )
-
-
-def _config(rig: Rig) -> SensorConfig:
-    return SensorConfig(
-        height=rig.table.sensor.height,
-        width=rig.table.sensor.width,
-        fourcc=rig.table.sensor.format.strip(),
-        buffers=rig.table.sensor.buffers,
-        warm_up_frames=rig.table.sensor.warm_up_frames,
-        top=rig.table.sensor.top,
-        left=rig.table.sensor.left,
     )
 
 
@@ -345,14 +334,14 @@ def _loop_masks(info: ModulatorInfo) -> np.ndarray[tuple[int, int, int], np.dtyp
 def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     """Show masks with one trigger each and count the frames."""
     info = devices.modulator.info
-    mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
+    mask_s = info.at_least_s(max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)]))
     settings = CaptureSettings(
         masks=_loop_masks(info), bit_depth=min(info.min_exposure_s), mask_s=mask_s, mode=Mode.PER_MASK,
         margin_s=mask_s / 2, gated=_gated(rig, devices),
     )  # fmt: skip
     taken: list[Taken] = []
     try:
-        plan = plan_capture(devices, settings, _config(rig)).require_sound()
+        plan = plan_capture(devices, settings, sensor_config(rig, devices)).require_sound()
         capture(devices, plan, taken.append)
     except Gs2ciError as error:
         yield _finding_of_error("trigger loop", error)

@@ -23,23 +23,31 @@ def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorCo
         InputError: The masks do not fit on the modulator.
     """
     table = rig.table
-    modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
-    largest = max(sensor.formats, key=lambda fmt: fmt.height * fmt.width)
-    size = (table.sensor.height or largest.height, table.sensor.width or largest.width)
-    codes = draw_codes(table.capture, size, rig.folder)
+    modulator, config = devices.modulator.connect(), sensor_config(rig, devices)
+    codes = draw_codes(table.capture, (config.height, config.width), rig.folder)
     masks = on_modulator(codes, table.registration, (modulator.height, modulator.width))
-    config = SensorConfig(
-        height=size[0],
-        width=size[1],
-        fourcc=table.sensor.format.strip(),
-        gain_db=table.sensor.gain_db,
-        buffers=table.sensor.buffers,
-        warm_up_frames=table.sensor.warm_up_frames,
-        controls=table.sensor.controls,
-        top=table.sensor.top,
-        left=table.sensor.left,
-    )
     return codes, _settings(rig, masks), config
+
+
+def sensor_config(rig: Rig, devices: Devices) -> SensorConfig:
+    """Connect the sensor, and return its set-up by the rig file; a side that it leaves open is the largest format's.
+
+    Raises:
+        DriverError: The sensor does not answer.
+    """
+    wanted = rig.table.sensor
+    largest = max(devices.sensor.connect().formats, key=lambda fmt: fmt.height * fmt.width)
+    return SensorConfig(
+        height=wanted.height or largest.height,
+        width=wanted.width or largest.width,
+        fourcc=wanted.format.strip(),
+        gain_db=wanted.gain_db,
+        buffers=wanted.buffers,
+        warm_up_frames=wanted.warm_up_frames,
+        controls=wanted.controls,
+        top=wanted.top,
+        left=wanted.left,
+    )
 
 
 def _optics(rig: Rig) -> KnownOptics:

@@ -161,7 +161,8 @@ def record(
                     _take_continuously(rig, devices, plan, recorder, progress)
                 else:
                     capture(devices, plan, recorder.take, progress)
-            except Exception as error:
+                recorder.note_incidents()
+            except BaseException as error:
                 recorder.note_failure(error)
                 raise
             note_temperatures(log, devices)
@@ -307,8 +308,18 @@ class _Recorder:
         """Write how full the ring became, and how often the capture waited for the disk."""
         self._writer.event("ring", size=ring.size, fullest=ring.fullest, waits=ring.waits, waited_s=ring.waited_s)
 
-    def note_failure(self, error: Exception) -> None:
+    def note_incidents(self) -> None:
+        """Write the incidents after the last delivered shot, which would otherwise be taken for the next capture's."""
+        incidents = self._devices.incidents()
+        if incidents:
+            self._log.note("after the last shot", incidents=incidents)
+        for incident in incidents:
+            self._writer.event("incident", message=incident)
+
+    def note_failure(self, error: BaseException) -> None:
         """Write why the capture ended; earlier rows stay. On a full disk the error of the disk is the one reported."""
+        with suppress(StorageError):
+            self.note_incidents()
         notes = [str(note) for note in getattr(error, "__notes__", [])]
         self._log.note("failed", error=type(error).__name__, message=str(error), notes=notes)
         with suppress(StorageError):

@@ -36,6 +36,7 @@ GLANCE_S: Final = 1e-3
 """Timeout for a frame while the host steps the masks: it must not wait longer."""
 PATIENCE_S: Final = 1.0
 MOST_FRAMES: Final = 200
+"""After this many frames, good or bad, a run ends: a camera that runs freely sends them for ever."""
 SURE: Final = 5.0
 """Number of standard errors by which the brightness of two runs must differ for a conclusion."""
 LEAST_DN: Final = 0.5
@@ -143,9 +144,10 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
     modulator, sensor, clock = devices.modulator, devices.sensor, devices.clock
     setup = sensor.configure(config)
     frames: list[Frame] = []
+    bad = 0
     with Steps() as steps:
         steps.do("modulator dark", modulator.disarm, modulator.disarm)
-        modulator.upload(sequence)
+        sequence = modulator.upload(sequence).sequence
         steps.do("sensor on", sensor.start, sensor.stop)
         modulator.arm()
         sensor.discard()
@@ -153,7 +155,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
         _start(devices)
         ended_s = fired_s + (modulator.info.start_latency_s or 0.0) + sequence.duration_s
         patience_s = setup.exposure_s + setup.readout_s + PATIENCE_S
-        while len(frames) < MOST_FRAMES:
+        while len(frames) + bad < MOST_FRAMES:
             try:
                 if not modulator.info.hardware_timed:
                     modulator.keep_time(clock.now_s() + LOOK_S)
@@ -165,7 +167,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
                 elif clock.now_s() > ended_s + patience_s:
                     break
             except (FrameLostError, FrameCorruptError):
-                continue
+                bad += 1
         status = sensor.status()
     return TriggerRun(tuple(frames), status.lost + status.corrupt, fired_s, ended_s, setup.exposure_s)
 
@@ -221,7 +223,7 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
         DriverError: A device failed; all are at rest.
     """
     mask_s, _ = _times(devices)
-    pause_s = max(2 * mask_s, 2 * PAUSE_S)
+    pause_s = devices.modulator.info.at_least_s(max(2 * mask_s, 2 * PAUSE_S))
     config = replace(config, trigger=TriggerMode.LEVEL, exposure_s=MASKS * mask_s)
     opened = np.ones(MASKS, np.uint8)
     looks = [
@@ -255,7 +257,7 @@ def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> Stam
         DriverError: A device failed; all are at rest.
     """
     mask_s, shortest_s = _times(devices)
-    mask_s = max(mask_s, STAMP_MASK_S)
+    mask_s = devices.modulator.info.at_least_s(max(mask_s, STAMP_MASK_S))
     info = devices.sensor.info
     lengths_s = (shortest_s, min(0.6 * mask_s, info.max_exposure_s))
     looks = []
@@ -301,7 +303,7 @@ def _times(devices: Devices) -> tuple[float, float]:
     modulator, sensor = devices.modulator.info, devices.sensor.info
     shortest_s = modulator.min_exposure_s[min(modulator.min_exposure_s)]
     exposure_s = min(max(MASK_S / 10, sensor.min_exposure_s, 2 * shortest_s), sensor.max_exposure_s)
-    return max(MASK_S, 4 * exposure_s), exposure_s
+    return modulator.at_least_s(max(MASK_S, 4 * exposure_s)), exposure_s
 
 
 def _sequence(devices: Devices, is_open: U8, mask_s: float, trigger: TriggerOut, passes: int) -> PatternSequence:

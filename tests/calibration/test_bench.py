@@ -18,6 +18,7 @@ from gs2ci_calibration.photon_transfer import _take_full
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.failures import PlanRefusedError
+from gs2ci_drivers.plan import Mode
 from tests.bench_truth import opened
 from tests.calibration.random_benches import random_table
 
@@ -52,6 +53,36 @@ def test_one_exposure_spans_all_patterns(bench):
     assert half.shape == (1, 2, *bench.size)
     ratio = (half.mean() - 64) / (whole.mean() - 64)
     assert ratio == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.fixture
+def coarse(bench):
+    """The bench with a modulator whose times are multiples of 7 ms."""
+    modulator, step_s = bench.devices.modulator, 7e-3
+    modulator._info = replace(
+        modulator.connect(), exposure_step_s=step_s, min_dark_s=step_s, min_exposure_s={1: step_s}
+    )
+    return bench
+
+
+def test_a_modulator_of_coarse_times_changes_no_exposure(coarse):
+    patterns = np.stack([coarse.flat_pattern(is_open=is_open) for is_open in (True, False)])
+    one_each = coarse.grab(patterns, frames=1, exposure_s=10e-3)
+    assert one_each.plan.sequence.exposure_s == pytest.approx(14e-3)
+    assert one_each.exposure_s == pytest.approx(10e-3, abs=1e-5)
+    both = coarse.expose(patterns, mask_s=13.5e-3, exposure_s=27e-3, frames=1)
+    assert both.plan.sequence.exposure_s == pytest.approx(14e-3)
+    assert both.exposure_s == pytest.approx(27e-3, abs=1e-5)
+    assert coarse.devices.modulator.loaded.exposure_s == both.plan.sequence.exposure_s
+
+
+@pytest.mark.parametrize("shown_s", [0.0, 11e-3, 33e-3])
+def test_a_gated_pass_has_times_that_the_modulator_keeps(coarse, monkeypatch, shown_s):
+    monkeypatch.setattr(Bench, "_run", lambda bench, settings: settings)
+    gated = replace(coarse, capture=replace(coarse.capture, mode=Mode.GATE))
+    asked = gated.grab(gated.flat_pattern(is_open=True)[None], frames=1, exposure_s=10e-3, shown_s=shown_s)
+    kept = asked.rounded_for(coarse.devices.modulator.info)
+    assert (asked.mask_s, asked.dark_s) == (kept.mask_s, kept.dark_s)
 
 
 def test_no_frames_and_no_patterns_are_refused(bench):

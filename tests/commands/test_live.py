@@ -2,12 +2,12 @@
 
 from gs2ci.commands import live
 from gs2ci.rig.live import bench as live_bench
-from tests.rig.live.conftest import RIG
+from tests.rig.live.conftest import MODULATOR, RIG
 
 
 def test_it_says_where_the_bench_is_and_closes_it(tmp_path, monkeypatch, capsys):
     path = tmp_path / "rig.toml"
-    path.write_text(RIG.format(kind="v4l2", format="Y12", world=""))
+    path.write_text(RIG.format(kind="v4l2", format="Y12", world="", modulator=MODULATOR))
     closed = []
     close = live_bench.LiveBench.close
 

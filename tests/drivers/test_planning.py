@@ -106,6 +106,60 @@ def test_a_trigger_that_the_modulator_lacks_is_named():
     assert broken(plan(modulator=lacking)) == {"trigger output"}
 
 
+def coarse(step_s):
+    return replace(MODULATOR, exposure_step_s=step_s, min_exposure_s={1: step_s}, min_dark_s=1.5 * step_s)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_upload_changes_no_time_of_a_plan(seed):
+    rng = np.random.default_rng(seed)
+    step_s = float(rng.choice([1e-6, 1e-3, 1 / 59.94, 1 / 60, 7e-3]))
+    laid = plan(
+        modulator=coarse(step_s),
+        mode=list(Mode)[seed % 3],
+        mask_s=rng.uniform(0.3, 9) * step_s,
+        dark_s=rng.uniform(0, 3) * step_s * (seed % 2),
+        burst=int(rng.integers(1, 4)),
+        readout_s=rng.uniform(0, 0.05),
+    )
+    sequence = laid.sequence
+    for time_s in (sequence.exposure_s, sequence.dark_s, sequence.pause_s):
+        assert coarse(step_s).quantise_s(time_s) == time_s
+    assert (laid.settings.mask_s, laid.weights.max() <= 1) == (sequence.exposure_s, True)
+
+
+@pytest.mark.parametrize(
+    ("key", "asked_s", "what", "nearest"),
+    [
+        ("mask_s", 0.025, "rounded time per mask", "0.01666667 or 0.03333333"),
+        ("mask_s", 0.03, "rounded time per mask", "0.01666667 or 0.03333333"),
+        ("mask_s", 0.002, "rounded time per mask", "0.01666667"),
+        ("dark_s", 0.005, "rounded dark time", "0.03333333"),  # the shortest is one and a half refreshes
+        ("dark_s", 0.04, "rounded dark time", "0.03333333 or 0.05"),
+    ],
+)
+def test_a_time_that_the_modulator_would_round_too_far_is_refused_with_those_it_keeps(key, asked_s, what, nearest):
+    changes = {"mask_s": 1 / 60, "full_well_e": None, key: asked_s}
+    refused = plan(modulator=coarse(1 / 60), **changes)
+    figure = next(figure for figure in refused.broken if figure.what == what)
+    assert figure.remedy == f"set `{key}` to {nearest}"
+    assert figure.limit == f"steps of 16.667 ms; {nearest} s"
+    for allowed in nearest.split(" or "):
+        assert what not in {
+            one.what for one in plan(modulator=coarse(1 / 60), **changes | {key: float(allowed)}).figures
+        }
+
+
+def test_a_time_that_is_rounded_a_little_is_planned_as_it_will_be_shown_and_said():
+    rounded = plan(modulator=coarse(1 / 60), mask_s=0.032, travel=Travel("x", 40.0, 41.0), exposure_s=4 / 60)
+    assert rounded.sequence.exposure_s == pytest.approx(2 / 60)
+    assert rounded.weights == pytest.approx([1, 1, 0, 0], abs=1e-3)  # of the exposure that the sensor got here
+    assert rounded.sweep.speed_mm_s == pytest.approx(60 / 8)
+    values = {figure.what: figure.value for figure in rounded.figures}
+    assert values["rounded time per mask"] == "33.333 ms for mask_s = 0.032 s"
+    assert "rounded time per mask" not in broken(rounded)
+
+
 def test_the_sweep_has_room_for_the_modulators_start():
     moving = plan(travel=Travel("x", 40.0, 41.0))
     assert moving.sweep.from_mm == pytest.approx(40.0 - 25.0 * 0.05)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -5,8 +6,12 @@ import pytest
 from gs2ci.rig import doctor
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.doctor import examine
+from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
+from gs2ci_drivers.sensor import TriggerMode
+from gs2ci_drivers.v4l2.driver import V4l2Sensor
+from gs2ci_drivers.v4l2.trigger import ControlTrigger
 from gs2ci_sims.world import Darkness
 
 TABLES = {
@@ -120,3 +125,34 @@ def test_a_panel_behind_usb_is_given_its_own_udev_rule(tmp_path):
     found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
     assert found["permissions for the modulator"].verdict == "note"
     assert 'ATTRS{idVendor}=="0403"' in found["permissions for the modulator"].remedy
+
+
+@pytest.mark.parametrize("fault", ["v4l2.frame_noisy", "v4l2.frame_corrupt", "v4l2.frame_dropped"])
+def test_a_camera_that_runs_freely_and_sends_bad_frames_only_does_not_keep_the_doctor(tmp_path, monkeypatch, fault):
+    set_mode = ControlTrigger.set_mode
+    monkeypatch.setattr(ControlTrigger, "set_mode", lambda adapter, mode: set_mode(adapter, TriggerMode.FREE_RUN))
+    rig = make(tmp_path)
+    rig.bench.faults["sensor"].inject(fault, times=10_000)
+    before_s = rig.clock.now_s()
+    found = verdicts(rig)
+    assert found["trigger pulses"].verdict == found["trigger loop"].verdict == "bad"
+    assert rig.clock.now_s() - before_s < 60
+
+
+def test_the_doctor_examines_the_camera_as_the_capture_sets_it_up(tmp_path, monkeypatch):
+    sensor = {"gain_db": 6.0, "gain_db_per_unit": 0.1, "controls": {"analogue_gain": 70}}
+    rig, configs = make(tmp_path, sensor=sensor), []
+    devices = rig.open()
+    *_, wanted = intended(rig, devices)
+    devices.close()
+    do_configure = V4l2Sensor._do_configure
+    monkeypatch.setattr(
+        V4l2Sensor, "_do_configure", lambda camera, config: configs.append(config) or do_configure(camera, config)
+    )
+    assert {finding.verdict for finding in examine(rig)} == {"ok"}
+    assert len(configs) == 5  # pulses twice, loop, stamps twice
+    assert {str(replace(one, exposure_s=0, trigger=TriggerMode.EDGE)) for one in configs} == {
+        str(replace(wanted, exposure_s=0, trigger=TriggerMode.EDGE))
+    }
+    assert wanted.gain_db == 6.0
+    assert wanted.controls == {"analogue_gain": 70}

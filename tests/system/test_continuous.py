@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.storage import count_shots, read_shot
-from gs2ci.rig.recording import prepare
+from gs2ci.rig.recording import prepare, record
 from gs2ci_drivers import acquisition, frame_timing
-from gs2ci_drivers.failures import PlanRefusedError, TriggerTimeoutError
+from gs2ci_drivers.failures import FrameCorruptError, PlanRefusedError, TriggerTimeoutError
 
 SHOTS = 40
 CAPTURE = {"continuous": True, "masks": 2, "mask_s": 0.02, "axis": "", "shots": SHOTS}
@@ -95,6 +95,53 @@ def test_the_first_and_the_last_frame_may_be_lost_too(make_small):
     with h5py.File(small.out) as file:
         triggers = file["frames/trigger_index"][: SHOTS - 3].tolist()
     assert triggers == list(range(2, SHOTS - 1))
+    said = [event["message"] for event in events(small.out) if event["kind"] == "incident"]
+    assert [text.split(":")[0] for text in said] == ["sensor, trigger 0", f"sensor, trigger {SHOTS - 1}"]
+
+
+@pytest.mark.parametrize("ended", ["whole", "by a missing trigger", "by hand"])
+def test_what_came_after_the_last_row_is_told_there_and_not_in_the_next_file(make_small, ended):
+    shots = 6
+    small = make_small(dlp5500=True, capture=CAPTURE | {"shots": shots})
+    devices = small.rig.open()
+    log, written = small.out.with_name("shot.h5.session.jsonl"), small.out
+    try:
+        prepared = prepare(small.rig, devices)
+        faults = small.bench.faults["sensor"]
+        faults.inject("v4l2.frame_corrupt", skip=shots - 2, times=1 + (ended == "whole"))
+        if ended == "whole":
+            record(small.rig, devices, prepared, small.out, replace=True, progress=small.said)
+        else:
+            written = small.out.with_name("shot.h5.partial")
+            read, error = devices.sensor.read, TriggerTimeoutError("sensor", 5, 1.0)
+            if ended == "by hand":
+                error = KeyboardInterrupt()
+
+            def interrupted(*arguments, **named):
+                if named["trigger_index"] == shots - 1:
+                    raise error
+                return read(*arguments, **named)
+
+            devices.sensor.read = interrupted
+            with pytest.raises(type(error)):
+                record(small.rig, devices, prepared, small.out, replace=True, progress=small.said)
+        assert devices.incidents() == []
+    finally:
+        devices.close()
+    said = [event["message"] for event in events(written) if event["kind"] == "incident"]
+    assert said[0].split(":")[0] == f"sensor, trigger {shots - 2}"
+    assert all(text.endswith("skipped") for text in said)
+    noted = [json.loads(line) for line in log.read_text().splitlines()]
+    assert next(line for line in noted if line["event"] == "after the last shot")["incidents"] == said
+
+
+def test_a_capture_without_one_whole_frame_ends_with_the_error_of_its_frames(make_small):
+    small = make_small(dlp5500=True, capture=CAPTURE | {"shots": 3})
+    small.bench.faults["sensor"].inject("v4l2.frame_corrupt", times=99)
+    with pytest.raises(FrameCorruptError, match="trigger 2: frame 2 is corrupt"):
+        small.capture()
+    assert list(small.out.parent.glob("shot.h5*")) == [small.out.with_name("shot.h5.session.jsonl")]
+    assert "trigger 0: frame 0 is corrupt" in small.out.with_name("shot.h5.session.jsonl").read_text()
 
 
 def test_a_trigger_that_never_comes_ends_the_capture_and_the_rows_before_it_stay(make_small):

@@ -1,5 +1,7 @@
 """Which masks pulse, and the event that time stamps mark: each assumption about a device is confirmed by the device."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -97,3 +99,54 @@ def test_the_doctor_measures_what_time_stamps_mean(make_small, driver, stated, t
     assert found.detail.startswith(truth)
     assert found.verdict == ("bad" if stated else "ok")
     assert (f'stamps = "{truth}"' in found.remedy) is bool(stated)
+
+
+EDGES = {
+    "at the mask's own": {},
+    "pulses later, which are another line": {"trigger_out_2": {"rise_us": 2000, "fall_us": 2020}},
+    "gate later": {"trigger_out_1": {"rise_us": 2000, "fall_us": 2000}},
+    "gate longer": {"trigger_out_1": {"rise_us": 100, "fall_us": 3100}},
+    "gate much later": {"trigger_out_1": {"rise_us": 15_000, "fall_us": 15_000}},
+}
+
+
+@pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
+@pytest.mark.parametrize("shots", [{}, {"shots": 3, "burst": 3}], ids=["one", "burst"])
+def test_a_gate_exposes_what_is_planned_whatever_its_edges(make_small, edges, shots):
+    capture = {"masks": 4, "mask_s": 0.01, "mode": "gate", "axis": ""} | shots
+    small = make_small(modulator=edges, capture=capture, world={"devices": "ideal"})
+    with h5py.File(small.capture()) as file:
+        weights = file["calib/weights"][:]
+    for exposure in small.bench.world.exposures[-shots.get("shots", 1) :]:
+        shares = [(mask.end_s - mask.start_s) / 0.01 for mask in exposure.masks]
+        before = [0.0] * (4 - len(shares))  # the masks that ended before the gate began
+        assert before + shares == pytest.approx(weights, abs=2e-3)
+
+
+@pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
+def test_a_gate_for_each_mask_exposes_what_is_planned_whatever_its_edges(make_small, edges):
+    low = edges.get("trigger_out_1", {}) | {"inverted": True}  # the IMX296 exposes while its line is low
+    small = make_small(
+        modulator=edges | {"trigger_out_1": low},
+        sensor={"trigger_adapter": "module", "readout_s": 1e-3},
+        capture={"masks": 3, "mask_s": 0.02, "shots": 1, "mode": "gate", "axis": ""},  # by which the bench is wired
+    )
+    each = small.rig.table.capture.model_copy(update={"mode": "per-mask"})
+    small.rig = replace(small.rig, table=small.rig.table.model_copy(update={"capture": each}))
+    with h5py.File(small.capture()) as file:
+        weights = file["calib/weights"][:]
+    for exposure, weight in zip(small.bench.world.exposures[-3:], weights, strict=True):
+        assert sum(mask.end_s - mask.start_s for mask in exposure.masks) / 0.02 == pytest.approx(weight, abs=2e-3)
+
+
+@pytest.mark.parametrize("shots", [1, 3])
+def test_a_late_pulse_exposes_what_is_planned_and_no_mask_of_the_next_pass(make_small, shots):
+    late = {"trigger_out_2": {"rise_us": 15_000, "fall_us": 15_020}, "trigger_out_1": {"rise_us": 500, "fall_us": 500}}
+    capture = {"masks": 4, "mask_s": 0.01, "shots": shots, "burst": shots, "axis": ""}
+    small = make_small(modulator=late, capture=capture)
+    with h5py.File(small.capture()) as file:
+        weights = file["calib/weights"][:]
+    assert weights == pytest.approx([0, 0.5, 1, 1], abs=2e-3)
+    for exposure in small.bench.world.exposures[-shots:]:
+        shares = [(mask.end_s - mask.start_s) / 0.01 for mask in exposure.masks]
+        assert shares == pytest.approx(weights[1:], abs=2e-3)

@@ -149,7 +149,7 @@ class Dlpc900(Modulator):
         return self._describe(f"{versions.application} {tag}".strip())
 
     def _describe(self, version: str) -> ModulatorInfo:
-        model = self._model
+        model, gate = self._model, self.settings.trigger_out_1
         if self.settings.blocks is None:
             shortest = {bits: timing.min_exposure_us(model, bits) for bits in range(1, 9)}
         else:
@@ -177,6 +177,8 @@ class Dlpc900(Modulator):
             capacity={bits: timing.max_patterns(model, bits) for bits in shortest},
             trigger_outs=frozenset(TriggerOut),
             trigger_delay_s=self.settings.trigger_out_2.rise_us * _US,
+            gate_delay_s=gate.rise_us * _US,
+            gate_longer_s=(gate.fall_us - gate.rise_us) * _US,
             pulses_unsettled="" if self.settings.trigger_out_2_bit else _UNSETTLED,
             typical_start_s=_TYPICAL_START_S,
         )

@@ -1,17 +1,20 @@
 """The bench behind the live page: one thread owns its devices, answers requests, and takes pictures.
 
 A mask is shown by a sequence that ends by itself after `HOLD_S` and is restarted as long as a page is open: even if the
-whole process is killed, the modulator goes dark.
+whole process is killed, a modulator with a clock of its own goes dark. Where the host steps the masks, each is one
+sequence: nobody would step to the next one in time while a picture is awaited.
 
 Here: `LiveBench`. Not here: the page and who may press its buttons (`server`), the figures of a picture (`looks`).
 """
 
+import math
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -93,7 +96,7 @@ class LiveBench:
         self._taking = False
         self._shown = "dark"
         self._mask: int | None = None
-        self._sequence: PatternSequence | None = None
+        self._turn: deque[PatternSequence] = deque()  # shown one after another, the present one first
         self._shown_since_s = 0.0
         self._figures: dict[str, Any] = {}
         self._residual: dict[str, Any] | None = None
@@ -103,7 +106,7 @@ class LiveBench:
     def armed(self) -> list[str]:
         """Get which devices are active: showing, streaming or moving."""
         return [
-            *([f"the modulator shows {self._shown}"] if self._sequence is not None else []),
+            *([f"the modulator shows {self._shown}"] if self._turn else []),
             *(["the camera streams"] if self._camera_on else []),
             *(["the stage moves"] if self._moving else []),
         ]
@@ -174,9 +177,10 @@ class LiveBench:
             except (TypeError, ValueError) as error:  # no such argument, or no number
                 raise InputError(f"{action} with {given}", allowed=str(error)) from error
 
-        if self._ended.is_set() or self._thread is None:
-            raise InputError("the bench is closed", remedy="start `gs2ci live` again")
-        self._asked.put((do, done))
+        with self._lock:  # what is asked before the end is refused there, and nothing is asked after it
+            if self._ended.is_set() or self._thread is None:
+                raise InputError("the bench is closed", remedy="start `gs2ci live` again")
+            self._asked.put((do, done))
         done.result()
 
     def _serve(self) -> None:
@@ -195,11 +199,14 @@ class LiveBench:
                     self._disarm()
                 self._publish()
                 self._ended.wait(max(0.0, began_s + 1 / PICTURES_PER_S - time.monotonic()) if self._camera_on else 0.0)
+        except Exception as error:
+            self._note(f"the bench has ended: {str(error) or type(error).__name__}")
+            raise
         finally:
-            self._disarm()
-            self._publish()
-            self._devices.close()
-            self._refuse_the_rest()
+            self._ended.set()
+            with ExitStack() as ending:  # each is done, even if another one fails
+                for step in (self._refuse_the_rest, self._devices.close, self._publish, self._disarm):
+                    ending.callback(step)
 
     def _answer(self, wait_s: float) -> None:
         try:
@@ -219,7 +226,7 @@ class LiveBench:
             done.set_result(None)
 
     def _refuse_the_rest(self) -> None:
-        with suppress(Empty):
+        with self._lock, suppress(Empty):
             while True:
                 _, done = self._asked.get_nowait()
                 done.set_exception(InputError("the bench is closed", remedy="start `gs2ci live` again"))
@@ -238,7 +245,7 @@ class LiveBench:
     def _exposure(self, *, seconds: float) -> None:
         """Set the exposure time from the next picture on."""
         info = self._devices.sensor.info
-        if not info.min_exposure_s <= float(seconds) <= info.max_exposure_s:
+        if math.isinf(float(seconds)) or not info.min_exposure_s <= float(seconds) <= info.max_exposure_s:
             raise InputError(
                 f"an exposure of {seconds} s", allowed=f"{info.min_exposure_s:g} to {info.max_exposure_s:g} s"
             )
@@ -254,7 +261,8 @@ class LiveBench:
         if what == "mask" and not 0 <= int(index) < len(self._codes):
             raise InputError(f"mask {index}", allowed=f"0 to {len(self._codes) - 1}")
         modulator.disarm()
-        self._sequence, self._shown, self._mask, self._residual = None, "dark", None, None
+        self._turn.clear()
+        self._shown, self._mask, self._residual = "dark", None, None
         if what == "dark":
             return
         bits = self._rig.table.capture.bit_depth
@@ -264,17 +272,20 @@ class LiveBench:
         else:
             chosen = self._codes if what == "sequence" else self._codes[int(index)][None]
             levels = on_modulator(chosen, self._rig.table.registration, size)
-        step_s = min(STEP_S, modulator.info.max_exposure_s)
-        outs = modulator.info.trigger_outs
-        sequence = PatternSequence(
-            levels,
-            bits,
-            step_s,
-            repeats=max(1, round(HOLD_S / (step_s * len(levels)))),
-            trigger=TriggerOut.NONE if TriggerOut.NONE in outs else sorted(outs, key=lambda out: out.value)[0],
+        timed, outs = modulator.info.hardware_timed, modulator.info.trigger_outs
+        step_s = min(STEP_S if timed else HOLD_S, modulator.info.max_exposure_s)
+        sequences = deque(
+            PatternSequence(
+                shown,
+                bits,
+                step_s,
+                repeats=max(1, round(HOLD_S / (step_s * len(shown)))),
+                trigger=TriggerOut.NONE if TriggerOut.NONE in outs else sorted(outs, key=lambda out: out.value)[0],
+            )
+            for shown in ([levels] if timed else np.split(levels, len(levels)))
         )
-        modulator.upload(sequence)
-        self._sequence = sequence
+        modulator.upload(sequences[0])
+        self._turn = sequences
         self._shown = {"open": "everything open", "sequence": "all masks in turn"}.get(what, f"mask {int(index) + 1}")
         self._mask = int(index) if what == "mask" else None
         self._start()
@@ -285,18 +296,18 @@ class LiveBench:
         self._shown_since_s = self._devices.clock.now_s()
 
     def _renew(self) -> None:
-        """Restart a sequence before it ends by itself."""
-        if self._sequence is None:
+        """Restart a sequence before it ends by itself, or go on to the next one if there are several."""
+        if not self._turn:
             return
         modulator, now_s = self._devices.modulator, self._devices.clock.now_s()
-        if not modulator.info.hardware_timed:
-            modulator.keep_time(now_s)
+        several = len(self._turn) > 1
         if not self._camera_on and self._rig.bench is not None:
             self._devices.clock.sleep_s(1 / PICTURES_PER_S)  # simulated time passes only while something waits
-        if now_s - self._shown_since_s > RENEWED_S:
+        if now_s - self._shown_since_s > (STEP_S if several else RENEWED_S):
+            self._turn.rotate(-1)
             modulator.disarm()
-            if modulator.loaded is None:
-                modulator.upload(self._sequence)
+            if several or modulator.loaded is None:
+                modulator.upload(self._turn[0])
             self._start()
 
     def _jog(self, *, axis: str, mm: float) -> None:
@@ -362,7 +373,8 @@ class LiveBench:
                 step()
             except Gs2ciError as error:
                 self._note(str(error))
-        self._sequence, self._shown, self._mask, self._residual = None, "dark", None, None
+        self._turn.clear()
+        self._shown, self._mask, self._residual = "dark", None, None
         self._camera_on = self._moving = False
 
     def _look(self) -> None:
@@ -411,7 +423,10 @@ class LiveBench:
             "shown": self._shown,
             "masks": len(self._codes),
             "exposure_s": self._exposure_s,
-            "exposure_limits_s": [info.min_exposure_s, info.max_exposure_s],
+            # Without an exposure control there is no longest exposure, and JSON has no infinity.
+            "exposure_limits_s": [
+                limit_s if math.isfinite(limit_s) else None for limit_s in (info.min_exposure_s, info.max_exposure_s)
+            ],
             "axes": positions,
             "figures": self._figures,
             "residual": self._residual,

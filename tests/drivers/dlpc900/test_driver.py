@@ -123,7 +123,9 @@ def test_the_gate_is_one_level_from_the_first_mask_to_the_last(bench: Bench) -> 
 def test_trigger_edges_can_come_before_or_after_the_mask() -> None:
     settings = Dlpc900Options(trigger_out_2=Edges(rise_us=-20, fall_us=40))
     bench = make_bench(settings=settings)
-    assert bench.modulator.connect().trigger_delay_s == pytest.approx(-20e-6)
+    info = bench.modulator.connect()
+    assert info.trigger_delay_s == info.delay_s(TriggerOut.PER_MASK) == pytest.approx(-20e-6)
+    assert (info.delay_s(TriggerOut.GATE), info.gate_longer_s) == (0, 0)
     shown = bench.run(SEQUENCE)
     edges = [edge for edge in bench.world.bus.edges if edge.line == "dmd0.out2"]
     assert edges[0].when_s == pytest.approx(shown[0].start_s - 20e-6)

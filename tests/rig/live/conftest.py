@@ -10,9 +10,7 @@ from tests.evaluate.pages.conftest import tab  # noqa: F401 - a fixture
 RIG = """
 name = "small"
 [modulator]
-kind = "dlpc900"
-port = "simulated"
-trigger_out_2_bit = "disables"
+{modulator}
 [sensor]
 kind = "{kind}"
 port = "simulated"
@@ -47,6 +45,7 @@ height = 96
 width = 128
 {world}
 """
+MODULATOR = 'kind = "dlpc900"\ntrigger_out_2_bit = "disables"'
 
 
 @pytest.fixture
@@ -54,10 +53,10 @@ def make_live(tmp_path):
     """Begin a live bench; it is closed at the end."""
     begun = []
 
-    def make(kind="v4l2", world="", tables=""):
+    def make(kind="v4l2", world="", tables="", modulator=MODULATOR):
         path = tmp_path / "rig.toml"
         form = "Y12" if kind == "v4l2" else "Mono12"
-        path.write_text(RIG.format(kind=kind, format=form, world=world) + tables)
+        path.write_text(RIG.format(kind=kind, format=form, world=world, modulator=modulator) + tables)
         bench = LiveBench(load_rig(path))
         bench.begin()
         begun.append(bench)

@@ -1,6 +1,8 @@
 """A live bench by its actions: what it shows, what it tells, and that nothing stays armed."""
 
+import json
 import sys
+import threading
 import time
 
 import cv2
@@ -12,7 +14,9 @@ from gs2ci.rig.live import bench as live_bench
 from gs2ci.rig.live.bench import LiveBench
 from gs2ci.rig.opening import load_rig
 from gs2ci_drivers.failures import AccessError, OutOfRangeError
+from gs2ci_drivers.v4l2.setup import OpenCamera
 from tests.patience import HANG_S
+from tests.rig.live.conftest import MODULATOR
 
 
 def wait_for(bench, done):
@@ -109,6 +113,36 @@ def test_a_mask_goes_dark_by_itself_unless_somebody_is_there(make_live, monkeypa
     assert at_rest(bench)
 
 
+@pytest.mark.parametrize("modulator", [MODULATOR, 'kind = "video"'])
+@pytest.mark.parametrize("camera", [False, True])
+def test_all_masks_are_shown_in_turn(make_live, modulator, camera):
+    bench = make_live(modulator=modulator)
+    world = bench._rig.bench.world
+    bench.act("camera", on=camera)
+    begin_s = world.clock.now_s()
+    bench.act("show", what="sequence")
+    wait_for(bench, lambda view: world.clock.now_s() - begin_s > 4.0)
+    assert bench.armed[0] == "the modulator shows all masks in turn"
+    shown = [mask.levels.tobytes() for mask in world.masks_between(begin_s, world.clock.now_s())]
+    assert len(set(shown)) == 4
+    assert shown[4] == shown[0]
+
+
+@pytest.mark.parametrize("what", ["mask", "sequence"])
+@pytest.mark.parametrize(("modulator", "camera"), [('kind = "video"', True), ('kind = "santec"', False)])
+def test_a_panel_that_the_host_steps_goes_on_showing(make_live, monkeypatch, modulator, camera, what):
+    monkeypatch.setattr(live_bench, "HOLD_S", 1.2)
+    monkeypatch.setattr(live_bench, "RENEWED_S", 0.8)
+    bench = make_live(modulator=modulator)
+    clock = bench._rig.bench.world.clock
+    bench.act("camera", on=camera)
+    bench.act("show", what=what)
+    begin_s = clock.now_s()
+    view = wait_for(bench, lambda view: clock.now_s() - begin_s > 2.0)
+    assert len(view.state["armed"]) == 1 + camera
+    assert not [note for note in view.state["notes"] if "modulator" in note]
+
+
 def test_the_stage_is_jogged_within_its_limits(make_live):
     bench = make_live()
     before = bench.view().state["axes"]["x"]["mm"]
@@ -198,6 +232,60 @@ def test_a_closed_bench_is_at_rest_and_refuses(make_live):
     assert at_rest(bench)
     with pytest.raises(InputError, match="the bench is closed"):
         bench.act("disarm")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_bench_that_dies_is_at_rest_says_why_and_refuses(make_live, monkeypatch):
+    bench = make_live()
+    bench.act("show", what="open")
+    bench.act("camera", on=True)
+
+    def broken(*_):
+        raise ValueError("zero-size array")
+
+    monkeypatch.setattr(bench._devices.sensor, "stop", broken)  # not even that ends as it should
+    monkeypatch.setattr(live_bench, "figures_of", broken)
+    bench._thread.join(HANG_S)
+    assert not bench._thread.is_alive()
+    assert bench._devices.modulator._closed
+    assert bench._devices.sensor._closed
+    with pytest.raises(InputError, match="the bench is closed"):
+        bench.act("disarm")
+    assert any("the bench has ended: zero-size array" in note for note in bench.view().state["notes"])
+
+
+def test_what_is_asked_while_the_bench_ends_is_refused(make_live, monkeypatch):
+    bench, answers = make_live(), []
+    disarm = bench._disarm
+
+    def slowly():
+        asking = threading.Thread(target=ask)
+        asking.start()
+        while bench._asked.empty() and asking.is_alive():
+            time.sleep(0.01)
+        disarm()
+
+    def ask():
+        with pytest.raises(InputError, match="the bench is closed"):
+            bench.act("disarm")
+        answers.append("refused")
+
+    monkeypatch.setattr(bench, "_disarm", slowly)
+    bench.close()
+    until = time.monotonic() + HANG_S
+    while not answers and time.monotonic() < until:
+        time.sleep(0.01)
+    assert answers == ["refused"]
+
+
+def test_a_camera_without_an_exposure_control_has_no_longest_exposure(make_live, monkeypatch):
+    monkeypatch.setattr(OpenCamera, "_exposure_control", lambda camera, width: None)
+    bench = make_live()
+    state = bench.view().state
+    assert state["exposure_limits_s"] == [0.0, None]
+    json.dumps(state, allow_nan=False)
+    with pytest.raises(InputError, match="an exposure of inf s"):
+        bench.act("exposure", seconds=float("inf"))
 
 
 def test_a_bench_that_does_not_answer_is_closed_again(tmp_path, make_live):
