@@ -20,7 +20,7 @@ from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
-from gs2ci.core.whole_file import write_whole
+from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
@@ -154,6 +154,15 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
+
+
+def check_evaluation_place(path: Path) -> None:
+    """Check before the work that an evaluation to be written replaces none but an earlier one, of any version.
+
+    Raises:
+        StorageError: Something else lies there, for example one of the inputs.
+    """
+    check_earlier(path, SCHEMA.partition("/")[0].encode() + b"/", "an evaluation")
 
 
 def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
