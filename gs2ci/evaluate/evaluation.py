@@ -122,7 +122,8 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
     """Evaluate a run; a figure without the data for it is None.
 
     Raises:
-        InputError: The data are of another shot: sizes or counts differ; or novel views come without true poses.
+        InputError: The data are of another shot: sizes or counts differ; or novel views come without true poses, or
+            are of another size.
     """
     shot = evidence.shot
     views = run.views[..., : shot.channels]
@@ -224,6 +225,13 @@ def _novel(run: FinishedRun, shot: Shot, novel: NovelViews) -> dict[str, Any]:
         raise InputError(
             "novel views need the true camera path, and the shot does not hold it",
             remedy="import the measurement with its world_to_camera",
+        )
+    size, own = novel.views.shape[1:3], run.views.shape[1:3]
+    if size != own:
+        raise InputError(
+            f"novel views of {size[0]} x {size[1]} px beside a run of {own[0]} x {own[1]} px",
+            allowed="pictures of the run's size, as its camera matrix holds for them alone",
+            remedy="crop and scale them like the measurement",
         )
     alignment = align(run.world_to_camera, true_path)
     intrinsics = run.intrinsics if shot.intrinsics is None else shot.intrinsics
