@@ -280,7 +280,7 @@ def _check_free(target: Path, run: Run, files: str | None = None, *, overwrite: 
     place = target.resolve()
     if run.folder is not None and (home := run.folder.resolve()) in (place, *place.parents):
         raise StorageError(
-            f"{target} lies in the run folder {home}, where an export replaces nothing",
+            f"{target} belongs to the run folder {home}, where an export replaces nothing",
             remedy="choose another place with -o, or move it away first",
         )
     if (target.is_dir() and not target.is_symlink()) != (files is not None):

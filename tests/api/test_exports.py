@@ -302,14 +302,14 @@ def test_a_run_is_not_replaced_by_its_export(run, examples, to, place):
     before = contents(examples)
     with pytest.raises((InputError, StorageError)):
         gs2ci.export("run", to, place, overwrite=True)
-    with pytest.raises(StorageError, match="lies in the run folder"):
+    with pytest.raises(StorageError, match="belongs to the run folder"):
         gs2ci.mesh("run", place, overwrite=True)
     assert contents(examples) == before
 
 
 def test_a_new_file_in_the_run_folder_is_written_once(run):
     assert gs2ci.export("run", "spz", "run/scene.spz").is_file()
-    with pytest.raises(StorageError, match=r"lies in the run folder.*replaces nothing"):
+    with pytest.raises(StorageError, match=r"belongs to the run folder.*replaces nothing"):
         gs2ci.export("run", "spz", "run/scene.spz", overwrite=True)
 
 
