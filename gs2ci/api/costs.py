@@ -4,6 +4,7 @@ Here: the order of estimating costs, running trials and reporting, and of cells,
 (`gs2ci.evaluate.tradeoff`, `gs2ci.tables`).
 """
 
+import hashlib
 import math
 import shlex
 from collections.abc import Sequence
@@ -11,10 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gs2ci.api.display import shown
 from gs2ci.api.options import check_seed, check_whole
 from gs2ci.core.durations import parse_duration_s, spoken_duration
 from gs2ci.core.errors import InputError
+from gs2ci.core.json_text import as_json
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
@@ -96,7 +100,8 @@ def tradeoff(
     Finished trials are kept in `<output>/cells`: a repeated call continues where an interrupted one stopped.
 
     Args:
-        shot: A shot file; or a shot, which is saved as `<output>/shot.h5` for trials in other processes.
+        shot: A shot file; or a shot, which is saved in `<output>/cells` for trials in other processes, under a name
+            that its content determines.
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
@@ -152,7 +157,7 @@ def tradeoff(
         in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
         count = f"{len(wanted)} trial{'s' if len(wanted) > 1 else ''}"
         display.say(f"{count}, about {in_all} in all; an interruption keeps those that are done.")
-        kept, row = (_kept(output, measured), 0) if file is None else (file, index)
+        kept, row = (_kept(output / "cells", measured), 0) if file is None else (file, index)
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(kept, row, trial, seed) for trial in wanted],
@@ -245,11 +250,24 @@ def make_table(
     return TableMade(measures, figures, markdown(chosen, figures, again), pages)
 
 
-def _kept(output: Path, shot: Shot) -> Path:
+def _kept(cells: Path, shot: Shot) -> Path:
+    """Return the file of a shot among the finished trials; it is written if it is not there.
+
+    Another shot has another name, and the same shot the same file, because the hash of a trial includes the file's.
+    """
     from gs2ci.core.storage import write_shots
 
-    output.mkdir(parents=True, exist_ok=True)
-    return write_shots(output / "shot.h5", [shot])
+    digest = hashlib.sha256()
+    for part in (shot, shot.truth):
+        for name, value in vars(part).items():
+            if isinstance(value, np.ndarray):
+                digest.update(f"{name} {value.shape}".encode())
+                digest.update(value.tobytes())
+            elif name != "truth":
+                digest.update(as_json([name, value]).encode())
+    path = cells / f"shot-{digest.hexdigest()[:20]}.h5"
+    cells.mkdir(parents=True, exist_ok=True)
+    return path if path.is_file() else write_shots(path, [shot])
 
 
 def _cell(shot: Path, index: int, trial: "TradeoffTrial", seed: int) -> "Cell":

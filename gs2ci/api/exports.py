@@ -5,6 +5,7 @@ Here: the list of parts, and writing a file or folder completely or not at all. 
 """
 
 import json
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -35,6 +36,13 @@ NAMES: Final[dict[ExportFormat, str]] = {
     "gif": "orbit.gif",
     "mp4": "orbit.mp4",
 }
+# Of the exports that are folders, every file by its path inside; a folder that holds another one is no such export.
+_FILES: Final[dict[str, str]] = {
+    "colmap": r"sparse/0/\w+\.(bin|txt)|images/view_\d+\.png",
+    "nerfstudio": r"transforms\.json|points\.ply|views/view_\d+\.png",
+    "depth-png": r"depth\.json|depth_\d+\.png",
+    "depth-exr": r"depth_\d+\.exr",
+}
 
 
 def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = None, *, overwrite: bool = False) -> Path:
@@ -47,14 +55,16 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
             file with views, depth and cameras under the names of the NeXus standard; gif and mp4 show a short orbit of
             the scene.
         path: The file or folder to write; by default one with the format's usual name in the current folder.
-        overwrite: Replace an existing output; a folder is replaced as a whole.
+        overwrite: Replace an existing file, or a folder that is an earlier export to the same format, as a whole.
+            Nothing inside the run folder is replaced.
 
     Returns:
         The path.
 
     Raises:
-        InputError: The format is unknown, the run has no such part, or a package is missing.
-        StorageError: The output exists already, or writing fails.
+        InputError: The format is unknown, the path has the ending of another, the run has no such part, a part is
+            damaged, or a package is missing.
+        StorageError: The output exists already or may not be replaced, or writing fails.
 
     Example:
         >>> gs2ci.export("run", "spz").name, gs2ci.export("run", "depth-png", "maps").is_dir()
@@ -65,7 +75,13 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
     if opened.folder is None:
         raise InputError("the run has no folder yet", remedy="call save() first")
     target = Path(NAMES[to] if path is None else path)
-    return _whole(target, _WRITERS[to](opened, opened.folder), overwrite=overwrite)
+    endings = {Path(name).suffix for name in NAMES.values()} - {"", Path(NAMES[to]).suffix}
+    if target.suffix in endings:
+        raise InputError(
+            f"--to {to} into {target}", allowed=f"a name like {NAMES[to]}", remedy="change --to, or the name after -o"
+        )
+    _check_free(target, opened, _FILES.get(to), overwrite=overwrite)
+    return _whole(target, _WRITERS[to](opened, opened.folder))
 
 
 def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 160, overwrite: bool = False) -> Path:
@@ -77,14 +93,14 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
         run: A run that was saved, or its folder.
         path: The file to write.
         voxels: Number along the longest side of the visible scene: more are finer; memory grows with their cube.
-        overwrite: Replace an existing file.
+        overwrite: Replace an existing file, unless it lies in the run folder.
 
     Returns:
         The path.
 
     Raises:
         InputError: The run has no reliable depth, or `voxels` is out of bounds.
-        StorageError: The output exists already, or writing fails.
+        StorageError: The output exists already or may not be replaced, or writing fails.
 
     Example:
         >>> gs2ci.mesh("run", voxels=32).name
@@ -94,7 +110,7 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
 
     opened = run if isinstance(run, Run) else open_run(run)
     target = Path(path)
-    _check_free(target, overwrite=overwrite)
+    _check_free(target, opened, overwrite=overwrite)
     made = fuse(_depth(opened), opened.views, _cameras(opened), opened.depth_confidence, voxels=voxels)
     return write_mesh(target, made)
 
@@ -103,6 +119,9 @@ _Write = Callable[[Path], object]
 
 
 def _ply(run: Run, folder: Path) -> _Write:
+    from gs2ci.render.ply import read_ply
+
+    read_ply(folder / "scene.ply")  # a damaged scene is refused, not copied
     return lambda path: shutil.copyfile(folder / "scene.ply", path)
 
 
@@ -114,18 +133,22 @@ def _spz(run: Run, folder: Path) -> _Write:
 
 
 def _colmap(run: Run, folder: Path) -> _Write:
+    from gs2ci.evaluate.whole_folder import write_pictures
+
     def write(path: Path) -> None:
         shutil.copytree(folder / "colmap", path)
-        shutil.copytree(folder / "views", path / "images")
+        write_pictures(path / "images", run.views)
 
     return write
 
 
 def _nerfstudio(run: Run, folder: Path) -> _Write:
+    from gs2ci.evaluate.whole_folder import write_pictures
+
     def write(path: Path) -> None:
         transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
         path.mkdir()
-        shutil.copytree(folder / "views", path / "views")
+        write_pictures(path / "views", run.views)
         if (folder / "points.ply").is_file():
             shutil.copyfile(folder / "points.ply", path / "points.ply")
             transforms["ply_file_path"] = "points.ply"
@@ -233,24 +256,57 @@ def _cameras(run: Run) -> "Cameras":
     return Cameras(run.path, run.intrinsics, run.distortion)
 
 
-def _check_free(target: Path, *, overwrite: bool) -> None:
-    """Check that an output can be written.
+def _check_free(target: Path, run: Run, files: str | None = None, *, overwrite: bool) -> None:
+    """Check that an output can be written, and that nothing is lost by it but an earlier output.
+
+    Args:
+        target: The file or folder.
+        run: The run that it is made of.
+        files: Pattern of the paths inside it, if it is a folder; None for a file.
+        overwrite: Whether an earlier output may be replaced.
 
     Raises:
         StorageError: It exists and may not be replaced, or nothing can be written there.
     """
     check_place(target)
-    if (target.exists() or target.is_symlink()) and not overwrite:
+    if not target.resolve().parent.is_dir():
+        raise StorageError(
+            f"{target} cannot be written: there is no folder {target.parent}", remedy="create it, or choose another"
+        )
+    if not (target.exists() or target.is_symlink()):
+        return
+    if not overwrite:
         raise StorageError(f"{target} exists", remedy="choose another name with -o, or add --overwrite to replace it")
+    place = target.resolve()
+    if run.folder is not None and (home := run.folder.resolve()) in (place, *place.parents):
+        raise StorageError(
+            f"{target} belongs to the run folder {home}, where an export replaces nothing",
+            remedy="choose another place with -o, or move it away first",
+        )
+    if (target.is_dir() and not target.is_symlink()) != (files is not None):
+        kind = "file" if files is None else "folder"
+        raise StorageError(
+            f"{target} is not a {kind}, and is not replaced by one", remedy="choose another name with -o"
+        )
+    if files is not None and (other := _other_file(target, files)) is not None:
+        raise StorageError(
+            f"{target} holds something other than an export of this kind, which is not replaced: {other}",
+            remedy="choose another place with -o",
+        )
 
 
-def _whole(target: Path, write: _Write, *, overwrite: bool) -> Path:
-    """Write a file or a folder under a temporary name, and move it to its place.
+def _other_file(folder: Path, files: str) -> Path | None:
+    """Return the first file inside a folder whose path there does not match a pattern; None if there is none."""
+    inside = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    return next((path for path in inside if not re.fullmatch(files, path.relative_to(folder).as_posix())), None)
+
+
+def _whole(target: Path, write: _Write) -> Path:
+    """Write a file or a folder under a temporary name, and move it to its place, which `_check_free` has checked.
 
     Raises:
-        StorageError: As `_check_free`; or writing fails.
+        StorageError: Writing fails.
     """
-    _check_free(target, overwrite=overwrite)
     try:
         with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.name}.") as scratch:
             made = Path(scratch) / target.name

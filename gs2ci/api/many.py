@@ -25,7 +25,7 @@ def reconstruct_many(
     preset: PresetName = "standard",
     *,
     every: bool = True,
-    index: int = 0,
+    index: int | None = None,
     processes: int | None = None,
     scheduler: str = "",
     overwrite: bool = False,
@@ -40,7 +40,7 @@ def reconstruct_many(
         files: Shot files.
         output: The folder of runs.
         every: Every exposure of each file; otherwise the one selected by `index`.
-        index: Which exposure of each file.
+        index: Which exposure of each file, without `every`; by default the first.
         processes: Number of processes on this machine; by default as many as its cores and memory allow.
         scheduler: Address of a Dask scheduler to use instead.
         overwrite: Replace runs of other files or with other settings.
@@ -51,7 +51,7 @@ def reconstruct_many(
 
     Raises:
         InputError: A file or a value cannot be used, or no scheduler answers.
-        StorageError: The folder cannot be written, or holds other runs.
+        StorageError: The folder cannot be written, is itself a run, or holds other runs.
 
     Example:
         >>> rows = gs2ci.reconstruct_many(
@@ -63,6 +63,10 @@ def reconstruct_many(
     check_whole("--processes", processes, 1, 1000)
     if scheduler and processes is not None:
         raise InputError("--processes and --scheduler together", remedy="the cluster has its own workers: omit one")
+    if every and index is not None:
+        raise InputError(
+            f"both --all and --index {index}", remedy="give one of them; in Python, index with every=False"
+        )
     focal_px = overrides.pop("focal_px", None)
     from gs2ci.api.overrides import Overrides, score_against_truth, settings_of, with_focal
 
@@ -72,7 +76,7 @@ def reconstruct_many(
     from gs2ci.batch.exposures import list_exposures
     from gs2ci.core.storage import read_shot
 
-    exposures = list_exposures([Path(file) for file in files], every=every, index=index)
+    exposures = list_exposures([Path(file) for file in files], every=every, index=index or 0)
     first = read_shot(exposures[0].file, exposures[0].index)
     if processes is None:
         processes = 1 if scheduler else min(len(exposures), batch.bearable_processes(first.masks.size))

@@ -192,13 +192,14 @@ class Run:
         """Build the run's page, one self-contained HTML file.
 
         Args:
-            destination: The file; report.html in the run folder if None.
+            destination: The file, where only an earlier page is replaced; report.html in the run folder if None.
 
         Returns:
             The file.
 
         Raises:
-            StorageError: The run was not saved and no destination is given, or the page cannot be written.
+            StorageError: The run was not saved and no destination is given, another file lies there, or the page
+                cannot be written.
         """
         from gs2ci.evaluate.pages.run_page import write_run_page
 

@@ -25,7 +25,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.environment import machine
-from gs2ci.evaluate.whole_folder import check_destination
+from gs2ci.evaluate.whole_folder import REPORT_NAME, check_destination
 from gs2ci.reconstruct.settings import Settings
 
 # Largest memory of a reconstruction, a fixed part and a part for each pixel of each view: an estimate that agrees with
@@ -65,12 +65,18 @@ def reconstruct_many(
         A row for each exposure, in their order.
 
     Raises:
-        StorageError: The folder cannot be written, or holds other runs at these places.
+        StorageError: The folder cannot be written, is itself a run, or holds other runs at these places.
         InputError: No scheduler answers, or dask.distributed is not installed.
         DeviceError: The scheduler went away.
     """
     output, progress = output.absolute(), progress or Silent()
     check_place(output / ROWS_NAME)
+    if (output / REPORT_NAME).exists():
+        raise StorageError(
+            f"{output} holds a result of its own, {REPORT_NAME}, and no folder of runs",
+            allowed="a new folder, or one that an earlier such command wrote",
+            remedy="choose another place with -o",
+        )
     tasks = [Task(one, output, _key(one, settings, depends_on), settings, prepare, score) for one in exposures]
     rows = {task.exposure.name: row for task in tasks if (row := _finished(task, overwrite=overwrite)) is not None}
     missing = [task for task in tasks if task.exposure.name not in rows]

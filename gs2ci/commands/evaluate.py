@@ -33,23 +33,27 @@ def run(
     Args:
         folder: The run folder, as `gs2ci reconstruct` wrote it.
         shot: The shot file that was reconstructed, or one of the same measurement that also contains the truth.
-        output: The JSON file to write; by default "evaluation.json" in the run folder.
+        output: The JSON file to write; by default "evaluation.json" in the run folder. An earlier evaluation is
+            replaced, any other file is not.
         depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
 
     Returns:
         The JSON file.
 
     Raises:
-        Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
+        Gs2ciError: A file or a value cannot be used, the shot is of another measurement than the run, or another file
+            lies where the JSON file is to be written.
     """
     scoring.check_noise(options["read_noise"], options["electrons"])
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.evaluate.evaluation import write_evaluation
+    from gs2ci.evaluate.evaluation import check_evaluation_place, write_evaluation
 
+    output = output or folder / "evaluation.json"
+    check_evaluation_place(output)
     found = scoring.evaluate(folder, measured, depth=depth, novel=novel, **options)
-    written = write_evaluation(output or folder / "evaluation.json", found)
+    written = write_evaluation(output, found)
     with answered(as_text=not json) as answer:
         table = Table(show_header=False, box=None)
         for name, value in rows(found):
@@ -58,7 +62,7 @@ def run(
         console.print(table)
         for note in found["notes"]:
             console.print(note["sentence"], markup=False, soft_wrap=True)
-        console.print(str(written), soft_wrap=True)
+        console.print(str(written), markup=False, soft_wrap=True)
         answer(found)
     return written
 

@@ -36,5 +36,6 @@ def run(
         page = open_run(folder).page()
     seen = open_page(page)
     console = Console(highlight=False)
-    console.print(str(page) if seen else f"{page}: no browser was found here; open this file in one", soft_wrap=True)
+    said = str(page) if seen else f"{page}: no browser was found here; open this file in one"
+    console.print(said, markup=False, soft_wrap=True)
     return page

@@ -25,7 +25,7 @@ def print_pages(text: str, pages: Iterable[Path]) -> None:
     console = Console()
     console.print(Markdown(split_tables(text, console.width)))
     for page in pages:
-        console.print(str(page), soft_wrap=True)
+        console.print(str(page), markup=False, soft_wrap=True)
 
 
 def split_tables(text: str, width: int) -> str:

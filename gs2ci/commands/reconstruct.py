@@ -25,7 +25,7 @@ def run(
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
-    index: int = 0,
+    index: int | None = None,
     density: RuleName | None = None,
     moments: int | None = None,
     overwrite: bool = False,
@@ -44,7 +44,7 @@ def run(
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The run folder to write; for many exposures, the folder of their run folders.
-        index: Which shot of the file.
+        index: Which shot of the file; by default the first.
         moments: Also write this many pictures spread evenly over the exposure: slow motion, if there are more of them
             than masks. They show the scene alone, at times and poses between those of the masks.
         overwrite: Replace an earlier run at the same place.
@@ -87,7 +87,7 @@ def run(
         )
     from gs2ci.core.storage import read_shot
 
-    measured = read_shot(shot, index)
+    measured = read_shot(shot, index or 0)
     from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)

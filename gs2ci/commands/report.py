@@ -27,7 +27,7 @@ def run(
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.
-        output: The page; by default report.html in the folder.
+        output: The page; by default report.html in the folder. An earlier page is replaced, any other file is not.
 
     Returns:
         The page.

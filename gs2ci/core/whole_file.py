@@ -1,7 +1,8 @@
 """Atomic writing of files: a reader sees the old content or the new, never a part of it.
 
 Here: `write_whole`, for content that is in memory before it is written: JSON, pages, tables, pictures, scenes, models;
-and `check_place`, with which a command checks before its work that the result can be written. Not here: captures and
+and, with which a command checks its place before the work, `check_place`, that the result can be written, and
+`check_earlier`, that it replaces nothing but an earlier one. Not here: captures and
 calibration bundles, which grow on the disk and contain a manifest (`gs2ci.core.storage.sealing`; it guarantees more:
 after it returns, the new file survives a power loss), and folders of many files (`gs2ci.evaluate.run_folder`).
 """
@@ -17,6 +18,8 @@ from gs2ci.core.errors import StorageError, reason_of
 
 # A name may have 255 bytes, of which the temporary name needs some; a character takes at most four.
 _CHARACTERS_OF_NAME: Final = 40
+# A mark that tells what a file is stands among its first bytes.
+_BYTES_OF_MARK: Final = 4096
 
 
 def write_whole(
@@ -82,6 +85,37 @@ def check_place(path: str | Path) -> None:
             f"{path} cannot be written: {reason}",
             remedy="check the permissions of that folder, or choose another place with -o",
         ) from error
+
+
+def check_earlier(path: str | Path, mark: bytes, kind: str) -> None:
+    """Check before the work that a file to be written replaces none but an earlier one of its kind.
+
+    Args:
+        path: Of the file to be written.
+        mark: Bytes that every file of this kind has near its beginning.
+        kind: What such a file is, as in "a page".
+
+    Raises:
+        StorageError: Something else lies there, or it cannot be read.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            return
+        earlier = path.is_file()
+        if earlier:
+            with path.open("rb") as file:
+                earlier = mark in file.read(_BYTES_OF_MARK)
+    except OSError as error:
+        raise StorageError(
+            f"{path} cannot be read: {reason_of(error)}", remedy="choose another place with -o"
+        ) from error
+    if not earlier:
+        raise StorageError(
+            f"{path} exists and is not {kind} of gs2ci, so that it is not replaced",
+            allowed=f"a new file, or {kind} that gs2ci wrote",
+            remedy="choose another place with -o, or move the file away",
+        )
 
 
 def _encoded(path: Path, text: str) -> bytes:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pycolmap
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
+from gs2ci.core.colmap import pycolmap
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.evaluate.whole_folder import view_names
 

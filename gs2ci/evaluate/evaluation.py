@@ -20,7 +20,7 @@ from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
-from gs2ci.core.whole_file import write_whole
+from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
@@ -122,7 +122,8 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
     """Evaluate a run; a figure without the data for it is None.
 
     Raises:
-        InputError: The data are of another shot: sizes or counts differ; or novel views come without true poses.
+        InputError: The data are of another shot: sizes or counts differ; or novel views come without true poses, or
+            are of another size.
     """
     shot = evidence.shot
     views = run.views[..., : shot.channels]
@@ -154,6 +155,15 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
+
+
+def check_evaluation_place(path: Path) -> None:
+    """Check before the work that an evaluation to be written replaces none but an earlier one, of any version.
+
+    Raises:
+        StorageError: Something else lies there, for example one of the inputs.
+    """
+    check_earlier(path, SCHEMA.partition("/")[0].encode() + b"/", "an evaluation")
 
 
 def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
@@ -215,6 +225,13 @@ def _novel(run: FinishedRun, shot: Shot, novel: NovelViews) -> dict[str, Any]:
         raise InputError(
             "novel views need the true camera path, and the shot does not hold it",
             remedy="import the measurement with its world_to_camera",
+        )
+    size, own = novel.views.shape[1:3], run.views.shape[1:3]
+    if size != own:
+        raise InputError(
+            f"novel views of {size[0]} x {size[1]} px beside a run of {own[0]} x {own[1]} px",
+            allowed="pictures of the run's size, as its camera matrix holds for them alone",
+            remedy="crop and scale them like the measurement",
         )
     alignment = align(run.world_to_camera, true_path)
     intrinsics = run.intrinsics if shot.intrinsics is None else shot.intrinsics

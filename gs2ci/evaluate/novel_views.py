@@ -6,7 +6,7 @@ image metrics (`gs2ci.evaluate.metrics`).
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
@@ -15,10 +15,14 @@ from scipy.linalg import expm, logm
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import check_rigid
 from gs2ci.evaluate.metrics import image_scores
 from gs2ci.evaluate.trajectory import Alignment
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+
+# Of views with full scale 1: noise and overshoot reach a little beyond 0 and 1. What reaches further has another scale.
+VALUE_RANGE: Final = (-0.5, 1.5)
 
 
 @dataclass(frozen=True)
@@ -35,16 +39,20 @@ class NovelViews:
 
 
 def read_novel_views(path: Path) -> NovelViews:
-    """Read views and poses from an .npz file with `views` ([M, H, W, C], uint8 or float) and `world_to_camera`.
+    """Read views and poses from an .npz file with `views` ([M, H, W, C]) and `world_to_camera`.
+
+    Views of uint8 and uint16 are divided by their largest value; others have full scale 1.
 
     Raises:
-        InputError: No such file, an array is missing, or the two do not fit together.
+        InputError: No such file, an array is missing, the two do not fit together, values are far beyond the full
+            scale, or poses are not rigid.
     """
     try:
         # Opened here, because numpy does not close a truncated file.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             views, poses = arrays["views"], arrays["world_to_camera"].astype(np.float64)
-            views = (views / np.float32(255) if views.dtype == np.uint8 else views).astype(np.float32)
+            full = np.iinfo(views.dtype).max if views.dtype in (np.uint8, np.uint16) else 1
+            views = (views / np.float32(full)).astype(np.float32)
     except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
         raise InputError(
             f"{path} holds no novel views: {error}", allowed="an .npz file with views and world_to_camera"
@@ -55,6 +63,14 @@ def read_novel_views(path: Path) -> NovelViews:
             f"{path} holds views {list(views.shape)} and poses {list(poses.shape)}",
             allowed="finite [M, H, W, C] with C = 1 or 3, and [M, 4, 4]",
         )
+    least, most = VALUE_RANGE
+    if views.min() < least or views.max() > most:
+        raise InputError(
+            f"{path} holds views from {views.min():.4g} to {views.max():.4g}",
+            allowed="full scale 1, or uint8 or uint16 with their own full scale",
+            remedy="divide them by the value of white",
+        )
+    check_rigid(f"{path}: world_to_camera", poses)
     return NovelViews(views, poses)
 
 

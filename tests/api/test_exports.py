@@ -245,11 +245,11 @@ def test_a_mesh_from_the_command_line(run, gs2ci, capsys):
 
 def test_places_that_are_taken_and_parts_that_are_missing_are_refused(run, gs2ci, capsys, examples):
     assert gs2ci("export", "run", "--to", "colmap", "-o", "there") == 0
-    (examples / "there" / "mine.txt").touch()
+    (examples / "there" / "images" / "view_007.png").touch()
     assert gs2ci("export", "run", "--to", "colmap", "-o", "there") == 2
     assert "--overwrite" in capsys.readouterr().err
     assert gs2ci("export", "run", "--to", "colmap", "-o", "there", "--overwrite") == 0
-    assert not (examples / "there" / "mine.txt").exists()
+    assert not (examples / "there" / "images" / "view_007.png").exists()
     assert not list(examples.glob(".there*"))
     with pytest.raises(InputError, match="no depth"):
         exports.mesh(replace(run, depth=None), "none.ply")
@@ -259,6 +259,97 @@ def test_places_that_are_taken_and_parts_that_are_missing_are_refused(run, gs2ci
         exports.orbit(replace(run, _scene=run.scene.map(lambda tensor: tensor[:0])))
     with pytest.raises(InputError, match="--to obj"):
         exports.export(run, "obj")
-    (examples / "run" / "scene.ply").unlink()
+    shutil.rmtree(examples / "run" / "colmap")
     with pytest.raises(StorageError, match="cannot be written"):
-        exports.export(run, "ply", "x.ply")
+        exports.export(run, "colmap", "x")
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+FOLDERS = ["colmap", "nerfstudio", "depth-png", "depth-exr"]
+
+
+@pytest.mark.parametrize("to", FOLDERS)
+@pytest.mark.parametrize("other", ["mine.txt", "images/holiday.png", "sparse/0/project.ini", "views/a/view_000.png"])
+def test_a_folder_that_holds_anything_but_an_earlier_export_is_not_replaced(run, examples, to, other):
+    kept = examples / "precious" / other
+    kept.parent.mkdir(parents=True)
+    kept.write_text("years of work")
+    before = contents(examples)
+    with pytest.raises(StorageError, match=r"holds something other than an export.*choose another place"):
+        gs2ci.export("run", to, "precious", overwrite=True)
+    assert contents(examples) == before
+
+
+@pytest.mark.parametrize("to", FOLDERS)
+def test_an_earlier_export_and_an_empty_folder_are_replaced(run, examples, to):
+    if to == "depth-exr":
+        pytest.importorskip("OpenEXR")
+    (examples / "place").mkdir()
+    first = contents(gs2ci.export("run", to, "place", overwrite=True))
+    (examples / "place" / max(first)).write_bytes(b"")
+    assert contents(gs2ci.export("run", to, "place", overwrite=True)) == first
+    with pytest.raises(StorageError, match="place exists"):
+        gs2ci.export("run", to, "place")
+
+
+@pytest.mark.parametrize("to", exports.NAMES)
+@pytest.mark.parametrize("place", ["run", "link", "run/views", "run/colmap", "run/scene.ply", "run/report.json"])
+def test_a_run_is_not_replaced_by_its_export(run, examples, to, place):
+    (examples / "link").symlink_to("run")
+    before = contents(examples)
+    with pytest.raises((InputError, StorageError)):
+        gs2ci.export("run", to, place, overwrite=True)
+    with pytest.raises(StorageError, match="belongs to the run folder"):
+        gs2ci.mesh("run", place, overwrite=True)
+    assert contents(examples) == before
+
+
+def test_a_new_file_in_the_run_folder_is_written_once(run):
+    assert gs2ci.export("run", "spz", "run/scene.spz").is_file()
+    with pytest.raises(StorageError, match=r"belongs to the run folder.*replaces nothing"):
+        gs2ci.export("run", "spz", "run/scene.spz", overwrite=True)
+
+
+def test_a_folder_is_not_replaced_by_a_file_nor_a_file_by_a_folder(run, examples):
+    (examples / "folder").mkdir()
+    (examples / "file").write_text("mine")
+    with pytest.raises(StorageError, match="folder is not a file, and is not replaced"):
+        gs2ci.export("run", "spz", "folder", overwrite=True)
+    with pytest.raises(StorageError, match="file is not a folder, and is not replaced"):
+        gs2ci.export("run", "colmap", "file", overwrite=True)
+    assert (examples / "file").read_text() == "mine"
+    assert gs2ci.export("run", "spz", "file", overwrite=True).stat().st_size > 100
+
+
+def test_a_name_with_the_ending_of_another_format_is_refused(run, examples):
+    before = contents(examples)
+    for to, name in (("gif", "b.mp4"), ("mp4", "a.gif"), ("spz", "s.ply"), ("nexus", "n.spz"), ("colmap", "c.ply")):
+        with pytest.raises(InputError, match=rf"--to {to} into {name}; allowed: a name like {exports.NAMES[to]}"):
+            gs2ci.export("run", to, name)
+    assert contents(examples) == before
+
+
+def test_a_folder_that_does_not_exist_is_named(run):
+    for write in (lambda: gs2ci.export("run", "spz", "new/dir/s.spz"), lambda: gs2ci.mesh("run", "new/dir/m.ply")):
+        with pytest.raises(StorageError, match=r"there is no folder new/dir; what to do: create it"):
+            write()
+
+
+def test_damaged_parts_are_not_copied(run, examples):
+    for picture in (examples / "run" / "views").iterdir():
+        picture.write_bytes(b"")
+    for to, inside in (("nerfstudio", "views"), ("colmap", "images")):
+        for path, view in zip(sorted((gs2ci.export("run", to) / inside).iterdir()), run.views, strict=True):
+            np.testing.assert_array_equal(imageio.imread(path), np.round(255 * np.clip(view, 0, 1)).astype(np.uint8))
+    scene = examples / "run" / "scene.ply"
+    scene.write_bytes(scene.read_bytes()[:600])
+    for to in ("ply", "spz"):
+        with pytest.raises(InputError, match=r"scene\.ply"):
+            gs2ci.export("run", to, f"x.{to}")
+    scene.unlink()
+    with pytest.raises(InputError, match=r"scene\.ply"):
+        gs2ci.export("run", "ply", "x.ply")
+    assert not list(examples.glob("x.*"))

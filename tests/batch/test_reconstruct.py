@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import sys
 from dataclasses import replace
 
@@ -182,3 +183,12 @@ def test_processes_without_dask_say_what_to_install(file, tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(InputError, match="gs2ci\\[cluster\\]"):
         reconstruct_many(list_exposures([file], every=True), tmp_path, QUICK, processes=2)
+
+
+def test_a_run_does_not_become_a_folder_of_runs(file, finished, tmp_path):
+    single = tmp_path / "run"
+    shutil.copytree(finished / "a-000", single)
+    before = sorted(single.rglob("*"))
+    with pytest.raises(StorageError, match=r"run holds a result of its own, report\.json.*another place"):
+        reconstruct_many(list_exposures([file], every=True), single, QUICK, overwrite=True)
+    assert sorted(single.rglob("*")) == before

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gs2ci.commands import evaluate
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS, RunResult
@@ -69,6 +69,26 @@ def test_the_result_goes_where_it_is_asked_to(finished, tmp_path):
     shot, folder = finished
     assert evaluate.run(folder, shot, tmp_path / "other.json") == tmp_path / "other.json"
     assert not (folder / "evaluation.json").exists()
+    assert evaluate.run(folder, shot, tmp_path / "other.json") == tmp_path / "other.json"
+
+
+@pytest.mark.parametrize("name", ["shot.h5", "depth.npy", "run/report.json", "run/scene.ply", "run", "link"])
+def test_inputs_and_files_of_others_are_not_replaced(finished, tmp_path, name):
+    shot, folder = finished
+    np.save(tmp_path / "depth.npy", np.full((2, *SIZE), 3.0))
+    (tmp_path / "link").symlink_to(shot)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(StorageError, match=rf"{name} exists and is not an evaluation of gs2ci.*choose another place"):
+        evaluate.run(folder, shot, tmp_path / name, depth=tmp_path / "depth.npy")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_brackets_in_a_path_are_no_markup(finished, tmp_path, capsys):
+    shot, folder = finished
+    (tmp_path / "ev[").mkdir()
+    for name in ("ev[draft].json", "ev[/x].json"):
+        assert evaluate.run(folder, shot, tmp_path / name) == tmp_path / name
+        assert str(tmp_path / name) in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("content", [b"", b"no numbers", b"\x93NUMPY\x01\x00 and no more", None])

@@ -7,8 +7,10 @@ import jsonschema
 import numpy as np
 import pytest
 
+from gs2ci.api.many import reconstruct_many
 from gs2ci.batch import reconstruct as batch
 from gs2ci.batch.rows import Row, RowProblem
+from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 
@@ -68,6 +70,17 @@ def test_one_file_with_all_is_many(gs2ci, files, asked):
 
 def test_several_files_without_all_give_one_each(gs2ci, files, asked):
     gs2ci("reconstruct", *files, "--index", "1", "-o", "runs")
+    assert [one.name for one in asked[0][0]] == ["a-001", "b-001"]
+
+
+def test_every_exposure_and_one_of_them_are_not_asked_for_together(gs2ci, files, asked, capsys):
+    for index in ("0", "1"):
+        assert gs2ci("reconstruct", files[0], "--all", "--index", index, "-o", "runs") == 2
+        assert f"both --all and --index {index}" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"both --all and --index 1.*every=False"):
+        reconstruct_many(files, "runs", index=1)
+    assert not asked
+    reconstruct_many(files, "runs", every=False, index=1)
     assert [one.name for one in asked[0][0]] == ["a-001", "b-001"]
 
 

@@ -24,6 +24,11 @@ def test_every_cell_is_printed_whole(width, capsys, monkeypatch):
     assert max(map(len, printed.splitlines())) <= width
 
 
+def test_brackets_in_a_path_are_no_markup(capsys):
+    print_pages("", [Path("costs[draft]/t.csv"), Path("costs[/x]/t.csv")])
+    assert capsys.readouterr().out.split() == ["costs[draft]/t.csv", "costs[/x]/t.csv"]
+
+
 def test_a_table_that_fits_stays_one():
     fitted = split_tables(TABLE, 200)
     assert fitted.replace(" ", "") == TABLE.replace(" ", "")

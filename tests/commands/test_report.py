@@ -38,6 +38,19 @@ def test_the_page_can_go_elsewhere(folder, tmp_path):
     assert (tmp_path / "page.html").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("content", [b"", b"my notes", b"<!doctype html><title>mine</title>"])
+def test_only_an_earlier_page_is_replaced(folder, tmp_path, content):
+    page = tmp_path / "page.html"
+    page.write_bytes(content)
+    with pytest.raises(StorageError, match=r"page\.html exists and is not a page of gs2ci"):
+        report.run(folder, page)
+    with pytest.raises(StorageError, match=r"shot\.h5 exists and is not a page of gs2ci"):
+        report.run(folder, folder.parent / "shot.h5")
+    assert page.read_bytes() == content
+    page.unlink()
+    assert report.run(folder, page).read_bytes() == report.run(folder, page).read_bytes()
+
+
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(StorageError, match="gs2ci reconstruct -o"):
         report.run(tmp_path)

@@ -1,12 +1,15 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from gs2ci.api.costs import tradeoff as tradeoff_of
 from gs2ci.commands import reconstruct, report, tradeoff
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.core.records import Shot
-from gs2ci.core.storage import write_shots
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.tradeoff import costs, trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 
@@ -65,6 +68,22 @@ def test_finished_trials_are_not_tried_again_unless_asked(measured, tried, tmp_p
     for fresh, count in ((False, 5), (False, 5), (True, 10)):
         tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", fresh=fresh)
         assert len(tried) == count
+
+
+def test_a_shot_in_memory_is_kept_beside_its_trials_and_replaces_nothing(measured, tried, tmp_path):
+    before = measured.read_bytes()
+    shot = read_shot(measured)
+    others = [
+        replace(shot, measurement=shot.measurement / 2),
+        replace(shot, truth=Truth(np.ones((2, 8, 8, 1), np.float32))),
+        replace(shot, provenance={"from": "elsewhere"}),
+    ]
+    for count, one in enumerate([shot, *others], 1):
+        for _ in range(2):  # the second time, what was tried is found
+            tradeoff_of(one, tmp_path, knobs=("preset",), most="10h", progress=Silent())
+        assert len(tried) == 5 * count
+        assert len(list((tmp_path / "cells").glob("shot-*.h5"))) == count
+    assert measured.read_bytes() == before
 
 
 def test_a_limit_that_nothing_meets_and_an_unknown_knob_are_refused(measured, tried, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from gs2ci.core import whole_file
 from gs2ci.core.errors import StorageError
-from gs2ci.core.whole_file import check_place, write_whole
+from gs2ci.core.whole_file import check_earlier, check_place, write_whole
 
 
 @pytest.fixture
@@ -221,3 +221,26 @@ def test_a_place_where_nothing_can_be_made_is_refused_before_the_work(tmp_path, 
     monkeypatch.setattr(whole_file.tempfile, "mkdtemp", refuse)
     with pytest.raises(StorageError, match=r"run cannot be written: .*Read-only file system"):
         check_place(tmp_path / "missing" / "run")
+
+
+@pytest.mark.parametrize("content", [b"", b"mine", b"\x89HDF\r\n", b" " * 5000 + b"made by us"])
+def test_only_an_earlier_file_of_the_kind_may_be_replaced(path, content):
+    check_earlier(path.with_name("new"), b"made by us", "a table")
+    path.write_bytes(b"<!-- made by us --> and more")
+    check_earlier(path, b"made by us", "a table")
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match=r"page\.html exists and is not a table of gs2ci.*move the file away"):
+        check_earlier(path, b"made by us", "a table")
+    link = path.with_name("link")
+    link.symlink_to(path)
+    with pytest.raises(StorageError, match="link exists and is not a table"):
+        check_earlier(link, b"made by us", "a table")
+
+
+def test_a_folder_a_pipe_and_what_cannot_be_read_may_not_be_replaced(path):
+    os.mkfifo(path.with_name("pipe"))
+    for place in (path.parent, path.with_name("pipe")):
+        with pytest.raises(StorageError, match="is not a table of gs2ci"):
+            check_earlier(place, b"made by us", "a table")
+    with pytest.raises(StorageError, match="cannot be read: File name too long"):
+        check_earlier(path.with_name("x" * 300), b"made by us", "a table")

@@ -140,3 +140,11 @@ def test_a_folder_that_is_no_whole_run_is_refused(make_run, tmp_path):
 def test_a_place_that_cannot_be_written_is_a_clear_error(tmp_path):
     with pytest.raises(StorageError, match="cannot be written"):
         write_evaluation(tmp_path, {})
+
+
+@pytest.mark.parametrize("crop", [np.s_[:, :-1], np.s_[:, :, 1:], np.s_[:, ::2, ::2]])
+def test_novel_views_of_another_size_are_refused(finished, crop):
+    shot, _, folder = finished
+    novel = NovelViews(shot.truth.views[crop], shot.truth.world_to_camera)
+    with pytest.raises(InputError, match=r"novel views of \d+ x \d+ px beside a run of .*crop and scale them"):
+        evaluate(read_run(folder), ReferenceData(shot, novel=novel))

@@ -94,6 +94,8 @@ def test_a_file_of_bytes_or_floats_is_read(tmp_path):
     found = read_novel_views(tmp_path / "bytes.npz")
     assert found.views.dtype == np.float32
     assert (found.views == 1).all()
+    np.savez(tmp_path / "words.npz", views=np.full((2, 4, 5, 3), 65535, np.uint16), world_to_camera=poses)
+    assert (read_novel_views(tmp_path / "words.npz").views == 1).all()
     np.savez(tmp_path / "floats.npz", views=np.full((2, 4, 5, 1), 0.25), world_to_camera=poses)
     assert (read_novel_views(tmp_path / "floats.npz").views == 0.25).all()
 
@@ -117,6 +119,24 @@ def test_files_that_hold_no_novel_views_are_refused(tmp_path, parts):
         read_novel_views(tmp_path / "novel.npz")
     with pytest.raises(InputError, match="holds no novel views"):
         read_novel_views(tmp_path / "missing.npz")
+
+
+@pytest.mark.parametrize("value", [255.0, 2.0, -1.0, np.int64(255), np.int16(-4)])
+def test_views_of_another_scale_are_refused(tmp_path, value):
+    views = np.zeros((2, 4, 5, 3), np.asarray(value).dtype)
+    views[1, 2, 3, 0] = value
+    np.savez(tmp_path / "novel.npz", views=views, world_to_camera=path(2, 1))
+    with pytest.raises(InputError, match=rf"holds views from .*{value:g}.*allowed: full scale 1.*divide them"):
+        read_novel_views(tmp_path / "novel.npz")
+
+
+@pytest.mark.parametrize("scale", [2.0, -1.0, 0.0])
+def test_poses_that_are_not_rigid_are_refused(tmp_path, scale):
+    poses = path(2, 1)
+    poses[1, :3, :3] *= scale
+    np.savez(tmp_path / "novel.npz", views=np.zeros((2, 4, 5, 3)), world_to_camera=poses)
+    with pytest.raises(InputError, match=r"novel\.npz: world_to_camera are no rigid motions"):
+        read_novel_views(tmp_path / "novel.npz")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"text"])

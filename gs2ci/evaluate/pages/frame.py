@@ -24,6 +24,10 @@ _UNFIT: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\u202a-
 REPLACEMENT: Final = "\ufffd"
 
 
+# Near the beginning of every page (`templates/page.html`).
+PAGE_MARK: Final = b'<meta name="generator" content="gs2ci">'
+
+
 @dataclass(frozen=True)
 class PageSection:
     """One part of a page.

@@ -2,7 +2,7 @@
 
 A rule reads the codes and figures of one report and returns a step, or None. It never guesses: all that it says is in
 the report, and `because` names the evidence. Commands are those of `gs2ci --help`, with capitals in place of the
-reader's own file or number.
+reader's own file or number; RUN is the folder of the run, NEW_RUN one that does not exist yet.
 
 Not here: how steps look (`templates/pieces.html`), the possible findings and their remedies (`gs2ci.core.findings`).
 """
@@ -20,8 +20,11 @@ MOST_STEPS: Final = 4
 
 # If the best evaluation of a fit is among this many last ones, it was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
-# Number of fits that preset `fine` averages. It is repeated here so that a page needs no solver; a test compares both.
+# Numbers of the presets, repeated here so that a page needs no solver; a test compares both: of fits that `fine`
+# averages, its distance of the first Gaussians, which no option changes, and most iterations of the two.
 FEW_FITS: Final = 4
+FINE_STRIDE_PX: Final = 2
+ITERATIONS: Final = {"standard": 400, "fine": 600}
 # Share of pixels that no mask opens, from which on it is reported.
 CLOSED_SHARE: Final = 0.05
 # Tracks of decoded views scatter by about a pixel, and geometry refuses 2. In between, something moves, or the camera
@@ -102,7 +105,7 @@ def stage_knows_the_path(report: Report) -> NextStep | None:
     return NextStep(
         "Start from the stage's poses",
         "The tracked points do not give a camera path, but this shot contains the poses that the stage reported.",
-        "gs2ci reconstruct SHOT.h5 -o RUN --geometry auto",
+        "gs2ci reconstruct SHOT.h5 -o NEW_RUN --geometry auto",
     )
 
 
@@ -153,10 +156,15 @@ def still_improving(report: Report) -> NextStep | None:
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
         return None
     done = report.curve[-1].iteration
+    # After a draft, more iterations are best spent by `standard`.
+    preset = "fine" if report.settings.get("stride_px") == FINE_STRIDE_PX else "standard"
+    named = "" if preset == "standard" else f" --preset {preset}"
+    longer = "" if done < ITERATIONS[preset] else f" --iterations {2 * done}"
     return NextStep(
         "Use more iterations",
-        f"The residual on held-out pixels was still decreasing after all {describe_number(done)} iterations.",
-        f"gs2ci reconstruct SHOT.h5 -o RUN --iterations {2 * done}",
+        f"The residual on held-out pixels was still decreasing after all {describe_number(done)} iterations."
+        + ("" if longer else f" Preset {preset} makes up to {ITERATIONS[preset]}."),
+        f"gs2ci reconstruct SHOT.h5 -o NEW_RUN{named}{longer}",
     )
 
 
@@ -179,7 +187,7 @@ def focal_was_assumed(report: Report) -> NextStep | None:
     return NextStep(
         "Give the focal length, if you know it",
         f"It was {how}: {_px(geometry.focal_px)}. A wrong focal length stretches all depths.",
-        "gs2ci reconstruct SHOT.h5 -o RUN --focal-px FOCAL",
+        "gs2ci reconstruct SHOT.h5 -o NEW_RUN --focal-px FOCAL",
     )
 
 
@@ -272,7 +280,7 @@ def average_more(report: Report) -> NextStep | None:
         "Average more fits",
         f"The views come from {ensemble.fits}: where the measurement is ambiguous, fits differ, and their mean has a "
         f"smaller error.{differ}",
-        "gs2ci reconstruct SHOT.h5 -o RUN --preset fine",
+        "gs2ci reconstruct SHOT.h5 -o NEW_RUN --preset fine",
     )
 
 

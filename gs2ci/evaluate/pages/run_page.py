@@ -10,11 +10,11 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
-from gs2ci.core.whole_file import write_whole
+from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
 from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import PageSection, page, piece
+from gs2ci.evaluate.pages.frame import PAGE_MARK, PageSection, page, piece
 from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import FigureOfMerit
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
@@ -47,13 +47,15 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
 
     Args:
         folder: A run folder.
-        destination: The page's file; `report.html` in the folder if None.
+        destination: The page's file, where only an earlier page is replaced; `report.html` in the folder if None.
 
     Raises:
-        StorageError: The folder is no complete run of this version, its record of a trade-off is damaged, or the disk
-            refuses.
+        StorageError: The folder is no complete run of this version, its record of a trade-off is damaged, another file
+            lies at the destination, or the disk refuses.
         InputError: Its scene.ply is damaged.
     """
+    if destination is not None:
+        check_earlier(destination, PAGE_MARK, "a page")
     place = Path(folder) / "scene.ply"
     scene = read_ply(place) if place.is_file() else None
     text = run_page(read_evidence(folder), read_record(folder), scene)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import pycolmap
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.colmap import pycolmap
 from gs2ci.core.errors import GeometryError
 from gs2ci.reconstruct.geometry.motion import CameraMotion, rays
 from gs2ci.reconstruct.geometry.telemetry import place_points

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pycolmap
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
+from gs2ci.core.colmap import pycolmap
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS

@@ -21,10 +21,10 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-import pycolmap
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.colmap import pycolmap
 from gs2ci.reconstruct.geometry.halves import HALVINGS, squared_distance
 from gs2ci.reconstruct.threads import in_threads
 

@@ -1,10 +1,12 @@
 import importlib
 import inspect
 import re
+from dataclasses import asdict
 
 import pytest
 
 from gs2ci import cli
+from gs2ci.api.overrides import Overrides
 from gs2ci.core.findings import Code, finding
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
@@ -130,6 +132,34 @@ def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
 def test_the_page_and_the_run_agree_on_what_is_worth_saying():
     """A page is written without what fits, so its numbers cannot be read from there."""
     assert preset("fine").fits == module.FEW_FITS
+    for name, iterations in module.ITERATIONS.items():
+        assert preset(name).fit.iterations == iterations
+        assert (preset(name).stride_px == module.FINE_STRIDE_PX) == (name == "fine")
+
+
+@pytest.mark.parametrize(
+    ("name", "iterations", "advised"),
+    [
+        ("draft", None, ""),
+        ("draft", 50, ""),
+        ("draft", 600, " --iterations 1200"),
+        ("standard", 399, ""),
+        ("standard", None, " --iterations 800"),
+        ("fine", 400, " --preset fine"),
+        ("fine", None, " --preset fine --iterations 1200"),
+    ],
+)
+def test_more_iterations_are_more_than_the_presets_own(name, iterations, advised):
+    iterations = iterations or preset(name).fit.iterations
+    curve = [{**LOOK, "iteration": iterations * i // 10, "heldout": 0.1 - 0.005 * i} for i in range(11)]
+    settings = asdict(Overrides(iterations=iterations).on(preset(name)))
+    report = a_report(curve=curve, stopped=finding(Code.FIT_ALL_DONE, iterations=iterations, best=1), settings=settings)
+    step = module.still_improving(report)
+    assert step.command == f"gs2ci reconstruct SHOT.h5 -o NEW_RUN{advised}"
+    words = step.command.split()
+    options = {key[2:]: value for key, value in zip(words[5::2], words[6::2], strict=True)}
+    better = Overrides(iterations=int(options["iterations"]) if "iterations" in options else None)
+    assert better.on(preset(options.get("preset", "standard"))).fit.iterations > iterations
 
 
 def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():

@@ -1,0 +1,38 @@
+"""pycolmap, imported so that signals go on meaning what they meant before: `from gs2ci.core.colmap import pycolmap`.
+
+Not here: any use of it.
+"""
+
+import ctypes
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+# More than any system's `struct sigaction` takes (152 bytes on 64-bit Linux).
+_ACTION_BYTES: Final = 1024
+
+
+@contextmanager
+def _same_signals() -> Iterator[None]:
+    """Restore at the end what each signal did at the beginning.
+
+    Through the C library, because Python's own handlers do not know that another took their place, and only its main
+    thread may set one.
+    """
+    sigaction = ctypes.CDLL(None).sigaction
+    before = {number: ctypes.create_string_buffer(_ACTION_BYTES) for number in signal.valid_signals()}
+    known = {number: action for number, action in before.items() if sigaction(int(number), None, action) == 0}
+    try:
+        yield
+    finally:
+        for number, action in known.items():
+            sigaction(int(number), action, None)
+
+
+# On import, its logging library takes SIGTERM and the signals of crashes. SIGTERM then kills the process at once, with
+# files half-written and devices at work.
+with _same_signals():
+    import pycolmap
+
+__all__ = ["pycolmap"]
