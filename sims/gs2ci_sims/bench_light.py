@@ -148,6 +148,7 @@ class BenchLight:
 
         Raises:
             InputError: The sensor's size differs from that of the scene's camera, or it sees beyond the modulator.
+            NumericsError: An effect gave readings that are not finite.
         """
         height, width = exposure.height, exposure.width
         if (height, width) != self.scene.size:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
@@ -64,21 +64,26 @@ def expose(
 
     Returns:
         The shot, in units of one view's full scale, with true views and poses at the centre of each mask's interval,
-        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped.
+        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped. Full scale
+        includes the light that a ghost adds to an all-open mask on a flat field.
 
     Raises:
         InputError: Masks do not fit the scene or the rig.
+        NumericsError: An effect gave readings that are not finite.
     """
     _check(scene, masks, rig)
     chain = EffectChain(effects, seed, rig)
     light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
     reading = read_out(light.photons, chain)
     sensor = rig.sensor
+    field = open_field(chain, scene.size)
+    brightest = max(float(field.max()), 1.0)
     # Without light there is no scale; readings then stay in electrons.
-    full_scale_e = rig.full_scale_e or 1.0
+    full_scale_e = rig.full_scale_e * brightest or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=calibrated_masks(light.masks, chain),
+        # The measurement is not divided by the open field, so what that lacks (dust) belongs to the masks.
+        masks=(calibrated_masks(light.masks, chain) * (field / brightest)).astype(np.float32),
         weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
         distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
@@ -199,9 +204,11 @@ def integrate(
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
     centres_s = intervals.mean(axis=1)
+    # Rounding may give negative light: where the weights of moments cancel, and beside it by convolutions with large
+    # kernels, which go through a Fourier transform.
+    photons = np.maximum(chain.through(Stage.PHOTONS, np.maximum(photons, 0)), 0)
     return ExposureLight(
-        # Where the weights of moments cancel, rounding may give negative light.
-        chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
+        photons,
         shown,
         weights,
         np.maximum(truth_views, 0).astype(np.float32),
@@ -313,19 +320,41 @@ def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
     return next((effect for effect in effects if isinstance(effect, LensDistortion)), None)
 
 
+def open_field(chain: EffectChain, size: tuple[int, int]) -> F64:
+    """Return the light of an all-open mask on a flat field, over that without effects on photons, [H, W]."""
+    return np.asarray(chain.through(Stage.PHOTONS, np.ones((*size, 1)))[..., 0])
+
+
 def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
-    """Return the masks as a noiseless calibration measures them: each alone, on a flat field, [N, H, W]."""
+    """Return the masks as a noiseless calibration measures them, [N, H, W].
+
+    Each alone on a flat field, over the same field behind an all-open mask; 0 where that is dark.
+    """
     if not chain.at(Stage.PHOTONS):
         return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
-    seen = [chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks]
-    return np.asarray(np.clip(seen, 0, 1), dtype=np.float32)
+    field = open_field(chain, masks.shape[1:])
+    lit = field > 0
+    seen = np.stack([chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks])
+    return np.asarray(np.clip(np.where(lit, seen, 0) / np.where(lit, field, 1), 0, 1), dtype=np.float32)
 
 
 def read_out(photons: F64, chain: EffectChain) -> F64:
-    """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain."""
+    """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain.
+
+    Raises:
+        NumericsError: An effect gave readings that are not finite.
+    """
     sensor = chain.rig.sensor
     charge = chain.through(Stage.CHARGE, sensor.quantum_efficiency * photons)
-    return chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
+    reading = chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
+    if not np.isfinite(reading).all():
+        raise NumericsError(
+            f"{np.count_nonzero(~np.isfinite(reading))} simulated readings are not finite, through the effects "
+            f"{', '.join(effect.name for effect in chain.effects) or 'none'}",
+            allowed="finite readings",
+            remedy="leave effects out, those of plug-ins first, to find the one that gives them",
+        )
+    return reading
 
 
 def _check(scene: Scene, masks: F32, rig: Rig) -> None:
