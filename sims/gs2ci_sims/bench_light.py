@@ -22,10 +22,11 @@ from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
+from gs2ci_sims.exposure import Studio, calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
+from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
-from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
+from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scene import Scene
@@ -171,31 +172,34 @@ class BenchLight:
         return np.clip(np.rint(reading), 0, 2**exposure.bits - 1).astype(np.uint16)
 
     def truth(self, exposure: Exposure) -> tuple[F32, F64]:
-        """Return the truth at the central time of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
-        centres = [(interval.start_s + interval.end_s) / 2 for interval in exposure.masks]
-        poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
-        views = self._shown(poses)
-        return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
+        """Return the truth at the central time of each mask: views [N, H, W, C] and poses [N, 4, 4].
+
+        Camera and objects are where the exposure's effects moved them; views are sharp, with the lens's distortion.
+        """
+        studio, path, centres_s = self._studio(exposure)
+        views = np.stack([studio.view(float(time_s))[0] for time_s in centres_s]).astype(np.float32)
+        return (views if self._cfa else views.mean(axis=3, keepdims=True)), path.world_to_camera(centres_s)
 
     def true_depth(self, exposure: Exposure) -> F32:
         """Return the true depth at the central time of each mask, [N, H, W]; 0 at pixels without a surface."""
-        scene, lens = self._sight.scene, self.lens
-        sampling = None if lens is None else lens.sampling(scene.size, scene.intrinsics)
-        poses = [exposure.world_to_camera_at((mask.start_s + mask.end_s) / 2) for mask in exposure.masks]
-        depths = [rendered_depth(scene.gaussians, pose, scene.intrinsics, scene.size, sampling) for pose in poses]
-        return np.nan_to_num(np.stack(depths), nan=0.0).astype(np.float32)
+        studio, _, centres_s = self._studio(exposure)
+        return studio.depths(centres_s)
 
-    def _shown(self, poses: F64) -> F32:
-        """Render the target from poses, [N, 4, 4], with the lens's distortion."""
+    def _studio(self, exposure: Exposure) -> tuple[Studio, CameraPath, F64]:
+        """Return the target as the exposure's motions show it, the camera's path, and the middles of the masks, [N].
+
+        Times are in seconds from the middle of the exposure.
+        """
+        rig, (path, middle_s) = self._rig(exposure), self._followed(exposure)
+        planned = self.plans.get(exposure.index)
+        effects = self._effects(rig.sensor) if planned is None else planned.effects
         # Calibration targets include the distortion themselves.
-        scene, lens = self._sight.scene, None if self._sight.target else self.lens
-        (height, width), intrinsics = scene.size, scene.intrinsics
-        if lens is None:
-            return self._sight.renderer.views(scene, poses)[0]
-        margin = lens.margin_px(self.nominal_rig(self.sensor.bits), scene.size, intrinsics)
-        wide, _ = self._sight.renderer.views(scene, poses, margin=margin)
-        shown = np.stack([lens.bent(view.astype(np.float64), with_margin(intrinsics, margin)) for view in wide])
-        return shown[:, margin : margin + height, margin : margin + width].astype(np.float32)
+        lens = () if self._sight.target else (LensDistortion,)
+        moving = [e for e in effects if e.stage in (Stage.MOTION, Stage.SCENE) or isinstance(e, lens)]
+        chain = EffectChain(moving, self._seed_of(exposure), rig)
+        moved = chain.through(Stage.MOTION, path)
+        centres_s = np.array([0.5 * (mask.start_s + mask.end_s) for mask in exposure.masks]) - middle_s
+        return Studio(self._sight.scene, moved, chain, self._sight.renderer), moved, centres_s
 
     def true_masks(self, levels: NDArray[np.integer], top: int = 1) -> F32:
         """Return patterns as a noiseless calibration on a flat field measures them, [N, H, W] in [0, 1].
@@ -250,14 +254,18 @@ class BenchLight:
     def _laid_out(self, exposure: Exposure) -> tuple[_FollowedPath, F32, Slices]:
         """Return the camera's path during an exposure, its masks on the sensor, [N, H, W], and when each is shown."""
         masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
+        path, middle_s = self._followed(exposure)
+        start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
+        return path, masks, Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+
+    def _followed(self, exposure: Exposure) -> tuple[_FollowedPath, float]:
+        """Return the camera's path, before effects, and the world's time at the path's time 0, in mid-exposure."""
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
         # Even light looks the same from every pose.
         followed = 2 if isinstance(self._sight.renderer, EvenLight) else POSES_FOLLOWED
         times_s = np.linspace(exposure.start_s, exposure.end_s, followed)
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
-        path = _FollowedPath(times_s - middle_s, poses)
-        start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
-        return path, masks, Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+        return _FollowedPath(times_s - middle_s, poses), middle_s
 
     def _photons(
         self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int

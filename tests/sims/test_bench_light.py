@@ -5,6 +5,7 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
@@ -81,6 +82,39 @@ def test_behind_a_lens_the_truth_is_what_the_sensor_sees():
     assert np.abs(views - straight.truth(plain_world.exposures[0])[0]).max() > 0.1
     assert light.lens == LensDistortion(-0.2)
     assert straight.lens is None
+
+
+@pytest.mark.parametrize("lens", [(), (LensDistortion(-0.2),)], ids=["straight", "distorted"])
+@pytest.mark.parametrize("kind", ["object", "camera"])
+def test_the_truth_is_where_the_effects_moved_object_and_camera(kind, lens):
+    """Each mask opens one band of rows for a moment, so a band reads the light of that mask's middle."""
+    scene = planes(np.random.default_rng(1), SIZE)
+    near = scene.depth_range()[0]
+    width = near * SIZE[1] / scene.intrinsics[0, 0]
+    moved = ObjectMotion((0.0, 0.0, near), 0.5 * width, (2 * width, 0.0, 0.0))
+    effect = moved if kind == "object" else StageVibration(0.05 * width, 8.0)
+    light, world = make(effects=(effect, *lens))
+    bands = np.arange(100)[:, None] // 2 * np.ones(160, int) // 10 % 4
+    start_s = world.clock.now_s()
+    for mask in range(4):
+        world.show_mask((bands == mask).astype(np.uint8))
+        world.clock.sleep_s(0.008)
+        world.show_mask(np.zeros((100, 160), np.uint8))
+        world.clock.sleep_s(0.032)
+    reading = world.integrate(start_s, world.clock.now_s(), height=SIZE[0], width=SIZE[1], bits=12)
+    exposure = world.exposures[0]
+    views, poses = light.truth(exposure)
+    masks = light.true_masks(np.stack([shown.levels for shown in exposure.masks]))
+    errors = {}
+    for name, truth in (("told", views), ("at rest", make(effects=lens)[0].truth(exposure)[0])):
+        expected = 64.0 + np.einsum("nhw,nhwc->hw", masks, truth) * 50_000 * 0.008 / 2.7
+        errors[name] = np.sqrt(np.square(reading - expected).mean())
+    assert errors["told"] < 0.2 * errors["at rest"]
+    if kind == "camera":
+        assert np.ptp(poses[:, :3, 3], axis=0).max() > 0.02 * width
+    depth = light.true_depth(exposure)
+    assert depth.shape == (8, *SIZE)
+    assert not np.array_equal(depth[0], depth[6])
 
 
 def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
