@@ -18,7 +18,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import STEP, fit
-from gs2ci_calibration.frames import Dark
+from gs2ci_calibration.frames import Dark, even_colours
 from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
 
@@ -178,9 +178,7 @@ class Calibrated:
     def _flat(self, dark: Dark, *, mosaic: bool) -> F64:
         flat = self.bundle.sections["dark-flat"].array("response").astype(np.float64)
         if mosaic:
-            for row, column in np.ndindex(2, 2):
-                phase = np.s_[row::2, column::2]
-                flat[phase] /= flat[phase][~dark.dead[phase]].mean()
+            flat = even_colours(flat, dark.dead)
         return np.where(dark.dead, 1.0, flat)
 
 
