@@ -99,10 +99,12 @@ class Calibrated:
         """Get the reading at which pixels may be clipped, by the photon transfer curve; None without that curve."""
         if "sensor" not in self.bundle:
             return None
-        section = self.bundle.sections["sensor"]
-        # Read noise scatters clipped pixels around their mean: four standard deviations include all but one in 30 000.
+        section, dark = self.bundle.sections["sensor"], self.bundle.sections.get("dark-flat")
+        # Read noise and the pixels' own offsets scatter clipped pixels around their mean: four standard deviations
+        # include all but one in 30 000.
         noise_dn = section.number("read_noise_e") / section.number("gain_e_per_dn")
-        return section.number("saturation_dn") - 4 * noise_dn
+        dsnu_dn = 0.0 if dark is None else dark.number("dsnu_dn")
+        return section.number("saturation_dn") - 4 * float(np.hypot(noise_dn, dsnu_dn))
 
     @property
     def intrinsics(self) -> F64 | None:

@@ -7,6 +7,7 @@ The forward model is the bench's, not the solver's: photons arrive at a rate whi
 that is shown at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,10 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.charge_noise import ChargeNoise
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.light_path import EffectChain
@@ -88,7 +93,7 @@ def expose(
         intrinsics=scene.intrinsics,
         distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
         truth=Truth(light.truth_views, light.truth_world_to_camera, light.truth_depth),
-        saturated=np.any(reading >= sensor.saturation_dn, axis=2),
+        saturated=np.any(reading >= saturation_dn(chain), axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
         provenance={
@@ -355,6 +360,24 @@ def read_out(photons: F64, chain: EffectChain) -> F64:
             remedy="leave effects out, those of plug-ins first, to find the one that gives them",
         )
     return reading
+
+
+def saturation_dn(chain: EffectChain) -> float:
+    """Return the reading from which on a pixel may be clipped: what a full well reads at least, or the converter's top.
+
+    Full pixels scatter by rounding and by all that is added behind the well; four standard deviations of read noise,
+    row noise and offsets together include all but one in 30 000.
+    """
+    sensor = chain.rig.sensor
+    capacity_e = next(
+        (effect.capacity_e for effect in chain.effects if isinstance(effect, FullWell)), sensor.full_well_e
+    )
+    noise_e = math.hypot(*(effect.sigma_e for effect in chain.effects if isinstance(effect, ChargeNoise)))
+    steady = [effect for effect in chain.effects if isinstance(effect, GainNonlinearity | BlackLevel)]
+    behind = EffectChain(steady, chain.seed, chain.rig)
+    charge = behind.through(Stage.CHARGE, np.full((1, 1, 1), capacity_e))
+    full_dn = float(behind.through(Stage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
+    return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, 2.0**sensor.bits - 1)
 
 
 def _check(scene: Scene, masks: F32, rig: Rig) -> None:
