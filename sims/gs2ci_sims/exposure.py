@@ -122,7 +122,7 @@ class ExposureLight:
     Args:
         photons: Mean number in each pixel, [H, W, 3].
         masks: The masks as imaged onto the sensor, [N, H, W].
-        weights: Share of its nominal interval during which each mask was exposed, [N].
+        weights: Share of its nominal interval during which each mask was exposed, [N]; that of row 0 if rows differ.
         truth_views: The scene at the middle of each mask's nominal interval, through a sharp lens with this one's
             distortion, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
@@ -179,7 +179,7 @@ def integrate(
     intervals = chain.rig.timing.intervals_s(len(masks))
     path = chain.through(Stage.MOTION, path)
     slices = chain.through(Stage.TIME, slices or nominal_slices(intervals))
-    weights = slices.weights_s().sum(axis=0) / chain.rig.timing.interval_s
+    weights = _first_row_s(slices) @ slices.mix / chain.rig.timing.interval_s
     if not weights.any():
         raise InputError(
             "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
@@ -222,6 +222,13 @@ def integrate(
         len(needed),
         lambda: studio.depths(centres_s),
     )
+
+
+def _first_row_s(slices: Slices) -> F64:
+    """Return for how much of each slice the first row of the sensor collects light, [S] seconds."""
+    if slices.shutter is None:
+        return slices.duration_s
+    return slices.duration_s * slices.shutter.open_share(slices.start_s, slices.stop_s, 1)[:, 0]
 
 
 def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
