@@ -7,6 +7,7 @@ chooses which effects are simulated; for such targets all are. Not here: effects
 """
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -38,6 +39,10 @@ from gs2ci_sims.world import BOOT_S, Exposure
 
 # Number of moments of an exposure at which the camera's pose is read; between them it is interpolated.
 POSES_FOLLOWED: Final = 257
+
+# A power of two, so that a level of 1 is a step exactly; a level above a step by less is rounding.
+LAMP_STEP: Final = 2.0**-6
+ROUNDING: Final = 1e-9
 
 PLANS_KEPT = 16
 """Number of plans kept for exposures with a camera at rest; the oldest is deleted first."""
@@ -162,8 +167,8 @@ class BenchLight:
         effects = self._effects(rig.sensor)
         if exposure.masks and self._sight.lit:
             photons, effects = self._photons(exposure, rig, effects, seed)
-            minutes = (exposure.start_s - BOOT_S) / 60
-            photons = photons * max(1 + self._lamp_drift_per_min * minutes, 0.0)
+            lamp, planned = self._lamp(exposure)
+            photons = photons * (lamp / (planned or 1.0))
         else:
             photons = np.zeros((height, width, 3))
         if self._cfa is None:
@@ -307,8 +312,17 @@ class BenchLight:
             self._plans_at_rest[key] = decided
         return decided
 
+    def _lamp(self, exposure: Exposure) -> tuple[float, float]:
+        """Return the lamp's level at an exposure, 1 at first, and the next step of `LAMP_STEP`, which plans count on.
+
+        So a plan holds for the light of its exposure, and exposures under nearly the same light share it.
+        """
+        minutes = (exposure.start_s - BOOT_S) / 60
+        lamp = max(1 + self._lamp_drift_per_min * minutes, 0.0)
+        return lamp, math.ceil(lamp / LAMP_STEP - ROUNDING) * LAMP_STEP
+
     def _rig(self, exposure: Exposure) -> Rig:
-        """Return the figures of the rig for one exposure: the mean time of its masks and the gaps between them."""
+        """Return the figures of the rig for one exposure: the lamp, the mean time of its masks and the gaps."""
         count = max(len(exposure.masks), 1)
         shown_s = sum(m.end_s - m.start_s for m in exposure.masks) or exposure.end_s - exposure.start_s
         span_s = exposure.masks[-1].end_s - exposure.masks[0].start_s if exposure.masks else shown_s
@@ -316,7 +330,7 @@ class BenchLight:
         interval_s = round(shown_s / count, 9) or shown_s / count
         gap_s = max(round((span_s - shown_s) / max(count - 1, 1), 9), 0.0)
         return Rig(
-            light=Light(self._photons_per_s * interval_s),
+            light=Light(self._photons_per_s * self._lamp(exposure)[1] * interval_s),
             modulator=Modulator(masks=count),
             timing=Timing(interval_s, gap_s),
             sensor=self._sensor_of(exposure.bits),

@@ -17,7 +17,8 @@ SIZE = (40, 60)
 
 def make(**options):
     scene = planes(np.random.default_rng(1), SIZE)
-    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, noise=False, **options)
+    options = {"full_scale_e_per_s": 50_000.0, "noise": False} | options
+    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), **options)
     world = World(light)
     return light, world
 
@@ -183,6 +184,29 @@ def test_a_plan_is_shared_by_exposures_of_the_same_masks_alone():
     expose(world, np.ones((100, 160), np.uint8))
     assert light.plans[0] is light.plans[2]
     assert light.plans[0] is not light.plans[1]
+
+
+def test_a_plan_knows_the_lamps_level():
+    """The lamp brightens until pixels are full; a plan of the first minute would leave the full well out."""
+    light, world = make(lamp_drift_per_min=0.1, full_scale_e_per_s=500_000.0)
+    first = expose(world, np.ones((100, 160), np.uint8))
+    for _ in range(2):
+        expose(world, np.ones((100, 160), np.uint8))
+    assert light.plans[1] is light.plans[2]  # the lamp has hardly changed: one plan for both
+    world.clock.sleep_s(600.0)
+    late = expose(world, np.ones((100, 160), np.uint8)).astype(float)
+    full_dn = 64.0 + Sensor().full_well_e / 2.7
+    wanted = np.minimum(64.0 + 2 * (first - 64.0), full_dn)
+    assert first.max() < full_dn < 2 * first.max()
+    assert "full_well" not in {effect.name for effect in light.plans[0].effects}
+    assert "full_well" in {effect.name for effect in light.plans[3].effects}
+    np.testing.assert_allclose(late, wanted, atol=5.0)
+
+
+def test_a_lamp_that_has_died_gives_no_light():
+    _, world = make(lamp_drift_per_min=-0.1)
+    world.clock.sleep_s(1200.0)
+    assert (expose(world, np.ones((100, 160), np.uint8)) == 64).all()
 
 
 def test_a_camera_that_trembles_is_planned_anew_each_time():
