@@ -21,6 +21,7 @@ from gs2ci_calibration.frames import (
     check_dead,
     check_lamp,
     check_stack,
+    even_colours,
     mean_and_variance,
     mean_error,
     root,
@@ -71,7 +72,8 @@ def measure(bench: Bench, known: Bundle) -> Section:
     open_pattern = bench.flat_pattern(is_open=True)[None]
     flat = bench.grab(open_pattern, frames=bench.options.frames, exposure_s=level.exposure_s)
     bench.progress.step(bench.options.frames, mean_dn=float(flat.readings.mean()), exposure_ms=1e3 * level.exposure_s)
-    response = estimate_response(flat.readings[0], flat.exposure_s, found)
+    mosaic = bench.devices.sensor.settings.format.cfa is not None
+    response = estimate_response(flat.readings[0], flat.exposure_s, found, mosaic=mosaic)
     return _section(bench, darks, found, response, level)
 
 
@@ -106,6 +108,8 @@ class DarkEstimate:
         noise_error_dn: Its standard errors, [H, W].
         noise_rms_dn: Its rms over all pixels that are not hot, with its standard error.
         dsnu_dn: Spread of the offsets, with its standard error.
+        means_dn2: Variance of the means of the short and of the long frames, mean over the pixels that are not hot.
+        exposures_s: Exposures of these.
     """
 
     dark: Dark
@@ -115,6 +119,8 @@ class DarkEstimate:
     noise_error_dn: F64
     noise_rms_dn: tuple[float, float]
     dsnu_dn: tuple[float, float]
+    means_dn2: tuple[float, float]
+    exposures_s: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,7 @@ class ResponseEstimate:
         error: Its standard errors, [H, W]; 1 at dead pixels.
         dead: Pixels that do not respond to light, [H, W].
         rate_dn_per_s: How fast the mean pixel fills, with its standard error.
-        prnu: Spread of the response between neighbours, with its standard error.
+        prnu: Spread of the response between neighbours, of the same colour on a mosaic, with its standard error.
         flicker: Relative flicker of the lamp.
     """
 
@@ -160,6 +166,9 @@ def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
     dark = Dark(short - current * short_s, current, np.zeros(short.shape, np.bool_), hot)
     offset_error = np.hypot(_error(darks.short), current_error * short_s)
     own = darks.short.astype(np.float64).var(axis=0, ddof=1)
+    means_dn2 = (_square_error(darks.short, ~hot), _square_error(darks.long, ~hot))
+    exposures_s = (short_s, darks.exposures_s[2])
+    offset_noise = np.full(short.shape, _dark_square_error(means_dn2, exposures_s, 0.0))
     return DarkEstimate(
         dark,
         offset_error,
@@ -167,17 +176,20 @@ def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
         noise,
         _noise_error(noise, len(darks.short) - 1),
         _pooled(own[~hot], len(darks.short) - 1),
-        _spread(dark.offset_dn, offset_error, ~hot),
+        _spread(dark.offset_dn, offset_noise, ~hot, len(darks.short) - 1),
+        means_dn2,
+        exposures_s,
     )
 
 
-def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> ResponseEstimate:
+def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate, *, mosaic: bool = False) -> ResponseEstimate:
     """Estimate each pixel's response to even light.
 
     Args:
         flat: Frames of the flat field, [K, H, W] DN.
         exposure_s: Exposure of each frame.
         found: The estimates from the dark frames.
+        mosaic: Whether pixels stand behind a colour filter array: its colours are no PRNU.
 
     Raises:
         CalibrationError: Too few frames, or all the same; the lamp is off, unsteady or uneven; too many dead pixels.
@@ -206,6 +218,9 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
         )
     response = np.where(dead, 1.0, mean / typical)
     relative = error / typical
+    even = even_colours(response, dead) if mosaic else response
+    noise = steadied.var(axis=0, ddof=1, dtype=np.float64) / len(flat)
+    noise += _dark_square_error(found.means_dn2, found.exposures_s, exposure_s)
     rate_error = np.hypot(float(dark_error.mean()), typical * lamp.flicker / np.sqrt(len(flat)))
     shot_error = float(np.sqrt(trimmed_mean(variance) / flat.size))
     return ResponseEstimate(
@@ -213,7 +228,7 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
         np.where(dead, 1.0, relative),
         dead,
         (typical / exposure_s, float(np.hypot(rate_error, shot_error)) / exposure_s),
-        _spread(response, relative, ~(dead | found.dark.hot)),
+        _spread(even, noise * np.square(even / response / typical), ~(dead | found.dark.hot), len(flat) - 1),
         lamp.flicker,
     )
 
@@ -309,6 +324,21 @@ def _error(frames: F32) -> F64:
     return np.hypot(mean_error(variance, len(frames)), rounding_bias_dn(float(np.sqrt(trimmed_mean(variance)))))
 
 
+def _square_error(frames: F32, good: Bool) -> float:
+    """Return the variance of the pixels' means, mean over the good pixels, DN squared.
+
+    A mean over pixels needs neither a prior nor Student's law, by which the error of each pixel's mean is stated.
+    """
+    own = frames.astype(np.float64).var(axis=0, ddof=1)[good].mean()
+    return float(own / len(frames) + rounding_bias_dn(float(np.sqrt(own))) ** 2)
+
+
+def _dark_square_error(means_dn2: tuple[float, float], exposures_s: tuple[float, float], exposure_s: float) -> float:
+    """Return the variance of the line through the means at the short and the long exposure, DN squared."""
+    share = (exposure_s - exposures_s[0]) / (exposures_s[1] - exposures_s[0])
+    return (1 - share) ** 2 * means_dn2[0] + share**2 * means_dn2[1]
+
+
 def _hot(current: F64, error: F64) -> Bool:
     typical = float(np.median(current))
     spread = 1.4826 * float(np.median(np.abs(current - typical)))  # standard deviation of a normal law, by its MAD
@@ -336,16 +366,23 @@ def _pooled(variances: F64, freedom: int) -> tuple[float, float]:
     return root(mean, mean * float(np.sqrt(2 / (variances.size * freedom))))
 
 
-def _spread(values: F64, errors: F64, good: Bool) -> tuple[float, float]:
-    """Return the standard deviation of a map between neighbours, less its noise, with its standard error."""
+def _spread(values: F64, noise: F64, good: Bool, noise_freedom: int) -> tuple[float, float]:
+    """Return the standard deviation of a map between neighbours, less its noise, with its standard error.
+
+    Args:
+        values: The map, [H, W].
+        noise: Unbiased estimates of its variance by noise, [H, W].
+        good: Pixels that count, [H, W].
+        noise_freedom: Degrees of freedom of each pixel's estimate.
+    """
     rows, columns = (np.linspace(-1, 1, side) for side in values.shape)
     terms = np.polynomial.legendre.legvander2d(*np.meshgrid(rows, columns, indexing="ij"), [SMOOTH_DEGREE] * 2)[good]
     # Normal equations: Legendre's polynomials are nearly orthogonal over a field, so squaring loses no precision.
     smooth = np.linalg.solve(terms.T @ terms, terms.T @ values[good])
     freedom = max(len(terms) - terms.shape[1], 1)
     total = float(np.square(values[good] - terms @ smooth).sum()) / freedom
-    noise = float(np.square(errors[good]).mean())
-    return root(total - noise, total * float(np.sqrt(2 / freedom)))
+    mean_noise = float(noise[good].mean())
+    return root(total - mean_noise, float(np.sqrt(2 / freedom) * np.hypot(total, mean_noise / np.sqrt(noise_freedom))))
 
 
 def _section(bench: Bench, darks: Darks, found: DarkEstimate, response: ResponseEstimate, level: Level) -> Section:

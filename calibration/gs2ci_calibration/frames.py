@@ -119,6 +119,20 @@ def trimmed_mean(values: F64) -> float:
     return float(flat[: max(int(np.ceil(flat.size * 0.99)), 1)].mean())
 
 
+def even_colours(response: F64, dead: Bool) -> F64:
+    """Return the response behind a colour filter array, [H, W], with a mean of 1 in each place of its 2 x 2 pattern.
+
+    Args:
+        response: Sensitivity of each pixel, [H, W].
+        dead: Pixels that do not count in the means, [H, W].
+    """
+    even = response.copy()
+    for row, column in np.ndindex(2, 2):
+        phase = np.s_[row::2, column::2]
+        even[phase] /= response[phase][~dead[phase]].mean()
+    return even
+
+
 def rounding_bias_dn(noise_dn: float) -> float:
     """Return the bias that rounding causes in the mean of readings with this noise, rms over all phases, DN.
 

@@ -18,7 +18,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import STEP, fit
-from gs2ci_calibration.frames import Dark
+from gs2ci_calibration.frames import Dark, even_colours
 from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
 
@@ -99,10 +99,12 @@ class Calibrated:
         """Get the reading at which pixels may be clipped, by the photon transfer curve; None without that curve."""
         if "sensor" not in self.bundle:
             return None
-        section = self.bundle.sections["sensor"]
-        # Read noise scatters clipped pixels around their mean: four standard deviations include all but one in 30 000.
+        section, dark = self.bundle.sections["sensor"], self.bundle.sections.get("dark-flat")
+        # Read noise and the pixels' own offsets scatter clipped pixels around their mean: four standard deviations
+        # include all but one in 30 000.
         noise_dn = section.number("read_noise_e") / section.number("gain_e_per_dn")
-        return section.number("saturation_dn") - 4 * noise_dn
+        dsnu_dn = 0.0 if dark is None else dark.number("dsnu_dn")
+        return section.number("saturation_dn") - 4 * float(np.hypot(noise_dn, dsnu_dn))
 
     @property
     def intrinsics(self) -> F64 | None:
@@ -178,9 +180,7 @@ class Calibrated:
     def _flat(self, dark: Dark, *, mosaic: bool) -> F64:
         flat = self.bundle.sections["dark-flat"].array("response").astype(np.float64)
         if mosaic:
-            for row, column in np.ndindex(2, 2):
-                phase = np.s_[row::2, column::2]
-                flat[phase] /= flat[phase][~dark.dead[phase]].mean()
+            flat = even_colours(flat, dark.dead)
         return np.where(dark.dead, 1.0, flat)
 
 

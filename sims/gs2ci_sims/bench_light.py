@@ -7,6 +7,7 @@ chooses which effects are simulated; for such targets all are. Not here: effects
 """
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -22,10 +23,11 @@ from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
+from gs2ci_sims.exposure import Studio, calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
+from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
-from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
+from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scene import Scene
@@ -37,6 +39,10 @@ from gs2ci_sims.world import BOOT_S, Exposure
 
 # Number of moments of an exposure at which the camera's pose is read; between them it is interpolated.
 POSES_FOLLOWED: Final = 257
+
+# A power of two, so that a level of 1 is a step exactly; a level above a step by less is rounding.
+LAMP_STEP: Final = 2.0**-6
+ROUNDING: Final = 1e-9
 
 PLANS_KEPT = 16
 """Number of plans kept for exposures with a camera at rest; the oldest is deleted first."""
@@ -148,6 +154,7 @@ class BenchLight:
 
         Raises:
             InputError: The sensor's size differs from that of the scene's camera, or it sees beyond the modulator.
+            NumericsError: An effect gave readings that are not finite.
         """
         height, width = exposure.height, exposure.width
         if (height, width) != self.scene.size:
@@ -160,8 +167,8 @@ class BenchLight:
         effects = self._effects(rig.sensor)
         if exposure.masks and self._sight.lit:
             photons, effects = self._photons(exposure, rig, effects, seed)
-            minutes = (exposure.start_s - BOOT_S) / 60
-            photons = photons * max(1 + self._lamp_drift_per_min * minutes, 0.0)
+            lamp, planned = self._lamp(exposure)
+            photons = photons * (lamp / (planned or 1.0))
         else:
             photons = np.zeros((height, width, 3))
         if self._cfa is None:
@@ -170,31 +177,34 @@ class BenchLight:
         return np.clip(np.rint(reading), 0, 2**exposure.bits - 1).astype(np.uint16)
 
     def truth(self, exposure: Exposure) -> tuple[F32, F64]:
-        """Return the truth at the central time of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
-        centres = [(interval.start_s + interval.end_s) / 2 for interval in exposure.masks]
-        poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
-        views = self._shown(poses)
-        return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
+        """Return the truth at the central time of each mask: views [N, H, W, C] and poses [N, 4, 4].
+
+        Camera and objects are where the exposure's effects moved them; views are sharp, with the lens's distortion.
+        """
+        studio, path, centres_s = self._studio(exposure)
+        views = np.stack([studio.view(float(time_s))[0] for time_s in centres_s]).astype(np.float32)
+        return (views if self._cfa else views.mean(axis=3, keepdims=True)), path.world_to_camera(centres_s)
 
     def true_depth(self, exposure: Exposure) -> F32:
         """Return the true depth at the central time of each mask, [N, H, W]; 0 at pixels without a surface."""
-        scene, lens = self._sight.scene, self.lens
-        sampling = None if lens is None else lens.sampling(scene.size, scene.intrinsics)
-        poses = [exposure.world_to_camera_at((mask.start_s + mask.end_s) / 2) for mask in exposure.masks]
-        depths = [rendered_depth(scene.gaussians, pose, scene.intrinsics, scene.size, sampling) for pose in poses]
-        return np.nan_to_num(np.stack(depths), nan=0.0).astype(np.float32)
+        studio, _, centres_s = self._studio(exposure)
+        return studio.depths(centres_s)
 
-    def _shown(self, poses: F64) -> F32:
-        """Render the target from poses, [N, 4, 4], with the lens's distortion."""
+    def _studio(self, exposure: Exposure) -> tuple[Studio, CameraPath, F64]:
+        """Return the target as the exposure's motions show it, the camera's path, and the middles of the masks, [N].
+
+        Times are in seconds from the middle of the exposure.
+        """
+        rig, (path, middle_s) = self._rig(exposure), self._followed(exposure)
+        planned = self.plans.get(exposure.index)
+        effects = self._effects(rig.sensor) if planned is None else planned.effects
         # Calibration targets include the distortion themselves.
-        scene, lens = self._sight.scene, None if self._sight.target else self.lens
-        (height, width), intrinsics = scene.size, scene.intrinsics
-        if lens is None:
-            return self._sight.renderer.views(scene, poses)[0]
-        margin = lens.margin_px(self.nominal_rig(self.sensor.bits), scene.size, intrinsics)
-        wide, _ = self._sight.renderer.views(scene, poses, margin=margin)
-        shown = np.stack([lens.bent(view.astype(np.float64), with_margin(intrinsics, margin)) for view in wide])
-        return shown[:, margin : margin + height, margin : margin + width].astype(np.float32)
+        lens = () if self._sight.target else (LensDistortion,)
+        moving = [e for e in effects if e.stage in (Stage.MOTION, Stage.SCENE) or isinstance(e, lens)]
+        chain = EffectChain(moving, self._seed_of(exposure), rig)
+        moved = chain.through(Stage.MOTION, path)
+        centres_s = np.array([0.5 * (mask.start_s + mask.end_s) for mask in exposure.masks]) - middle_s
+        return Studio(self._sight.scene, moved, chain, self._sight.renderer), moved, centres_s
 
     def true_masks(self, levels: NDArray[np.integer], top: int = 1) -> F32:
         """Return patterns as a noiseless calibration on a flat field measures them, [N, H, W] in [0, 1].
@@ -249,14 +259,18 @@ class BenchLight:
     def _laid_out(self, exposure: Exposure) -> tuple[_FollowedPath, F32, Slices]:
         """Return the camera's path during an exposure, its masks on the sensor, [N, H, W], and when each is shown."""
         masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
+        path, middle_s = self._followed(exposure)
+        start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
+        return path, masks, Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+
+    def _followed(self, exposure: Exposure) -> tuple[_FollowedPath, float]:
+        """Return the camera's path, before effects, and the world's time at the path's time 0, in mid-exposure."""
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
         # Even light looks the same from every pose.
         followed = 2 if isinstance(self._sight.renderer, EvenLight) else POSES_FOLLOWED
         times_s = np.linspace(exposure.start_s, exposure.end_s, followed)
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
-        path = _FollowedPath(times_s - middle_s, poses)
-        start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
-        return path, masks, Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+        return _FollowedPath(times_s - middle_s, poses), middle_s
 
     def _photons(
         self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
@@ -298,8 +312,17 @@ class BenchLight:
             self._plans_at_rest[key] = decided
         return decided
 
+    def _lamp(self, exposure: Exposure) -> tuple[float, float]:
+        """Return the lamp's level at an exposure, 1 at first, and the next step of `LAMP_STEP`, which plans count on.
+
+        So a plan holds for the light of its exposure, and exposures under nearly the same light share it.
+        """
+        minutes = (exposure.start_s - BOOT_S) / 60
+        lamp = max(1 + self._lamp_drift_per_min * minutes, 0.0)
+        return lamp, math.ceil(lamp / LAMP_STEP - ROUNDING) * LAMP_STEP
+
     def _rig(self, exposure: Exposure) -> Rig:
-        """Return the figures of the rig for one exposure: the mean time of its masks and the gaps between them."""
+        """Return the figures of the rig for one exposure: the lamp, the mean time of its masks and the gaps."""
         count = max(len(exposure.masks), 1)
         shown_s = sum(m.end_s - m.start_s for m in exposure.masks) or exposure.end_s - exposure.start_s
         span_s = exposure.masks[-1].end_s - exposure.masks[0].start_s if exposure.masks else shown_s
@@ -307,7 +330,7 @@ class BenchLight:
         interval_s = round(shown_s / count, 9) or shown_s / count
         gap_s = max(round((span_s - shown_s) / max(count - 1, 1), 9), 0.0)
         return Rig(
-            light=Light(self._photons_per_s * interval_s),
+            light=Light(self._photons_per_s * self._lamp(exposure)[1] * interval_s),
             modulator=Modulator(masks=count),
             timing=Timing(interval_s, gap_s),
             sensor=self._sensor_of(exposure.bits),

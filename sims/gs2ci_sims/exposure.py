@@ -7,6 +7,7 @@ The forward model is the bench's, not the solver's: photons arrive at a rate whi
 that is shown at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,12 +18,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.charge_noise import ChargeNoise
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.light_path import EffectChain
@@ -64,26 +69,31 @@ def expose(
 
     Returns:
         The shot, in units of one view's full scale, with true views and poses at the centre of each mask's interval,
-        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped.
+        with camera and lens as from a perfect calibration, and with the pixels marked that may be clipped. Full scale
+        includes the light that a ghost adds to an all-open mask on a flat field.
 
     Raises:
         InputError: Masks do not fit the scene or the rig.
+        NumericsError: An effect gave readings that are not finite.
     """
     _check(scene, masks, rig)
     chain = EffectChain(effects, seed, rig)
     light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
     reading = read_out(light.photons, chain)
     sensor = rig.sensor
+    field = open_field(chain, scene.size)
+    brightest = max(float(field.max()), 1.0)
     # Without light there is no scale; readings then stay in electrons.
-    full_scale_e = rig.full_scale_e or 1.0
+    full_scale_e = rig.full_scale_e * brightest or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=calibrated_masks(light.masks, chain),
+        # The measurement is not divided by the open field, so what that lacks (dust) belongs to the masks.
+        masks=(calibrated_masks(light.masks, chain) * (field / brightest)).astype(np.float32),
         weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
         distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
         truth=Truth(light.truth_views, light.truth_world_to_camera, light.truth_depth),
-        saturated=np.any(reading >= sensor.saturation_dn, axis=2),
+        saturated=np.any(reading >= saturation_dn(chain), axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
         provenance={
@@ -112,7 +122,7 @@ class ExposureLight:
     Args:
         photons: Mean number in each pixel, [H, W, 3].
         masks: The masks as imaged onto the sensor, [N, H, W].
-        weights: Share of its nominal interval during which each mask was exposed, [N].
+        weights: Share of its nominal interval during which each mask was exposed, [N]; that of row 0 if rows differ.
         truth_views: The scene at the middle of each mask's nominal interval, through a sharp lens with this one's
             distortion, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
@@ -169,7 +179,7 @@ def integrate(
     intervals = chain.rig.timing.intervals_s(len(masks))
     path = chain.through(Stage.MOTION, path)
     slices = chain.through(Stage.TIME, slices or nominal_slices(intervals))
-    weights = slices.weights_s().sum(axis=0) / chain.rig.timing.interval_s
+    weights = _first_row_s(slices) @ slices.mix / chain.rig.timing.interval_s
     if not weights.any():
         raise InputError(
             "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
@@ -199,9 +209,11 @@ def integrate(
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
     centres_s = intervals.mean(axis=1)
+    # Rounding may give negative light: where the weights of moments cancel, and beside it by convolutions with large
+    # kernels, which go through a Fourier transform.
+    photons = np.maximum(chain.through(Stage.PHOTONS, np.maximum(photons, 0)), 0)
     return ExposureLight(
-        # Where the weights of moments cancel, rounding may give negative light.
-        chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
+        photons,
         shown,
         weights,
         np.maximum(truth_views, 0).astype(np.float32),
@@ -210,6 +222,13 @@ def integrate(
         len(needed),
         lambda: studio.depths(centres_s),
     )
+
+
+def _first_row_s(slices: Slices) -> F64:
+    """Return for how much of each slice the first row of the sensor collects light, [S] seconds."""
+    if slices.shutter is None:
+        return slices.duration_s
+    return slices.duration_s * slices.shutter.open_share(slices.start_s, slices.stop_s, 1)[:, 0]
 
 
 def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
@@ -313,19 +332,59 @@ def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
     return next((effect for effect in effects if isinstance(effect, LensDistortion)), None)
 
 
+def open_field(chain: EffectChain, size: tuple[int, int]) -> F64:
+    """Return the light of an all-open mask on a flat field, over that without effects on photons, [H, W]."""
+    return np.asarray(chain.through(Stage.PHOTONS, np.ones((*size, 1)))[..., 0])
+
+
 def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
-    """Return the masks as a noiseless calibration measures them: each alone, on a flat field, [N, H, W]."""
+    """Return the masks as a noiseless calibration measures them, [N, H, W].
+
+    Each alone on a flat field, over the same field behind an all-open mask; 0 where that is dark.
+    """
     if not chain.at(Stage.PHOTONS):
         return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
-    seen = [chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks]
-    return np.asarray(np.clip(seen, 0, 1), dtype=np.float32)
+    field = open_field(chain, masks.shape[1:])
+    lit = field > 0
+    seen = np.stack([chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks])
+    return np.asarray(np.clip(np.where(lit, seen, 0) / np.where(lit, field, 1), 0, 1), dtype=np.float32)
 
 
 def read_out(photons: F64, chain: EffectChain) -> F64:
-    """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain."""
+    """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain.
+
+    Raises:
+        NumericsError: An effect gave readings that are not finite.
+    """
     sensor = chain.rig.sensor
     charge = chain.through(Stage.CHARGE, sensor.quantum_efficiency * photons)
-    return chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
+    reading = chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
+    if not np.isfinite(reading).all():
+        raise NumericsError(
+            f"{np.count_nonzero(~np.isfinite(reading))} simulated readings are not finite, through the effects "
+            f"{', '.join(effect.name for effect in chain.effects) or 'none'}",
+            allowed="finite readings",
+            remedy="leave effects out, those of plug-ins first, to find the one that gives them",
+        )
+    return reading
+
+
+def saturation_dn(chain: EffectChain) -> float:
+    """Return the reading from which on a pixel may be clipped: what a full well reads at least, or the converter's top.
+
+    Full pixels scatter by rounding and by all that is added behind the well; four standard deviations of read noise,
+    row noise and offsets together include all but one in 30 000.
+    """
+    sensor = chain.rig.sensor
+    capacity_e = next(
+        (effect.capacity_e for effect in chain.effects if isinstance(effect, FullWell)), sensor.full_well_e
+    )
+    noise_e = math.hypot(*(effect.sigma_e for effect in chain.effects if isinstance(effect, ChargeNoise)))
+    steady = [effect for effect in chain.effects if isinstance(effect, GainNonlinearity | BlackLevel)]
+    behind = EffectChain(steady, chain.seed, chain.rig)
+    charge = behind.through(Stage.CHARGE, np.full((1, 1, 1), capacity_e))
+    full_dn = float(behind.through(Stage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
+    return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, 2.0**sensor.bits - 1)
 
 
 def _check(scene: Scene, masks: F32, rig: Rig) -> None:

@@ -68,7 +68,8 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     StageBacklash,
     StageVibration,
     ObjectMotion,
-    # when light is collected: the masks' clock, their switching, the sensor's window, the lamp
+    # when light is collected: the sensor's rows, the masks' clock, their switching, the sensor's window, the lamp
+    RollingShutter,
     ClockDrift,
     MirrorTransition,
     LcosResponse,
@@ -91,8 +92,6 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     ModulatorPsf,
     GhostReflection,
     Dust,
-    # sensor: when its rows are open
-    RollingShutter,
     # sensor: photons to electrons, in the mean
     BayerFilter,
     Prnu,

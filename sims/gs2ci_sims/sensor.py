@@ -53,9 +53,3 @@ class Sensor:
     def electrons_from_dn(self, reading_dn: F64) -> F64:
         """Convert readings back to electrons above black."""
         return (reading_dn - self.black_level_dn) * self.electrons_per_dn
-
-    @property
-    def saturation_dn(self) -> float:
-        """Get the reading from which on a pixel may be clipped: the well's, less 4 σ of read noise, or the top."""
-        well_e = self.full_well_e - 4 * self.read_noise_e
-        return min(self.black_level_dn + well_e / self.electrons_per_dn, 2.0**self.bits - 1)

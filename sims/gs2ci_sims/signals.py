@@ -32,6 +32,10 @@ class Shutter:
     closes_s: float
     line_delay_s: float
 
+    def later(self, delay_s: float) -> "Shutter":
+        """Return the shutter whose rows open and close later by a delay, or earlier if that is negative."""
+        return replace(self, opens_s=self.opens_s + delay_s, closes_s=self.closes_s + delay_s)
+
     def open_share(self, start_s: F64, stop_s: F64, height: int) -> F64:
         """Get the share of each slice [S] of time, of positive length, in which each row collects light, [S, H]."""
         late = self.line_delay_s * np.arange(height)

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from gs2ci.rig.config import RigTable
+from gs2ci_calibration import dark_flat
+from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.dark_flat import estimate_dark, estimate_response
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from tests.bench_truth import opened
 
 TOP_DN = 4095
 
@@ -41,6 +45,54 @@ def test_standard_errors_of_maps_and_spreads_are_true_over_many_sensors(make_sen
         assert sum(found) >= binom.ppf(0.001, len(found), 0.95), name
     for name, found in shares.items():
         assert 0.94 < np.mean(found) < 0.975, name
+
+
+@pytest.mark.parametrize(("frames", "noise_e"), [(4, 2.5), (4, 7.5), (8, 7.5), (32, 7.5)])
+def test_spreads_are_unbiased_however_few_the_frames_and_many_the_pixels(make_sensor, frames, noise_e):
+    """With a hundred thousand pixels a bias of a few per cent of the noise is many standard errors."""
+    sensor = make_sensor(frames, shape=(256, 384), read_noise_e=noise_e, dsnu_dn=0.6, prnu=0.005)
+    found = estimate_dark(sensor.darks(frames), TOP_DN)
+    flat = estimate_response(sensor.frames(frames, 0.1), 0.1, found)
+    offset, response = sensor.offset_dn.std(), sensor.response.std() / sensor.response.mean()
+    for (value, error), true in ((found.dsnu_dn, offset), (flat.prnu, response)):
+        assert abs(value - true) < 3.5 * error
+        assert error < 0.02 * true
+
+
+def test_the_colours_of_a_mosaic_are_no_prnu(make_sensor):
+    sensor = make_sensor(5, shape=(64, 96), light_e_per_s=80_000.0)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    colours = np.array([[0.5, 1.0], [1.0, 0.4]])[np.indices(sensor.shape)[0] % 2, np.indices(sensor.shape)[1] % 2]
+    flat = replace(sensor, light_e_per_s=sensor.light_e_per_s * colours).frames(16, 0.05)
+    value, error = estimate_response(flat, 0.05, found, mosaic=True).prnu
+    assert abs(value - sensor.prnu) < 4 * error
+    assert estimate_response(flat, 0.05, found).prnu[0] > 0.2
+
+
+@pytest.mark.parametrize(("form", "mosaic"), [("Y12", False), ("RG12", True)])
+def test_the_sensors_format_says_whether_it_is_a_mosaic(monkeypatch, form, mosaic):
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
+            "sensor": {"kind": "v4l2", "format": form, "black_level_dn": 64.0},
+            "capture": {"masks": 4, "density": 0.5, "mask_s": 0.004},
+            "registration": {"superpixel": 2},
+            "optics": {"full_scale_e_per_s": 2e6},
+            "calibration": {"frames": 8},
+            "world": {"scene": "planes", "height": 48, "width": 64},
+        }
+    )
+    asked = []
+    estimate = dark_flat.estimate_response
+
+    def seen(*arguments, **options):
+        asked.append(options["mosaic"])
+        return estimate(*arguments, **options)
+
+    monkeypatch.setattr(dark_flat, "estimate_response", seen)
+    with opened(table) as (bench, _):
+        dark_flat.measure(bench, Bundle())
+    assert asked == [mosaic]
 
 
 def test_hot_pixels_are_found_and_others_are_not(make_sensor):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.storage import read_calibration, read_shot
+from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.calibrating import bench_of, operator_of
-from gs2ci_calibration.bundle import read_bundle, write_bundle
+from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -68,6 +69,23 @@ def test_capture_writes_calibrated_masks_and_per_pixel_dark_and_flat(rig, tmp_pa
     corrected = (reading - kept["calib/dark"]) / (740.0 * kept["calib/flat"])
     assert shot.measurement[..., 0] == pytest.approx(corrected, rel=1e-5)
     assert shot.saturated is not None
+
+
+@pytest.mark.parametrize("dsnu_dn", [0.0, 3.0, 12.0])
+def test_full_pixels_are_told_whatever_their_own_offsets(dsnu_dn):
+    sensor = {
+        "saturation_dn": Estimate(4027.0, 0.1, "DN"),
+        "read_noise_e": Estimate(2.9, 0.01, "e"),
+        "gain_e_per_dn": Estimate(2.7, 0.01, "e/DN"),
+    }
+    bundle = Bundle().with_section(Section("sensor", sensor))
+    if dsnu_dn:
+        bundle = bundle.with_section(Section("dark-flat", {"dsnu_dn": Estimate(dsnu_dn, 0.1, "DN")}))
+    limit = Calibrated(bundle, ()).saturation_dn
+    rng = np.random.default_rng(1)
+    full = 4027.0 + dsnu_dn * rng.standard_normal(200_000) + 2.9 / 2.7 * rng.standard_normal(200_000)
+    assert np.mean(full >= limit) > 0.9998
+    assert limit > 4027.0 - 5 * np.hypot(dsnu_dn, 2.9 / 2.7)
 
 
 LENS = np.array([-0.15, 0.02, 1e-3, -1e-3, 0.0])

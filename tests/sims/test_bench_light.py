@@ -5,6 +5,7 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
@@ -16,7 +17,8 @@ SIZE = (40, 60)
 
 def make(**options):
     scene = planes(np.random.default_rng(1), SIZE)
-    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, noise=False, **options)
+    options = {"full_scale_e_per_s": 50_000.0, "noise": False} | options
+    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), **options)
     world = World(light)
     return light, world
 
@@ -81,6 +83,39 @@ def test_behind_a_lens_the_truth_is_what_the_sensor_sees():
     assert np.abs(views - straight.truth(plain_world.exposures[0])[0]).max() > 0.1
     assert light.lens == LensDistortion(-0.2)
     assert straight.lens is None
+
+
+@pytest.mark.parametrize("lens", [(), (LensDistortion(-0.2),)], ids=["straight", "distorted"])
+@pytest.mark.parametrize("kind", ["object", "camera"])
+def test_the_truth_is_where_the_effects_moved_object_and_camera(kind, lens):
+    """Each mask opens one band of rows for a moment, so a band reads the light of that mask's middle."""
+    scene = planes(np.random.default_rng(1), SIZE)
+    near = scene.depth_range()[0]
+    width = near * SIZE[1] / scene.intrinsics[0, 0]
+    moved = ObjectMotion((0.0, 0.0, near), 0.5 * width, (2 * width, 0.0, 0.0))
+    effect = moved if kind == "object" else StageVibration(0.05 * width, 8.0)
+    light, world = make(effects=(effect, *lens))
+    bands = np.arange(100)[:, None] // 2 * np.ones(160, int) // 10 % 4
+    start_s = world.clock.now_s()
+    for mask in range(4):
+        world.show_mask((bands == mask).astype(np.uint8))
+        world.clock.sleep_s(0.008)
+        world.show_mask(np.zeros((100, 160), np.uint8))
+        world.clock.sleep_s(0.032)
+    reading = world.integrate(start_s, world.clock.now_s(), height=SIZE[0], width=SIZE[1], bits=12)
+    exposure = world.exposures[0]
+    views, poses = light.truth(exposure)
+    masks = light.true_masks(np.stack([shown.levels for shown in exposure.masks]))
+    errors = {}
+    for name, truth in (("told", views), ("at rest", make(effects=lens)[0].truth(exposure)[0])):
+        expected = 64.0 + np.einsum("nhw,nhwc->hw", masks, truth) * 50_000 * 0.008 / 2.7
+        errors[name] = np.sqrt(np.square(reading - expected).mean())
+    assert errors["told"] < 0.2 * errors["at rest"]
+    if kind == "camera":
+        assert np.ptp(poses[:, :3, 3], axis=0).max() > 0.02 * width
+    depth = light.true_depth(exposure)
+    assert depth.shape == (8, *SIZE)
+    assert not np.array_equal(depth[0], depth[6])
 
 
 def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
@@ -149,6 +184,29 @@ def test_a_plan_is_shared_by_exposures_of_the_same_masks_alone():
     expose(world, np.ones((100, 160), np.uint8))
     assert light.plans[0] is light.plans[2]
     assert light.plans[0] is not light.plans[1]
+
+
+def test_a_plan_knows_the_lamps_level():
+    """The lamp brightens until pixels are full; a plan of the first minute would leave the full well out."""
+    light, world = make(lamp_drift_per_min=0.1, full_scale_e_per_s=500_000.0)
+    first = expose(world, np.ones((100, 160), np.uint8))
+    for _ in range(2):
+        expose(world, np.ones((100, 160), np.uint8))
+    assert light.plans[1] is light.plans[2]  # the lamp has hardly changed: one plan for both
+    world.clock.sleep_s(600.0)
+    late = expose(world, np.ones((100, 160), np.uint8)).astype(float)
+    full_dn = 64.0 + Sensor().full_well_e / 2.7
+    wanted = np.minimum(64.0 + 2 * (first - 64.0), full_dn)
+    assert first.max() < full_dn < 2 * first.max()
+    assert "full_well" not in {effect.name for effect in light.plans[0].effects}
+    assert "full_well" in {effect.name for effect in light.plans[3].effects}
+    np.testing.assert_allclose(late, wanted, atol=5.0)
+
+
+def test_a_lamp_that_has_died_gives_no_light():
+    _, world = make(lamp_drift_per_min=-0.1)
+    world.clock.sleep_s(1200.0)
+    assert (expose(world, np.ones((100, 160), np.uint8)) == 64).all()
 
 
 def test_a_camera_that_trembles_is_planned_anew_each_time():

@@ -5,15 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.lens import pixels_of, slopes_of, undistorted
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
+from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.dust import Dust
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import Studio, expose
-from gs2ci_sims.light_path import generator, sensor_effects
+from gs2ci_sims.exposure import Studio, calibrated_masks, expose, read_out
+from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer, rendered_depth
@@ -148,6 +151,49 @@ def test_rounding_never_makes_less_than_no_light(small_scene, masks, monkeypatch
     monkeypatch.setattr("gs2ci_sims.exposure._open_share", lambda *_: np.full(small_scene.size, -1e-16))
     shot = shoot(small_scene, STILL, masks, [MotionBlur(3), LensDistortion(-0.2), *sensor_effects(SENSOR)])
     assert np.isfinite(shot.measurement).all()
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 5.0, 12.0, 40.0])
+def test_a_ghost_however_blurred_leaves_dark_pixels_without_light(small_scene, masks, blur_px):
+    """From 11 pixels on OpenCV convolves by a Fourier transform, whose rounding is negative beside the light."""
+    spot = np.zeros_like(masks)
+    spot[:, 4:12, 4:12] = 1
+    shot = shoot(small_scene, STILL, spot, [GhostReflection(0.05, blur_px), *sensor_effects(SENSOR)])
+    assert np.isfinite(shot.measurement).all()
+
+
+def test_readings_that_are_not_finite_are_refused():
+    photons = np.full((4, 5, 1), 100.0)
+    photons[2, 3] = np.nan
+    with pytest.raises(NumericsError, match=r"1 simulated readings are not finite, through the effects .*read_noise"):
+        read_out(photons, EffectChain(sensor_effects(SENSOR), 0))
+    with pytest.raises(NumericsError, match="through the effects none"):
+        read_out(photons, EffectChain((), 0))
+
+
+@pytest.mark.parametrize("effect", [GhostReflection(0.3, 3.0), Dust(40.0, 3.0, 5.0)], ids=["ghost", "dust"])
+def test_behind_a_ghost_or_dust_the_masks_of_a_shot_add_up_to_what_an_even_field_measures(small_scene, masks, effect):
+    shot = shoot(small_scene, STILL, masks, [effect])
+    even = masks.sum(axis=0, dtype=np.float64)[..., None]
+    opened = np.ones((*small_scene.size, 1))
+    seen, field = (effect.apply(light, Rig(), generator(0, effect.name)) for light in (even, opened))
+    np.testing.assert_allclose(shot.masks.sum(axis=0), (seen / max(field.max(), 1))[..., 0], atol=1e-5)
+
+
+def test_the_unit_of_a_measurement_grows_with_the_light_that_a_ghost_adds(small_scene, masks):
+    plain, ghosted = (shoot(small_scene, STILL, masks, effects) for effects in ((), [GhostReflection(0.3, 3.0)]))
+    assert ghosted.measurement.sum() == pytest.approx(plain.measurement.sum(), rel=1e-5)
+
+
+@pytest.mark.parametrize("effect", [GhostReflection(0.3, 3.0), Dust(40.0, 3.0, 5.0)], ids=["ghost", "dust"])
+def test_masks_are_calibrated_against_the_open_field_behind_the_same_ghost_or_dust(small_scene, masks, effect):
+    chain = EffectChain([effect], 0)
+    opened = np.ones((*small_scene.size, 1))
+    lit = chain.through(Stage.PHOTONS, opened)[..., 0] > 0
+    found = calibrated_masks(np.stack([*masks, opened[..., 0]]), chain)
+    np.testing.assert_allclose(found[-1], lit, rtol=1e-6)
+    if isinstance(effect, Dust):
+        np.testing.assert_allclose(found[:-1], masks * lit, atol=1e-6)
 
 
 def test_the_same_seed_gives_the_same_shot_and_another_seed_another(small_scene, moving, masks):

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.exposure import read_out
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.exposure import read_out, saturation_dn
 from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sensor import Sensor
 
 SENSOR = Sensor()
+SATURATION_DN = saturation_dn(EffectChain(sensor_effects(SENSOR), 0))
 
 
 def readings(photons, seed=0, sensor=SENSOR):
@@ -38,17 +45,48 @@ def test_the_mean_reading_is_linear_in_photons_with_the_quantum_efficiency_as_sl
 @pytest.mark.parametrize("photons", [1e5, 1e9, 1e15])
 def test_an_overexposed_pixel_reads_at_least_its_saturation_level_and_stays_in_range(photons):
     frame = readings(photons)
-    assert np.mean(frame >= SENSOR.saturation_dn) > 0.9999
+    assert np.mean(frame >= SATURATION_DN) > 0.9999
     assert frame.max() <= 2**SENSOR.bits - 1
 
 
+@pytest.mark.parametrize(
+    "added",
+    [
+        [],
+        [BlackLevel(-20.0)],
+        [BlackLevel(15.0)],
+        [Dsnu(20.0)],
+        [RowNoise(10.0)],
+        [Dsnu(20.0), RowNoise(10.0), BlackLevel(-5.0)],
+        [GainNonlinearity(-0.2), FullWell(8000.0)],
+    ],
+    ids=lambda added: "-".join(effect.name for effect in added) or "alone",
+)
+def test_full_pixels_are_told_whatever_is_added_behind_the_well(added):
+    given = {effect.name for effect in added}
+    chain = EffectChain([*(one for one in sensor_effects(SENSOR) if one.name not in given), *added], 3)
+    full, bright = (
+        read_out(np.full((400, 400, 1), share * SENSOR.full_well_e / SENSOR.quantum_efficiency), chain)
+        for share in (2.0, 0.7)
+    )
+    assert np.mean(full >= saturation_dn(chain)) > 0.9995
+    assert not (bright >= saturation_dn(chain)).any()
+
+
+@pytest.mark.parametrize("well_e", 8000.0 + 2.7 * np.arange(-0.5, 0.5, 0.1))
+def test_full_pixels_without_noise_are_told_wherever_their_reading_is_rounded_to(well_e):
+    sensor = Sensor(full_well_e=well_e, read_noise_e=0.0)
+    chain = EffectChain([FullWell(well_e), Quantisation(12)], 0, Rig(sensor=sensor))
+    assert (read_out(np.full((2, 2, 1), 1e6), chain) >= saturation_dn(chain)).all()
+
+
 def test_a_pixel_well_below_the_full_well_is_not_called_saturated():
-    assert not (readings(0.9 * SENSOR.full_well_e / SENSOR.quantum_efficiency) >= SENSOR.saturation_dn).any()
+    assert not (readings(0.9 * SENSOR.full_well_e / SENSOR.quantum_efficiency) >= SATURATION_DN).any()
 
 
 def test_a_converter_too_short_for_the_well_saturates_first():
     short = Sensor(electrons_per_dn=1.0)
-    assert short.saturation_dn == 4095
+    assert saturation_dn(EffectChain(sensor_effects(short), 0, Rig(sensor=short))) == 4095
     assert (readings(1e6, sensor=short) == 4095).all()
 
 

@@ -2,14 +2,15 @@
 
 One mask is replaced by all mirrors on, the others by all off: such a coded exposure has the light of that slot only.
 The first and the last slot are measured like this and compared with one in the middle. All slots between the ends are
-spanned completely by definition. Here: that measurement. Not here: trigger latency and jitter (step `timing`).
+spanned completely by definition. The middle slot is exposed before, between and after the two, and its light, which is
+the lamp's, is interpolated to their times. Here: that measurement. Not here: trigger latency and jitter (step
+`timing`).
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.bench import Bench
@@ -25,6 +26,11 @@ PLANNED_SE: Final = 1e-3
 """Standard error of weights that are planned and not measured: jitter of 10 us in 10 ms."""
 LEVELS: Final = (0.02, 0.8)
 """Share of the sensor's range that one slot must fill in the median pixel to be measured; brighter pixels have room."""
+LEFT_OVER: Final = 0.5
+"""Share of the middle slot's own difference from its interpolated light that counts as the ends' error by the lamp.
+
+Interpolation over half the time leaves a quarter of it if the lamp's change is smooth, 0.7 of it if the lamp wanders.
+"""
 OFF_PLAN: Final = 0.05
 """A weight that differs from the plan by more than this is refused: the sensor does not expose at the right time."""
 
@@ -65,13 +71,9 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
         reason = "the light of one slot does not suit the sensor's range"
     if reason:
         return SlotWeights(Estimate(planned, PLANNED_SE, "1"), False, f"Slot weights are as planned: {reason}.")
-    ends = (0, len(planned) - 1)
-    light = _light_of_slots(bench, field, plan.exposure_s, (*ends, len(planned) // 2))
-    shares = light[:, :2] / light[:, 2:]
+    ends = [0, len(planned) - 1]
     mean = planned.copy()
-    mean[list(ends)] = shares.mean(axis=0)
-    # The frames' errors are the same in all slots: pooled, they are estimated better than from each slot's few frames.
-    error = float(np.sqrt(shares.var(axis=0, ddof=1).mean() / len(shares)))
+    mean[ends], error = _shares_of_ends(bench, field, plan.exposure_s, ends, len(planned) // 2)
     worst = int(np.argmax(np.abs(mean - planned)))
     if abs(mean[worst] - planned[worst]) > OFF_PLAN:
         raise CalibrationError(
@@ -98,22 +100,31 @@ def _why_not_measured(bench: Bench, whole: Bool) -> str:
     return ""
 
 
-def _light_of_slots(bench: Bench, field: Field, exposure_s: float, slots: tuple[int, ...]) -> F64:
-    """Return the light of some slots in each of some exposures, [FRAMES, S] DN, mean over the pixels."""
+def _shares_of_ends(bench: Bench, field: Field, exposure_s: float, ends: list[int], middle: int) -> tuple[F64, float]:
+    """Return the light of the first and the last slot over that of the middle one, [2], and its standard error."""
     capture, valid = bench.capture, field.references.valid
     unshut = bench.deep(bench.flat_pattern(is_open=True))
-    closed = np.zeros(capture.masks.shape, unshut.dtype)
 
-    def mean_light(patterns: NDArray[Any]) -> F64:
+    def light_of(slot: int | None) -> tuple[float, F64]:
+        """Return the mean time of `FRAMES` exposures with one slot open, or none, and the light of each, DN."""
+        patterns = np.zeros(capture.masks.shape, unshut.dtype)
+        if slot is not None:
+            patterns[slot] = unshut
         stack = bench.expose(
             patterns, mask_s=capture.mask_s, exposure_s=exposure_s, frames=FRAMES, bit_depth=capture.bit_depth
         )
-        return np.asarray(stack.readings[0][:, valid].mean(axis=1, dtype=np.float64))
+        return float(stack.time_s.mean()), stack.readings[0][:, valid].mean(axis=1, dtype=np.float64)
 
-    dark = mean_light(closed)
-    light = []
-    for slot in slots:
-        patterns = closed.copy()
-        patterns[slot] = unshut
-        light.append(mean_light(patterns) - dark)
-    return np.stack(light, axis=1)
+    shown = (middle, ends[0], middle, None, ends[1], middle)
+    taken = [light_of(slot) for slot in shown]
+    time_s = np.array([time for time, _ in taken])
+    light = np.array([frames.mean() for _, frames in taken]) - taken[shown.index(None)][1].mean()
+    at_middle, at_ends = ([place for place, slot in enumerate(shown) if slot in slots] for slots in ([middle], ends))
+    lamp = np.interp(time_s[at_ends], time_s[at_middle], light[at_middle])
+    left_over = light[at_middle[1]] / np.interp(time_s[at_middle[1]], time_s[at_middle[::2]], light[at_middle[::2]]) - 1
+    # The frames' errors are the same in all slots: pooled, they are estimated better than from each slot's few frames.
+    # Second differences, of six times the variance of one frame, are free of a steady drift.
+    noise = np.mean([np.square(np.diff(taken[place][1], n=2)) for place in (*at_middle, *at_ends)]) / 6
+    noise /= np.square(lamp.mean())
+    # Of two of the middle slot's stacks, the interpolation takes half each.
+    return light[at_ends] / lamp, float(np.sqrt(1.5 * noise / FRAMES + np.square(LEFT_OVER * left_over)))

@@ -63,7 +63,7 @@ class ClockDrift(EffectRecord):
         return 1 + 1e-6 * self.ppm
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Stretch the slices and close the window."""
+        """Stretch the slices and close the window; a rolling shutter closes every row by itself."""
         begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
         later = replace(
             signal,
@@ -71,4 +71,4 @@ class ClockDrift(EffectRecord):
             stop_s=begin + (signal.stop_s - begin) * stretch,
             since_s=begin + (signal.since_s - begin) * stretch,
         )
-        return within_window(later, -np.inf, 0.5 * rig.exposure_s)
+        return later if signal.shutter is not None else within_window(later, -np.inf, 0.5 * rig.exposure_s)

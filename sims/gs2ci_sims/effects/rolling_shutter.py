@@ -61,6 +61,9 @@ class RollingShutter(EffectRecord):
         return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Add the shutter to the slices; row 0 is not affected."""
+        """Add the shutter to the slices; row 0 is not affected.
+
+        It comes first among the effects on time: those that move the sensor's window move this shutter.
+        """
         shutter = Shutter(float(signal.start_s.min()), float(signal.stop_s.max()), self.line_delay_s)
         return replace(signal.split(PARTS), shutter=shutter)

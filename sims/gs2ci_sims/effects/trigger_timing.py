@@ -1,7 +1,7 @@
 """Trigger timing: the exposure begins after a latency, with jitter."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -67,14 +67,16 @@ class TriggerTiming(EffectRecord):
             yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
     def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
-        """Cut the slices to the window."""
+        """Cut the slices to the window; behind a rolling shutter, shift the window of every row."""
         jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
         late_s = self.latency_s + self.jitter_s * float(jitter)
+        if signal.shutter is not None:
+            return replace(signal, shutter=signal.shutter.later(late_s))
         return within_window(signal, late_s - 0.5 * rig.exposure_s, late_s + 0.5 * rig.exposure_s)
 
 
 def within_window(slices: Slices, opens_s: float, closes_s: float) -> Slices:
-    """Return what of the slices lies between two times."""
+    """Return what of the slices lies between two times, with no light in the rest."""
     edges = np.broadcast_to(np.array([opens_s, closes_s]), (len(slices.start_s), 2))
     pieces = slices.split_at(edges)
     middle = 0.5 * (pieces.start_s + pieces.stop_s)

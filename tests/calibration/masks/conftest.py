@@ -34,6 +34,7 @@ class World:
     full_well_e: float = 10_000.0
     bits: int = 12
     drift_per_s: float = 0.0
+    drift_per_s2: float = 0.0
     flicker: float = 0.0
     fall_off: float = 0.2
     lit: bool = True
@@ -90,7 +91,8 @@ class World:
 
     def frame(self, exposed):
         """Return one frame in DN; `exposed` is mask times seconds, [H, W]."""
-        lamp = max(1 + self.drift_per_s * self.now_s + self.flicker * self.rng.standard_normal(), 0.0)
+        drift = self.drift_per_s * self.now_s + self.drift_per_s2 * self.now_s**2
+        lamp = max(1 + drift + self.flicker * self.rng.standard_normal(), 0.0)
         mean = exposed * self.gain * self.electrons_per_s * lamp * self.lit
         charge = np.minimum(self.rng.poisson(mean), self.full_well_e)
         charge = charge + self.rng.normal(0, self.read_noise_e, self.size)
@@ -132,8 +134,13 @@ class QuickBench(Bench):
         masks = self.world.masks(patterns, 2**bit_depth - 1)
         weights = self.world.slots or (1.0,) * len(masks)
         light = np.tensordot(np.array(weights) * mask_s, masks, axes=1)
-        readings = np.stack([self.world.frame(light) for _ in range(frames)]).astype(np.float32)
-        return Stack(readings[None], np.zeros((1, frames)), exposure_s, None)
+        readings, time_s = np.empty((1, frames, *self.size), np.float32), np.empty((1, frames))
+        self.world.now_s += 1.0  # the upload
+        for k in range(frames):
+            self.world.now_s += exposure_s + 1e-3
+            time_s[0, k] = self.world.now_s
+            readings[0, k] = self.world.frame(light)
+        return Stack(readings, time_s, exposure_s, None)
 
 
 @pytest.fixture(scope="session")

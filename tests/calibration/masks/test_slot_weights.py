@@ -30,6 +30,28 @@ def test_a_late_trigger_takes_light_from_the_last_mask(lit):
     assert slots.weights.error < 2e-3
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("per_min", [-0.3, -0.1, 0.1, 0.3])
+def test_a_lamp_that_drifts_changes_no_weight_and_widens_no_error(lit, per_min, seed):
+    truth = np.array([0.99, 1.0, 1.0, 0.98])
+    slots, steady = (
+        measure_slots(*lit(slots=tuple(truth), drift_per_s=drift, seed=seed), 4095.0, "masks").weights
+        for drift in (per_min / 60, 0.0)
+    )
+    assert np.all(np.abs(slots.value - truth) < 4 * slots.standard_error)
+    assert slots.error < 2 * steady.error
+
+
+@pytest.mark.parametrize("per_s2", [-2e-3, 2e-3])
+def test_what_interpolation_leaves_of_a_lamps_drift_is_in_the_error(lit, per_s2):
+    truth = np.array([1.0, 1.0, 1.0, 0.98])
+    slots, steady = (
+        measure_slots(*lit(slots=tuple(truth), drift_per_s2=drift), 4095.0, "masks").weights for drift in (per_s2, 0.0)
+    )
+    assert np.all(np.abs(slots.value - truth) < 3 * slots.standard_error)
+    assert slots.error > 3 * steady.error
+
+
 def test_a_slot_that_contradicts_the_plan_is_refused(lit):
     bench, field = lit(slots=(1.0, 1.0, 1.0, 0.7))
     with pytest.raises(CalibrationError, match="mask 3") as caught:

@@ -6,7 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.mirror_transition import MirrorTransition
 from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.masks import random_masks
@@ -53,6 +57,34 @@ def test_a_row_that_opens_after_the_last_mask_sees_nothing():
     dark = photons(StageMove((0.0, 0.0, 0.0)), [RollingShutter(1.0)])
     assert not dark[1:].any()
     assert dark[0].any()
+
+
+def light_of_rows(effects, rig, rows):
+    """Return for how long each row collects light of the one mask, [rows] seconds."""
+    slices = EffectChain(effects, 0, rig).through(Stage.TIME, nominal_slices(rig.timing.intervals_s(1)))
+    return slices.weights_s()[:, 0] @ slices.shutter.open_share(slices.start_s, slices.stop_s, rows)
+
+
+@pytest.mark.parametrize("latency_ms", [-3.0, -1.0, 0.0, 1.0, 9.5])
+@pytest.mark.parametrize("ppm", [-2e5, 0.0, 1e5, 2e5])
+@pytest.mark.parametrize("transition_s", [0.0, 1e-4])
+def test_a_row_collects_what_of_the_mask_lies_within_its_own_window(latency_ms, ppm, transition_s):
+    rig, delay_s, rows = Rig(modulator=Modulator(1), timing=Timing(10e-3)), 0.2e-3, 11
+    effects = [ClockDrift(ppm), TriggerTiming(1e-3 * latency_ms), RollingShutter(delay_s)]
+    effects += [MirrorTransition(transition_s)] if transition_s else []
+    late_s = 1e-3 * latency_ms + delay_s * np.arange(rows)
+    begin_s, end_s = -5e-3, -5e-3 + 10e-3 * (1 + 1e-6 * ppm)
+    expected = np.clip(np.minimum(end_s, 5e-3 + late_s) - np.maximum(begin_s, -5e-3 + late_s), 0, None)
+    # While the mirrors turn, half of the light comes through: a row that opens meanwhile is off by a quarter at most.
+    np.testing.assert_allclose(light_of_rows(effects, rig, rows), expected, atol=max(1e-12, 0.5 * transition_s + 1e-9))
+
+
+def test_the_weights_of_a_late_exposure_are_those_of_its_first_row():
+    effects = [RollingShutter(1e-3), TriggerTiming(0.03)]
+    light = integrate(SCENE, StageMove((0.0, 0.0, 0.0)), MASKS, EffectChain(effects, 0, RIG))
+    np.testing.assert_allclose(light.weights, [0.7, 1, 1, 1])
+    with pytest.raises(InputError, match="misses all masks"):
+        photons(StageMove((0.0, 0.0, 0.0)), [RollingShutter(1e-3), TriggerTiming(1.0)])
 
 
 def test_no_line_delay_changes_nothing():
