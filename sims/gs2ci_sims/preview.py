@@ -16,6 +16,7 @@ Here: taking the look, and what a change of views, masks or light makes of the r
 by part: `previewed.views`, `previewed.motion`, `previewed.charge`. Not here: any effect.
 """
 
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import image_motion_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.previewed.charge import PreviewedCharge
+from gs2ci_sims.previewed.views import spectral_margin, spectral_part
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scene import Scene
@@ -40,8 +42,6 @@ from gs2ci_sims.spectrum import MovingSpectrum, moving_spectrum
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
 STILL_PX: Final = 0.25
-# A spectrum needs some pixels: smaller sensors are previewed with a margin.
-SIDE_MIN_PX: Final = 24
 # Grain of a renderer: its largest value over the pixels against its rms (20 to 26 on planes), and the motion after
 # which it is another (there its autocorrelation is nothing).
 GRAIN_PEAK: Final = 25.0
@@ -214,10 +214,9 @@ def preview(
     whole = rig.timing.intervals_s(len(masks))[[0, -1], [0, 1]]
     moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
     times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
-    margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
-    if not moves:
-        # The simulation then takes the same view, which the renderer remembers.
-        margin = max(margin, EffectChain(effects, seed, rig).margin_px(scene.size, scene.intrinsics))
+    beside = spectral_margin(scene.size)
+    # Of a camera at rest, the simulation takes the same view then, which the renderer remembers.
+    margin = max(beside, EffectChain(effects, seed, rig).margin_px(scene.size, scene.intrinsics))
     renderer = renderer or Renderer()
     started = time.perf_counter()
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
@@ -225,13 +224,13 @@ def preview(
 
     @cache
     def finer() -> MovingSpectrum:
-        drawn, better = renderer.supersampling, renderer.finer(scene)
+        drawn, better, pixels = renderer.supersampling, renderer.finer(scene), math.prod(scene.size)
         if better is renderer:
-            return moving_spectrum(views, drawn, drawn, 0.0)
+            return moving_spectrum(spectral_part(views, scene.size, margin, drawn), drawn, drawn, 0.0, pixels)
         middle = path.world_to_camera(times[len(times) // 2, None])
         filter_px2 = renderer.sample_filter_px2 * (drawn**-2 - better.supersampling**-2)
-        fine_views = better.supersampled_views(scene, middle, margin=margin)
-        return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2)
+        fine_views = better.supersampled_views(scene, middle, margin=beside)
+        return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2, pixels)
 
     return Preview(
         scene,

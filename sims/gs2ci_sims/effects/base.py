@@ -24,6 +24,7 @@ from gs2ci_sims.rig import Rig
 if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
     from gs2ci_sims.path import CameraPath
     from gs2ci_sims.scene import Scene
+    from gs2ci_sims.signals import View
     from gs2ci_sims.spectrum import MovingSpectrum
 
 
@@ -139,7 +140,7 @@ class ViewPreview(Protocol):
         """Get the masks with all effects on masks, [N, H, W]."""
 
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
-        """Return rms and peak, radiance, of a linear filter's change of a view."""
+        """Return rms and peak, radiance, of a linear filter's change of a view, by its spectrum on the sensor."""
 
     @property
     def spectrum(self) -> "MovingSpectrum":
@@ -149,8 +150,20 @@ class ViewPreview(Protocol):
         """Return rms and peak of the change of a view by a shift of up to `shift_px` in any direction."""
 
 
-class Previewed(ViewPreview, Protocol):
+class MotionPreview(ViewPreview, Protocol):
+    """The part of a preview that is available to effects which state how they change views."""
+
+    def changed(
+        self, effect: "Effect", change: "Callable[[View], F64]", shares: Callable[[F64], F64]
+    ) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect on views changes in one."""
+
+
+class Previewed(MotionPreview, Protocol):
     """The data on a measurement that bounds may use (`gs2ci_sims.preview.Preview` explains each)."""
+
+    def view_change(self, effect: "ViewChange") -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect changes in a view."""
 
     @property
     def most_open(self) -> NDArray[Any]:
@@ -300,7 +313,7 @@ class Moving(Effect, Protocol):
 class ViewChange(Effect, Protocol):
     """An effect on views that moves light to other pixels; an effect that only dims views is not one."""
 
-    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
+    def view_change(self, scene: MotionPreview) -> tuple[float, float]:
         """Return rms and peak, radiance, of its change of a view."""
 
 

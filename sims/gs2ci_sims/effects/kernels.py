@@ -1,4 +1,4 @@
-"""Convolution kernels of optical effects, and their transfer functions."""
+"""Convolution kernels of optical effects, and what these and shifts change of cosines."""
 
 from typing import Final
 
@@ -49,6 +49,11 @@ def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
     1 - exp(t (cos w_x + cos w_y - 2)) with cos w >= 1 - w^2 / 2.
     """
     return np.asarray(-np.expm1(-2 * np.square(np.pi * sigma_px * frequency)))
+
+
+def shift_shares(frequency: F64, shift_px: float) -> F64:
+    """Return by which share of its amplitude a shift of up to so many pixels changes a cosine (cycles per pixel)."""
+    return np.asarray(2 * np.sin(np.minimum(np.pi * frequency * shift_px, np.pi / 2)))
 
 
 def disc(diameter_px: float) -> F64:
