@@ -4,7 +4,7 @@ from typing import Final
 
 import cv2
 import numpy as np
-from scipy.special import ive, j1
+from scipy.special import ive
 
 from gs2ci.core.arrays import F64
 
@@ -67,9 +67,3 @@ def disc(diameter_px: float) -> F64:
     blocks = inside.reshape(2 * radius + 1, DISC_OVERSAMPLING, 2 * radius + 1, DISC_OVERSAMPLING)
     kernel = blocks.mean(axis=(1, 3))
     return np.asarray(kernel / kernel.sum())
-
-
-def disc_transfer(diameter_px: float, frequency: F64) -> F64:
-    """Return the transfer function of a uniform disc, 2 J1(x) / x with x = pi d f (Goodman, Fourier Optics, 6.4)."""
-    x = np.pi * diameter_px * np.asarray(frequency, dtype=np.float64)
-    return np.where(x < 1e-6, 1.0, 2 * j1(x) / np.where(x < 1e-6, 1.0, x))

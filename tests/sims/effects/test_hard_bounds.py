@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.optics_psf import OpticsPsf
 from gs2ci_sims.exposure import integrate, read_out
@@ -16,6 +18,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
+from gs2ci_sims.signals import View
 
 SIZE = (48, 64)
 # At rest a change may be as large as its bound; views are of float32.
@@ -62,6 +65,12 @@ def only(scene, seen):
     return dataclasses.replace(
         scene, gaussians=gaussians.map(lambda part: part[seen(*(image[:, :2] / image[:, 2:]).T)])
     )
+
+
+def in_corners(scene, side_px):
+    """Return a scene of which nothing lies farther from the sensor's corners."""
+    (height, width), side = scene.size, side_px
+    return only(scene, lambda x, y: ((x < side) | (x > width - side)) & ((y < side) | (y > height - side)))
 
 
 def beside(scene, gap_px=0.0):
@@ -120,3 +129,81 @@ def test_a_spectrum_holds_all_of_what_pixels_show(scene, samples):
     noise = np.random.default_rng(4).random((1, SIZE[0] * samples, SIZE[1] * samples, 3), np.float32)
     look = dataclasses.replace(look, fine_views=noise - 0.5)
     assert look.filtered(np.ones_like)[0] == pytest.approx(np.sqrt(np.square(look.views).mean()), rel=0.02)
+
+
+def striped(scene, disc_px, focus_depth, near_share):
+    """Return stripes that a disc takes most of, on two depths, a lens, and a preview of this.
+
+    The discs of the lens are of that size on most of the sensor, and 1.64 times as large, where they take less of the
+    stripes, on a share of its rows.
+    """
+    far, focal_px = 2 * focus_depth, scene.intrinsics[0, 0]
+    lens = Defocus(disc_px / (focal_px / focus_depth - focal_px / far), focus_depth)
+    near = 1 / (1 / focus_depth + 1.64 * disc_px / (focal_px * lens.aperture))
+    depth = np.full(SIZE, far)
+    depth[: round(near_share * SIZE[0])] = near
+    scene = dataclasses.replace(scene, depth=depth)
+    wave = 0.5 + 0.5 * np.cos(5.14 / disc_px * 2 * (np.arange(SIZE[1]) + 0.5))
+    picture = np.broadcast_to(wave[None, :, None], (*SIZE, 3)).copy()
+    look = preview(scene, still(scene), opened(SIZE), rig_for(opened(SIZE)), RENDERER)
+    fine = picture.repeat(look.samples, axis=0).repeat(look.samples, axis=1).astype(np.float32)
+    return lens, depth, picture, dataclasses.replace(look, fine_views=fine[None])
+
+
+@pytest.mark.parametrize("disc_px", [1.5, 2.0, 3.0, 10.0])
+@pytest.mark.parametrize("near_share", [0.05, 0.5])
+def test_defocus_keeps_within_its_bound_where_a_narrower_disc_takes_more_than_the_widest(scene, disc_px, near_share):
+    lens, depth, picture, look = striped(scene, disc_px, 2.0, near_share)
+    seen = lens.apply(View(picture, scene.intrinsics, 0, depth), look.rig, np.random.default_rng(0))
+    change_dn = look.full_scale_dn * (seen.radiance - picture)
+    bound = lens.bound(look, look.rig)
+    assert 0.3 * bound.rms_dn < np.sqrt(np.square(change_dn).mean()) <= ROUNDED * bound.rms_dn
+    assert np.abs(change_dn).max() <= bound.peak_dn
+
+
+@pytest.mark.parametrize("disc_px", [2.0, 8.0])
+def test_defocus_keeps_within_its_bound_where_each_pixel_has_the_depth_that_changes_it_most(scene, disc_px):
+    lens, depth, _, look = striped(scene, disc_px, 2.0, 0.5)
+    picture = np.random.default_rng(1).random((*SIZE, 1)).repeat(3, axis=2)
+    fine = picture.repeat(look.samples, axis=0).repeat(look.samples, axis=1).astype(np.float32)
+    look = dataclasses.replace(look, fine_views=fine[None])
+
+    def changed(depths):
+        view = View(picture, scene.intrinsics, 0, depths)
+        return lens.apply(view, look.rig, np.random.default_rng(0)).radiance - picture
+
+    apart = np.array([changed(np.full(SIZE, one)) for one in (depth.min(), depth.max())])
+    worst = changed(np.where(np.abs(apart).argmax(axis=0)[..., 0] == 0, depth.min(), depth.max()))
+    assert look.full_scale_dn * np.sqrt(np.square(worst).mean()) <= ROUNDED * lens.bound(look, look.rig).rms_dn
+
+
+@pytest.mark.parametrize("side_px", [4, 8])
+@pytest.mark.parametrize("k1", [-0.02, -0.005, 0.02])
+@pytest.mark.parametrize("parallax_px", [0.0, 1.0])
+def test_a_lens_keeps_within_its_bound_where_all_detail_lies_in_the_corners(side_px, k1, parallax_px):
+    scene = in_corners(planes(np.random.default_rng(0), (96, 128)), side_px)
+    path = stage_move_for_parallax(scene, parallax_px, 0.2) if parallax_px else still(scene)
+    assert max(reached(scene, LensDistortion(k1), opened(scene.size, 2), path=path)) <= ROUNDED
+
+
+def test_lens_defocus_and_blur_keep_within_their_bounds_beside_each_other(scene):
+    every = (LensDistortion(-0.05), Defocus(0.2, 3.0), OpticsPsf(0.5))
+    for light in (scene, within(scene), beside(scene)):
+        for effect in every:
+            found = reached(light, effect, company=tuple(one for one in every if one is not effect))
+            assert max(found) <= ROUNDED
+
+
+@pytest.mark.parametrize("share", [0.005, 0.5])
+def test_defocus_is_bounded_for_the_few_pixels_that_are_nearest_and_for_a_camera_that_comes_near(scene, share):
+    depth = np.full(SIZE, 4.0)
+    depth[: max(round(share * SIZE[0]), 1), :12] = 1.0
+    flat, lens = dataclasses.replace(scene, depth=np.full(SIZE, 4.0)), Defocus(0.1, 4.0)
+    rig = rig_for(opened(SIZE))
+    for seen, path, sharp in (
+        (flat, still(flat), True),
+        (dataclasses.replace(scene, depth=depth), still(scene), False),
+        (flat, StageMove((0.0, 0.0, 3.0 / rig.exposure_s)), False),
+    ):
+        look = preview(seen, path, opened(SIZE), rig, RENDERER, effects=(lens,))
+        assert (lens.bound(look, rig).rms_dn == 0) == sharp
