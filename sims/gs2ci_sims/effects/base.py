@@ -205,6 +205,10 @@ class Previewed(MotionPreview, Protocol):
     def added_e(self) -> tuple[float, float]:
         """Get the charge that is added in the dark, its mean over the pixels and its largest value."""
 
+    @property
+    def lowered_dn(self) -> float:
+        """Get by how much readings may be below the data sheet's black level, DN."""
+
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
         """Bound the pixels' charge beyond a capacity: mean, rms and peak over the pixels, electrons."""
 
@@ -288,6 +292,14 @@ class Charging(Effect, Protocol):
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return an upper bound on the electrons added, in the mean over the pixels and in the fullest one."""
+
+
+@runtime_checkable
+class Lowering(Effect, Protocol):
+    """An effect that may take a reading below the data sheet's black level."""
+
+    def lowered_dn(self, rig: Rig) -> float:
+        """Return by how much at most, DN; for a noise, six standard deviations."""
 
 
 @runtime_checkable

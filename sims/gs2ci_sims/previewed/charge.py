@@ -10,7 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Charging, having
+from gs2ci_sims.effects.base import Charging, Lowering, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
@@ -61,6 +61,11 @@ class PreviewedCharge(PreviewedMotion):
         """Get the charge that comes in the dark, its mean over the pixels and its largest."""
         added = [effect.added_e(self.rig, self.scene.size) for effect in having(self.effects, Charging)]
         return sum(mean for mean, _ in added), sum(most for _, most in added)
+
+    @cached_property
+    def lowered_dn(self) -> float:
+        """Get by how much noises and shifts may take readings below the data sheet's black level, DN."""
+        return sum(effect.lowered_dn(self.rig) for effect in having(self.effects, Lowering))
 
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.

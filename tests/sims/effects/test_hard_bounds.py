@@ -6,19 +6,26 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.exposure import integrate, read_out
-from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
+from gs2ci_sims.planner import plan
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
+from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.signals import View
+from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
 SIZE = (48, 64)
 # At rest a change may be as large as its bound; views are of float32.
@@ -207,3 +214,31 @@ def test_defocus_is_bounded_for_the_few_pixels_that_are_nearest_and_for_a_camera
     ):
         look = preview(seen, path, opened(SIZE), rig, RENDERER, effects=(lens,))
         assert (lens.bound(look, rig).rms_dn == 0) == sharp
+
+
+DARK = {
+    "noise about 0": (Sensor(black_level_dn=0.0, read_noise_e=30.0), ()),
+    "noise that reaches 0": (Sensor(black_level_dn=40.0, read_noise_e=30.0), ()),
+    "rows that reach 0": (Sensor(black_level_dn=5.0), (RowNoise(8.0),)),
+    "a black level that has drifted below 0": (Sensor(), (BlackLevel(-100.0),)),
+    "one that has drifted near 0, and noise": (Sensor(read_noise_e=9.0), (BlackLevel(-62.0),)),
+}
+
+
+@pytest.mark.parametrize("case", DARK)
+def test_the_converter_keeps_within_its_bound_where_dark_readings_are_clipped_at_0(scene, case):
+    sensor, others = DARK[case]
+    dark = np.zeros((1, *SIZE), np.float32)
+    rig = dataclasses.replace(rig_for(dark), sensor=sensor)
+    converter = Quantisation(sensor.bits)
+    company = (*(effect for effect in sensor_effects(sensor) if effect.name != converter.name), *others)
+    found = reached(scene, converter, dark, company, rig=rig, seeds=range(4))
+    assert 0.01 < found[0] <= max(found) <= ROUNDED
+    decided = plan(SimulationTask(scene, still(scene), dark, rig, (MotionBlur(), *company, converter)), PlanChoice(2.0))
+    assert converter.name in {effect.name for effect in decided.effects}
+
+
+def test_a_converter_whose_black_level_is_above_all_noise_rounds_and_nothing_else(scene):
+    rig = rig_for(opened(SIZE))
+    look = preview(scene, still(scene), opened(SIZE), rig, RENDERER, effects=(ReadNoise(2.9), BlackLevel(20.0)))
+    assert Quantisation(12).bound(look, rig).rms_dn == 0.5
