@@ -209,8 +209,11 @@ class Previewed(MotionPreview, Protocol):
     def lowered_dn(self) -> float:
         """Get by how much readings may be below the data sheet's black level, DN."""
 
-    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
-        """Bound the pixels' charge beyond a capacity: mean, rms and peak over the pixels, electrons."""
+    def gain_after(self, effect: "Effect") -> float:
+        """Return by how much the effects after this one may enlarge a change, at least 1."""
+
+    def excess_e(self, effect: "Effect", capacity_e: float) -> tuple[float, float, float]:
+        """Bound the pixels' charge beyond a capacity at an effect: mean, rms and peak over the pixels, electrons."""
 
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound the readings by fields of this rms (of each, [N], or of all) and peak, radiance, behind the masks."""
@@ -226,6 +229,11 @@ class Previewed(MotionPreview, Protocol):
 
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:
         """Bound the change of the readings if the light behind each mask changes by a share, [N]."""
+
+
+def enlarging_step(scene: Previewed, effect: "Effect") -> BoundStep:
+    """Return by how much the effects after this one may enlarge its change, as a step, A."""
+    return BoundStep("A", scene.gain_after(effect), "", "by how much the effects after it may enlarge a change")
 
 
 class EffectRecord(BoundedRecord):

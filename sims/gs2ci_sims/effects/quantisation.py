@@ -37,7 +37,7 @@ class Quantisation(EffectRecord):
 
         Below it, each pixel counts as one without light whose noises all are at six standard deviations.
         """
-        _, rms_e, peak_e = scene.excess_e((self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
+        _, rms_e, peak_e = scene.excess_e(self, (self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
         below_dn = max(scene.lowered_dn - rig.sensor.black_level_dn, 0.0)
         rms_dn = float(np.hypot(np.hypot(0.5, rig.dn_per_e * rms_e), below_dn))
         return Bound(rms_dn, 0.5 + max(rig.dn_per_e * peak_e, below_dn)).by(

@@ -10,8 +10,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Charging, Lowering, having
+from gs2ci_sims.effects.base import Charging, Effect, Lowering, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
+from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
 
@@ -67,21 +68,32 @@ class PreviewedCharge(PreviewedMotion):
         """Get by how much noises and shifts may take readings below the data sheet's black level, DN."""
         return sum(effect.lowered_dn(self.rig) for effect in having(self.effects, Lowering))
 
-    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
+    @cached_property
+    def _amplified(self) -> float:
+        """Get by how much the effects after the counting of the electrons may enlarge a charge, at least 1."""
+        counted = [effect for effect in self.effects if isinstance(effect, ShotNoise | Charging)]
+        return max((self.gain_after(effect) for effect in counted), default=1.0)
+
+    def excess_e(self, effect: Effect, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.
 
-        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`). Beyond
-        the charge x that just fills the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is
-        what an error of q adds.
+        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`), times
+        what amplifies it before the effect. Beyond the charge x that just fills the capacity, that grows by
+        1 + n / (2 x^(1/2)) per electron at most, which is what an error of q adds.
+
+        Args:
+            effect: Which clips: what amplifies the charge after it does not count.
+            capacity_e: The capacity, electrons.
         """
-        added_e = self.added_e[1]
+        added_e, after = self.added_e[1], self.gain_after(effect)
+        before = self._amplified / after
 
         def beyond(charge_e: F64) -> F64:
-            whole_e = charge_e + added_e
-            return np.asarray(np.maximum(most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+            whole_e = charge_e / self._amplified + added_e
+            return np.asarray(np.maximum(before * most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
 
-        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
-        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e
+        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e / before - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
+        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e / after
         likely, most = beyond(self.charge_e), beyond(self.most_e)
         mean = min(float(likely.mean()) + error_e, float(most.mean()))
         rms = min(float(np.sqrt(np.square(likely).mean())) + error_e, float(np.sqrt(np.square(most).mean())))

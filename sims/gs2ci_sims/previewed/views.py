@@ -5,7 +5,7 @@ are derived. Here: the views on the sensor, the masks as effects leave them, the
 filter or a shift changes in a view. Not here: anything that happens while the image moves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -101,8 +101,14 @@ class PreviewedViews:
     @cached_property
     def gain(self) -> float:
         """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
-        factors = [effect.brightest(self) for effect in having(self.effects, Brightening)]
-        return float(np.prod([max(factor, 1.0) for factor in factors]))
+        return self._brightened_by(self.effects)
+
+    def gain_after(self, effect: Effect) -> float:
+        """Return by how much the effects after this one may enlarge a change of the charge, at least 1."""
+        return self._brightened_by(self._around(effect)[1])
+
+    def _brightened_by(self, effects: Sequence[Effect]) -> float:
+        return float(np.prod([max(effect.brightest(self), 1.0) for effect in having(effects, Brightening)]))
 
     def masks_around(self, effect: Effect) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the masks as the effects before this one leave them, and as this one does then, [N, H, W] each."""

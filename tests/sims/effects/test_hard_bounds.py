@@ -7,13 +7,21 @@ import pytest
 import torch
 
 from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
+from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
@@ -60,7 +68,11 @@ def reached(scene, effect, masks=None, company=(), path=None, rig=None, seeds=(3
     changes = [readings((*company, effect), seed) - readings(company, seed) for seed in seeds]
     rms = max(float(np.sqrt(np.square(change).mean())) for change in changes)
     peak = max(float(np.abs(change).max()) for change in changes)
-    return rms / bound.rms_dn, peak / bound.peak_dn
+    return _share(rms, bound.rms_dn), _share(peak, bound.peak_dn)
+
+
+def _share(change, bound):
+    return change / bound if bound > 0 else change and np.inf
 
 
 def only(scene, seen):
@@ -242,3 +254,28 @@ def test_a_converter_whose_black_level_is_above_all_noise_rounds_and_nothing_els
     rig = rig_for(opened(SIZE))
     look = preview(scene, still(scene), opened(SIZE), rig, RENDERER, effects=(ReadNoise(2.9), BlackLevel(20.0)))
     assert Quantisation(12).bound(look, rig).rms_dn == 0.5
+
+
+CHARGED = [
+    DarkCurrent(2000.0),
+    DarkCurrent(1e5),
+    HotPixels(0.05, 2e4),
+    Persistence(0.5, 0.1, 0.0, 3000.0),
+    ShotNoise(),
+    Prnu(0.05),
+    FullWell(800.0),
+    Blooming(0.5),
+    Quantisation(9),
+]
+
+
+@pytest.mark.parametrize("effect", CHARGED, ids=str)
+@pytest.mark.parametrize("departure", [-0.2, 0.05, 0.2])
+@pytest.mark.parametrize("photons", [0.0, 1000.0, 15000.0])
+def test_a_bound_on_charge_holds_before_an_amplifier_that_bends(scene, effect, departure, photons):
+    """The amplifier is steepest at no charge where it bends upwards, at the full well where it bends downwards."""
+    rig = Rig(light=Light(photons), modulator=Modulator(masks=2))
+    own = [FullWell(rig.sensor.full_well_e), GainNonlinearity(departure), DarkCurrent(3000.0)]
+    company = [one for one in own if one.name != effect.name]
+    found = reached(scene, effect, opened(SIZE, 2), company, rig=rig, seeds=range(2))
+    assert max(found) <= ROUNDED
