@@ -55,13 +55,13 @@ class Preview(PreviewedCharge):
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        each = np.broadcast_to(rms, (len(self.masks),))
+        each = np.minimum(self.colours * np.broadcast_to(rms, (len(self.masks),)), peak)
         most = float(each.max())
         worst = weights.worst_rms_of_one(most, peak) if self.at_rest else weights.worst_rms(each, peak)
         return Bound(scale * worst, scale * peak * weights.largest_sum).by(
             "S * a * rho",
             *self._full_scale_steps,
-            BoundStep("rho", most, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("rho", most, "", "change of a view, rms over the pixels as recorded; white is 1"),
             BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
@@ -130,12 +130,12 @@ class Preview(PreviewedCharge):
                 size[nearest] += altered
                 yield magnitude + altered
 
-        departures = self._departures(intervals_s)
+        departures = np.minimum(self.colours * self._departures(intervals_s), self.scene.brightest)
         weights = WeightSet(magnitudes(), singly=bool(departures.any()))
-        steady = np.einsum("khw,khwc->hwc", total, self.views)
+        steady = self.recorded(np.einsum("khw,khwc->hwc", total, self.views))
         brightest = self.scene.brightest
         if modulation > 0:
-            steady = np.abs(steady) + np.einsum("khw,khwc->hwc", size, self.views)
+            steady = np.abs(steady) + self.recorded(np.einsum("khw,khwc->hwc", size, self.views))
         rms = float(np.sqrt(np.square(steady).mean()))
         unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
@@ -164,11 +164,12 @@ class Preview(PreviewedCharge):
         names = [other.name for other in self._chain.at(Stage.PHOTONS)]
         earlier = names.index(effect.name) if effect.name in names else 0
         chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
-        before = chain.through(Stage.PHOTONS, self.charge_e)
-        change_e = np.abs(EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before) - before)
+        before = chain.through(Stage.PHOTONS, self.light_e)
+        after = EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before)
+        change_e = np.abs(self.recorded(after - before))
         # Masks that add up to an even light no longer do where others change the light of some more than of others.
-        unlike_e = self._modulation(effect) * self.charge_rms_e
-        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e + unlike_e
+        unlike_e = self._modulation(effect) * self.light_rms_e
+        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.light_error_e + unlike_e
         peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
         return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
             "K * (v + c * u)",

@@ -183,7 +183,7 @@ class Previewed(MotionPreview, Protocol):
 
     @property
     def charge_e(self) -> F64:
-        """Get the charge of each pixel under the previewed views, [H, W, 3] electrons."""
+        """Get the charge of each pixel under the previewed views, [H, W, C] electrons."""
 
     @property
     def charge_error_e(self) -> float:
@@ -196,6 +196,10 @@ class Previewed(MotionPreview, Protocol):
     @property
     def charge_rms_e(self) -> float:
         """Get a bound on the rms of the charge over the pixels."""
+
+    @property
+    def light_rms_e(self) -> float:
+        """Get a bound on the rms of the charge, wherever an effect may move the light before it is recorded."""
 
     @property
     def charge_mean_e(self) -> float:

@@ -22,10 +22,15 @@ class PreviewedCharge(PreviewedMotion):
 
     @cached_property
     def charge_e(self) -> F64:
-        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, 3].
+        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, C].
 
         The true one differs by an rms of `charge_error_e` at most, and never exceeds `most_e`.
         """
+        return self.recorded(self.light_e)
+
+    @cached_property
+    def light_e(self) -> F64:
+        """Get the charge that the light of all three colours would make, [H, W, 3]."""
         total = np.zeros((len(self.views), *self.scene.size))
         for mask, nearest in zip(self.shown, self._nearest, strict=True):
             total[nearest] += mask
@@ -34,7 +39,15 @@ class PreviewedCharge(PreviewedMotion):
     @cached_property
     def charge_error_e(self) -> float:
         """Get how far the charge may be from `charge_e`, rms over the pixels."""
-        departures = self._departures(self.intervals_s)
+        return self._error_e(self.colours)
+
+    @cached_property
+    def light_error_e(self) -> float:
+        """Get how far what is recorded of the light may be from `light_e`, rms, wherever it falls then."""
+        return self.colours * self._error_e(1.0)
+
+    def _error_e(self, colours: float) -> float:
+        departures = np.minimum(colours * self._departures(self.intervals_s), self.scene.brightest)
         if not departures.any():
             return 0.0
         worst = WeightSet(self.shown).worst_rms(departures, self.scene.brightest)
@@ -50,6 +63,12 @@ class PreviewedCharge(PreviewedMotion):
     def charge_rms_e(self) -> float:
         """Get a bound of the rms over the pixels of the charge."""
         predicted = float(np.sqrt(np.square(self.charge_e).mean())) + self.charge_error_e
+        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+
+    @cached_property
+    def light_rms_e(self) -> float:
+        """Get a bound of the rms of the charge, wherever an effect may move the light before it is recorded."""
+        predicted = self.colours * float(np.sqrt(np.square(self.light_e).mean())) + self.light_error_e
         return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
 
     @cached_property

@@ -18,6 +18,7 @@ from scipy.fft import dctn
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step, having
+from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
@@ -81,6 +82,22 @@ class PreviewedViews:
     def wide_views(self) -> F64:
         """Get the previewed radiance with its margin, [P, H', W', 3]."""
         return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
+
+    @cached_property
+    def _mosaic(self) -> EffectChain:
+        return EffectChain([effect for effect in self.effects if isinstance(effect, BayerFilter)], self.seed, self.rig)
+
+    def recorded(self, light: F64) -> F64:
+        """Return what the sensor records of light of three colours, [H, W, 3]: one of them in each pixel, or all."""
+        return self._mosaic.through(Stage.CHARGE, light)
+
+    @cached_property
+    def colours(self) -> float:
+        """Get by how much the rms of what is recorded of a field may exceed that over its pixels and three colours.
+
+        Behind a mosaic each colour may be where its pixels are and nowhere else: three times the mean square.
+        """
+        return 3**0.5 if self._mosaic.effects else 1.0
 
     @cached_property
     def full_scale_dn(self) -> float:
