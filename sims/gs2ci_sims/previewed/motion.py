@@ -2,7 +2,7 @@
 
 The second part of a preview (`gs2ci_sims.preview`). The image behind mask n differs from the previewed view nearest in
 time, V_k, by D_n: by the motion since, and by what the optics change. Here: the motion over time, and a bound of the
-rms of D_n. Not here: what that makes of the charge or of the readings.
+rms of D_n, to which what effects on views change belongs. Not here: what that makes of the charge or of the readings.
 """
 
 from collections.abc import Callable
