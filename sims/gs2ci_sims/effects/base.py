@@ -143,6 +143,10 @@ class ViewPreview(Protocol):
         """Return rms and peak, radiance, of a linear filter's change of a view, by its spectrum on the sensor."""
 
     @property
+    def deviation(self) -> tuple[float, float]:
+        """Get limits of the rms and the peak of a view less its mean, radiance, on the sensor or as far beside it."""
+
+    @property
     def spectrum(self) -> "MovingSpectrum":
         """Get the power of a view by the frequency and direction with which its phase changes in a moving image."""
 

@@ -47,20 +47,10 @@ class OpticsPsf(EffectRecord):
         )
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
-        """The view without its mean, times twice the truncated share of the kernel, in each of two directions.
-
-        Of the previewed views, what the truncation changes.
-        """
-        tail = gaussian_tail(self.sigma_px, reach)
-        return scene.of_views(
-            *scene.changed(
-                self,
-                lambda view: (
-                    blurred(view.radiance, self.sigma_px, reach) - blurred(view.radiance, self.sigma_px, self.reach)
-                ),
-                lambda f: np.where(f > 0, 4 * tail, 0.0),
-            )
-        )
+        """The view without its mean, times twice the truncated share of the kernel, in each of two directions."""
+        share = 4 * gaussian_tail(self.sigma_px, reach)
+        rms, peak = scene.deviation
+        return scene.of_views(share * rms, share * peak)
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the kernel's radius."""

@@ -100,6 +100,17 @@ class PreviewedViews:
         return 3**0.5 if self._mosaic.effects else 1.0
 
     @cached_property
+    def deviation(self) -> tuple[float, float]:
+        """Get limits of the rms and the peak of a view less its mean, radiance.
+
+        They hold on the sensor and on an area of its size anywhere within the margin: all that is seen may be there.
+        """
+        apart = self.wide_views - self.wide_views.mean(axis=(1, 2), keepdims=True)
+        peak = float(np.abs(apart).max())
+        squares = np.square(apart).sum(axis=(1, 2)).mean(axis=-1) / np.prod(self.scene.size)
+        return min(float(np.sqrt(squares.max())), peak), peak
+
+    @cached_property
     def full_scale_dn(self) -> float:
         """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
         return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
