@@ -16,6 +16,7 @@ Here: taking the look, and what a change of views, masks or light makes of the r
 by part: `previewed.views`, `previewed.motion`, `previewed.charge`. Not here: any effect.
 """
 
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import image_motion_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.previewed.charge import PreviewedCharge
+from gs2ci_sims.previewed.views import spectral_margin, spectral_part
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scene import Scene
@@ -40,8 +42,6 @@ from gs2ci_sims.spectrum import MovingSpectrum, moving_spectrum
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
 STILL_PX: Final = 0.25
-# A spectrum needs some pixels: smaller sensors are previewed with a margin.
-SIDE_MIN_PX: Final = 24
 # Grain of a renderer: its largest value over the pixels against its rms (20 to 26 on planes), and the motion after
 # which it is another (there its autocorrelation is nothing).
 GRAIN_PEAK: Final = 25.0
@@ -55,13 +55,13 @@ class Preview(PreviewedCharge):
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        each = np.broadcast_to(rms, (len(self.masks),))
+        each = np.minimum(self.colours * np.broadcast_to(rms, (len(self.masks),)), peak)
         most = float(each.max())
         worst = weights.worst_rms_of_one(most, peak) if self.at_rest else weights.worst_rms(each, peak)
         return Bound(scale * worst, scale * peak * weights.largest_sum).by(
             "S * a * rho",
             *self._full_scale_steps,
-            BoundStep("rho", most, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("rho", most, "", "change of a view, rms over the pixels as recorded; white is 1"),
             BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
@@ -130,12 +130,12 @@ class Preview(PreviewedCharge):
                 size[nearest] += altered
                 yield magnitude + altered
 
-        departures = self._departures(intervals_s)
+        departures = np.minimum(self.colours * self._departures(intervals_s), self.scene.brightest)
         weights = WeightSet(magnitudes(), singly=bool(departures.any()))
-        steady = np.einsum("khw,khwc->hwc", total, self.views)
+        steady = self.recorded(np.einsum("khw,khwc->hwc", total, self.views))
         brightest = self.scene.brightest
         if modulation > 0:
-            steady = np.abs(steady) + np.einsum("khw,khwc->hwc", size, self.views)
+            steady = np.abs(steady) + self.recorded(np.einsum("khw,khwc->hwc", size, self.views))
         rms = float(np.sqrt(np.square(steady).mean()))
         unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
@@ -164,11 +164,12 @@ class Preview(PreviewedCharge):
         names = [other.name for other in self._chain.at(Stage.PHOTONS)]
         earlier = names.index(effect.name) if effect.name in names else 0
         chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
-        before = chain.through(Stage.PHOTONS, self.charge_e)
-        change_e = np.abs(EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before) - before)
+        before = chain.through(Stage.PHOTONS, self.light_e)
+        after = EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before)
+        change_e = np.abs(self.recorded(after - before))
         # Masks that add up to an even light no longer do where others change the light of some more than of others.
-        unlike_e = self._modulation(effect) * self.charge_rms_e
-        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e + unlike_e
+        unlike_e = self._modulation(effect) * self.light_rms_e
+        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.light_error_e + unlike_e
         peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
         return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
             "K * (v + c * u)",
@@ -214,10 +215,9 @@ def preview(
     whole = rig.timing.intervals_s(len(masks))[[0, -1], [0, 1]]
     moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
     times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
-    margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
-    if not moves:
-        # The simulation then takes the same view, which the renderer remembers.
-        margin = max(margin, EffectChain(effects, seed, rig).margin_px(scene.size, scene.intrinsics))
+    beside = spectral_margin(scene.size)
+    # Of a camera at rest, the simulation takes the same view then, which the renderer remembers.
+    margin = max(beside, EffectChain(effects, seed, rig).margin_px(scene.size, scene.intrinsics))
     renderer = renderer or Renderer()
     started = time.perf_counter()
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
@@ -225,13 +225,13 @@ def preview(
 
     @cache
     def finer() -> MovingSpectrum:
-        drawn, better = renderer.supersampling, renderer.finer(scene)
+        drawn, better, pixels = renderer.supersampling, renderer.finer(scene), math.prod(scene.size)
         if better is renderer:
-            return moving_spectrum(views, drawn, drawn, 0.0)
+            return moving_spectrum(spectral_part(views, scene.size, margin, drawn), drawn, drawn, 0.0, pixels)
         middle = path.world_to_camera(times[len(times) // 2, None])
         filter_px2 = renderer.sample_filter_px2 * (drawn**-2 - better.supersampling**-2)
-        fine_views = better.supersampled_views(scene, middle, margin=margin)
-        return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2)
+        fine_views = better.supersampled_views(scene, middle, margin=beside)
+        return moving_spectrum(fine_views, better.supersampling, drawn, filter_px2, pixels)
 
     return Preview(
         scene,

@@ -50,7 +50,7 @@ class MovingSpectrum:
         return np.sqrt(squares.sum(axis=-1)), left.max(axis=(-2, -1))
 
 
-def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> MovingSpectrum:
+def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float, pixels: int) -> MovingSpectrum:
     """Measure the spectrum of the pixels of views with fewer samples than the given ones.
 
     Args:
@@ -58,6 +58,7 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
         samples: n, per pixel side.
         drawn: Samples per pixel side of the views in question, at most n; a pixel is their mean.
         filter_px2: Variance by which their samples are blurred more than the given ones, square pixels.
+        pixels: How many the sensor has. What the views show beside them counts in full: it may lie anywhere.
     """
     _, height, width, channels = views.shape
     # Planes one after the other, frequencies in bands: a large view then needs little more than its own memory.
@@ -65,10 +66,10 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
     for view in views:
         for channel in range(channels):
             power += np.square(dctn(view[..., channel], norm="ortho"))
-    power /= views.size
+    power /= len(views) * channels * pixels * samples**2
     down = np.arange(height) / (2 * height) * samples
     right = np.arange(width) / (2 * width) * samples
-    left_down, left_right = (np.square(_amplitude_left(side, drawn, filter_px2)) for side in (down, right))
+    left_down, left_right = (np.square(amplitude_left(side, drawn, filter_px2)) for side in (down, right))
     ends = np.linspace(0, samples * np.sqrt(0.5), BINS)
     binned = np.zeros(BINS * SECTORS)
     for first in range(0, height, ROWS_AT_ONCE):
@@ -82,7 +83,7 @@ def moving_spectrum(views: F32, samples: int, drawn: int, filter_px2: float) -> 
     return MovingSpectrum(ends, binned.reshape(BINS, SECTORS))
 
 
-def _amplitude_left(frequency: F64, drawn: int, filter_px2: float) -> F64:
+def amplitude_left(frequency: F64, drawn: int, filter_px2: float) -> F64:
     """Return the share of a cosine's amplitude after the filter and the mean over the samples of a pixel."""
     mean = np.sinc(frequency) / np.sinc(frequency / drawn)
     return np.asarray(mean * np.exp(-2 * np.pi**2 * filter_px2 * np.square(frequency)))

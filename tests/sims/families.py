@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from hypothesis import strategies as st
 
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import NOTHING, Stage, ViewEffect
 from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dust import Dust
@@ -231,7 +231,9 @@ def ratios(case, effect, *, path=None, sampled=SAMPLED, company=(), renderer=REN
     change = case.readings([*others, effect], path, renderer) - case.readings(others, path, renderer)
     rms, peak = float(np.sqrt(np.square(change).mean())), float(np.abs(change).max())
     # Views elsewhere carry the rasteriser's graininess, which is no effect of the light path; the rest is rounding.
-    grain = 2 * look.graininess(len(case.masks)) if effect.stage in (Stage.MOTION, Stage.MOMENTS) else 0.0
+    # So do views with another margin, which show where an effect on views changes nothing at all.
+    drawn_anew = effect.stage in (Stage.MOTION, Stage.MOMENTS) or (isinstance(effect, ViewEffect) and bound == NOTHING)
+    grain = 2 * look.graininess(len(case.masks)) if drawn_anew else 0.0
     rounding = 1e-9 * look.full_scale_dn * len(case.masks)
     return _share(rms - grain - rounding, bound.rms_dn), _share(peak - 20 * grain - rounding, bound.peak_dn)
 

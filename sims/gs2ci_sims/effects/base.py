@@ -24,6 +24,7 @@ from gs2ci_sims.rig import Rig
 if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
     from gs2ci_sims.path import CameraPath
     from gs2ci_sims.scene import Scene
+    from gs2ci_sims.signals import View
     from gs2ci_sims.spectrum import MovingSpectrum
 
 
@@ -139,7 +140,11 @@ class ViewPreview(Protocol):
         """Get the masks with all effects on masks, [N, H, W]."""
 
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
-        """Return rms and peak, radiance, of a linear filter's change of a view."""
+        """Return rms and peak, radiance, of a linear filter's change of a view, by its spectrum on the sensor."""
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Get limits of the rms and the peak of a view less its mean, radiance, on the sensor or as far beside it."""
 
     @property
     def spectrum(self) -> "MovingSpectrum":
@@ -149,8 +154,20 @@ class ViewPreview(Protocol):
         """Return rms and peak of the change of a view by a shift of up to `shift_px` in any direction."""
 
 
-class Previewed(ViewPreview, Protocol):
+class MotionPreview(ViewPreview, Protocol):
+    """The part of a preview that is available to effects which state how they change views."""
+
+    def changed(
+        self, effect: "Effect", change: "Callable[[View], F64]", shares: Callable[[F64], F64]
+    ) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect on views changes in one."""
+
+
+class Previewed(MotionPreview, Protocol):
     """The data on a measurement that bounds may use (`gs2ci_sims.preview.Preview` explains each)."""
+
+    def view_change(self, effect: "ViewChange") -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect changes in a view."""
 
     @property
     def most_open(self) -> NDArray[Any]:
@@ -170,7 +187,7 @@ class Previewed(ViewPreview, Protocol):
 
     @property
     def charge_e(self) -> F64:
-        """Get the charge of each pixel under the previewed views, [H, W, 3] electrons."""
+        """Get the charge of each pixel under the previewed views, [H, W, C] electrons."""
 
     @property
     def charge_error_e(self) -> float:
@@ -185,6 +202,10 @@ class Previewed(ViewPreview, Protocol):
         """Get a bound on the rms of the charge over the pixels."""
 
     @property
+    def light_rms_e(self) -> float:
+        """Get a bound on the rms of the charge, wherever an effect may move the light before it is recorded."""
+
+    @property
     def charge_mean_e(self) -> float:
         """Get a bound on the mean of the charge over the pixels."""
 
@@ -192,8 +213,15 @@ class Previewed(ViewPreview, Protocol):
     def added_e(self) -> tuple[float, float]:
         """Get the charge that is added in the dark, its mean over the pixels and its largest value."""
 
-    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
-        """Bound the pixels' charge beyond a capacity: mean, rms and peak over the pixels, electrons."""
+    @property
+    def lowered_dn(self) -> float:
+        """Get by how much readings may be below the data sheet's black level, DN."""
+
+    def gain_after(self, effect: "Effect") -> float:
+        """Return by how much the effects after this one may enlarge a change, at least 1."""
+
+    def excess_e(self, effect: "Effect", capacity_e: float) -> tuple[float, float, float]:
+        """Bound the pixels' charge beyond a capacity at an effect: mean, rms and peak over the pixels, electrons."""
 
     def of_views(self, rms: float | F64, peak: float) -> Bound:
         """Bound the readings by fields of this rms (of each, [N], or of all) and peak, radiance, behind the masks."""
@@ -209,6 +237,11 @@ class Previewed(ViewPreview, Protocol):
 
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, most: float, intervals_s: F64 | None = None) -> Bound:
         """Bound the change of the readings if the light behind each mask changes by a share, [N]."""
+
+
+def enlarging_step(scene: Previewed, effect: "Effect") -> BoundStep:
+    """Return by how much the effects after this one may enlarge its change, as a step, A."""
+    return BoundStep("A", scene.gain_after(effect), "", "by how much the effects after it may enlarge a change")
 
 
 class EffectRecord(BoundedRecord):
@@ -278,6 +311,14 @@ class Charging(Effect, Protocol):
 
 
 @runtime_checkable
+class Lowering(Effect, Protocol):
+    """An effect that may take a reading below the data sheet's black level."""
+
+    def lowered_dn(self, rig: Rig) -> float:
+        """Return by how much at most, DN; for a noise, six standard deviations."""
+
+
+@runtime_checkable
 class Modulating(Effect, Protocol):
     """An effect that changes the light of some masks more than that of others."""
 
@@ -300,7 +341,7 @@ class Moving(Effect, Protocol):
 class ViewChange(Effect, Protocol):
     """An effect on views that moves light to other pixels; an effect that only dims views is not one."""
 
-    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
+    def view_change(self, scene: MotionPreview) -> tuple[float, float]:
         """Return rms and peak, radiance, of its change of a view."""
 
 

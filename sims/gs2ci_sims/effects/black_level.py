@@ -33,6 +33,10 @@ class BlackLevel(EffectRecord):
         shift = BoundStep("D", self.shift_dn, "DN", "shift of the black level")
         return Bound(abs(self.shift_dn), abs(self.shift_dn)).by("abs(D)", shift)
 
+    def lowered_dn(self, rig: Rig) -> float:
+        """The shift, if it is one down."""
+        return max(-self.shift_dn, 0.0)
+
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Shift readings [H, W, C]."""
         return signal + self.shift_dn

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -34,16 +34,18 @@ class Blooming(EffectRecord):
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
         W^2 per pixel. Givers read W with and without it.
         """
-        well_e, excess_e = rig.sensor.full_well_e, scene.excess_e(rig.sensor.full_well_e)[0]
+        well_e, excess_e = rig.sensor.full_well_e, scene.excess_e(self, rig.sensor.full_well_e)[0]
         spilled_e = self.share * excess_e
         rms_e = np.sqrt(min(spilled_e, well_e) * well_e)
         peak_e = min(spilled_e * scene.charge_e.size, well_e)
-        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * peak_e).by(
-            "K * sqrt(min(x, W) * W)",
+        dn = rig.dn_per_e * scene.gain_after(self)
+        return Bound(dn * float(rms_e), dn * peak_e).by(
+            "K * A * sqrt(min(x, W) * W)",
             BoundStep("s", self.share, "", "share of the excess charge that spills"),
             BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
             BoundStep("e", excess_e, "e", "charge beyond the well, with six sigma of its noise, mean over the pixels"),
             BoundStep("x", spilled_e, "e", "of it spilled, per pixel", "s * e"),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

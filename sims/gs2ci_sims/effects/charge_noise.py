@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from gs2ci.core.config import NotNegative
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.counts import SIGMAS
 from gs2ci_sims.rig import Rig
 
 
@@ -19,5 +20,9 @@ class ChargeNoise(EffectRecord):
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Standard deviation times the gain K (EMVA 1288, eq. 10), whatever the scene."""
         sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
-        bound = Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        bound = Bound(self.sigma_e * rig.dn_per_e, self.lowered_dn(rig), random=True)
         return bound.by("K * sigma", sigma, gain_step(rig))
+
+    def lowered_dn(self, rig: Rig) -> float:
+        """Six standard deviations."""
+        return SIGMAS * self.sigma_e * rig.dn_per_e

@@ -8,7 +8,7 @@ from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
@@ -42,20 +42,21 @@ class DarkCurrent(EffectRecord):
         return float(self.current_e_per_s * 2 ** ((self.temperature_c - REFERENCE_C) / self.doubling_k) * exposure_s)
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The collected charge D, which is exact, and the shot noise that comes with it: sqrt(D^2 + D), times K.
+        """The collected charge D, which is exact, and the shot noise that comes with it: sqrt(D^2 + D), times K A.
 
         Charge beyond the full well is lost.
         """
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
-        bound = Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * float(most_counted_e(dark_e)))
-        return bound.by(
-            "K * sqrt(D**2 + D)",
+        dn = rig.dn_per_e * scene.gain_after(self)
+        return Bound(dn * float(np.sqrt(dark_e**2 + dark_e)), dn * float(most_counted_e(dark_e))).by(
+            "K * A * sqrt(D**2 + D)",
             BoundStep("I", self.current_e_per_s, "e/s", "dark current at 25 C"),
             BoundStep("C", self.temperature_c, "C", "temperature of the sensor"),
             BoundStep("h", self.doubling_k, "K", "warming that doubles the current"),
             BoundStep("t", rig.exposure_s, "s", "exposure"),
             BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
             BoundStep("D", dark_e, "e", "charge collected in the dark", "min(I * 2 ** ((C - 25) / h) * t, W)"),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

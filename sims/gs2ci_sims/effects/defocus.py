@@ -8,14 +8,19 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative, Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.effects.kernels import disc, disc_transfer
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
+from gs2ci_sims.effects.kernels import disc
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
 # Step between the diameters for which the view is blurred; between them the blurred views are interpolated.
 LAYER_STEP_PX: Final = 0.5
 DIAMETER_MAX_PX: Final = 64.0
+# The discs as drawn, of every diameter up to that one, take no more than this of any cosine: they turn some over.
+MOST_TAKEN: Final = 1.17
+# Moments at which a bound asks where the camera is, and the depth, scene units, that counts for what it flies through.
+MOMENTS: Final = 17
+NEAREST: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -46,31 +51,45 @@ class Defocus(EffectRecord):
         return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The spectrum times the loss of each cosine by the widest disc, 1 - 2 J1(x)/x."""
-        focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), scene.scene.depth_range()
-        widest = float(self._widest_px(scene.scene.intrinsics, np.array([near, far])).max())
-        return scene.of_views(*self.view_change(scene)).after(
+        """The change of the previewed views by the disc that changes each pixel most; of other light, the spectrum."""
+        focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), _depths(scene)
+        widest = self._widest_px(scene)
+        return scene.of_views(*scene.view_change(self)).after(
             BoundStep("A", self.aperture, "units", "diameter of the aperture"),
             BoundStep("zf", self.focus_depth, "units", "depth in focus"),
             BoundStep("f", focal_px, "px", "focal length"),
-            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
-            BoundStep("z2", far, "units", "farthest depth (1 % are farther)"),
+            BoundStep("z1", near, "units", "nearest depth on the way of the camera"),
+            BoundStep("z2", far, "units", "farthest depth"),
             BoundStep(
                 "d",
                 widest,
                 "px",
-                "widest disc; of a cosine of frequency k it takes 1 - 2 J1(pi d k) / (pi d k)",
+                "widest disc; it and all narrower ones take of a cosine of frequency k at most 2 (pi k s)^2, s its "
+                "standard deviation along an axis",
                 f"min({DIAMETER_MAX_PX}, f * A * max(abs(1 / z1 - 1 / zf), abs(1 / z2 - 1 / zf)))",
             ),
         )
 
-    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak of the change of a view by the blur."""
-        widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
-        return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))
+    def view_change(self, scene: MotionPreview) -> tuple[float, float]:
+        """Return rms and peak of the change of a view by the blur.
 
-    def _widest_px(self, intrinsics: F64, depths: F64) -> F64:
-        return self.diameter_px(depths, float(intrinsics[0, 0]))
+        A wider disc may take less of a cosine than a narrower one, and depths may lie so that each pixel has the disc
+        that changes it most. Of a cosine of frequency k, a kernel of variance s^2 along it takes the mean of
+        1 - cos(2 pi k x), at most 2 (pi k s)^2.
+        """
+        layers = range(1, int(np.ceil(_layer(np.array(self._widest_px(scene))))) + 1)
+        kernel = _kernel(layers.stop - 1)
+        place = np.arange(len(kernel)) - len(kernel) // 2
+        variance = float(kernel.sum(axis=1) @ place**2)
+
+        def most(view: View) -> F64:
+            changes = [np.abs(_blurred(view.radiance, layer) - view.radiance) for layer in layers]
+            return np.asarray(np.max(changes, axis=0)) if changes else np.zeros_like(view.radiance)
+
+        return scene.changed(self, most, lambda f: np.minimum(2 * variance * np.square(np.pi * f), MOST_TAKEN))
+
+    def _widest_px(self, scene: MotionPreview) -> float:
+        return float(self.diameter_px(np.array(_depths(scene)), float(scene.scene.intrinsics[0, 0])).max())
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Half of the widest disc there can be, that of infinity or of half the focus depth."""
@@ -81,12 +100,33 @@ class Defocus(EffectRecord):
         """Blur the view by layers of disc diameter."""
         assert signal.depth is not None, "the exposure renders depth for effects that need it"
         diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))
-        # A disc of less than a pixel changes nothing; for larger ones there is a layer for each step.
-        layer = np.maximum(diameter - 1.0, 0.0) / LAYER_STEP_PX
+        layer = _layer(diameter)
         result = np.zeros_like(signal.radiance)
         for number in np.unique(np.concatenate([np.floor(layer), np.ceil(layer)]).astype(int)):
             share = np.maximum(1 - np.abs(layer - number), 0.0)
-            kernel = disc(1.0 + number * LAYER_STEP_PX)
-            image = cv2.filter2D(signal.radiance, cv2.CV_64F, kernel, borderType=cv2.BORDER_REFLECT)
-            result += share[..., None] * image.reshape(result.shape)
+            result += share[..., None] * _blurred(signal.radiance, int(number))
         return View(result, signal.intrinsics, signal.margin, signal.depth)
+
+
+def _depths(scene: MotionPreview) -> tuple[float, float]:
+    """Return the nearest and the farthest depth of all pixels while the camera moves along its axis, scene units."""
+    times_s = np.linspace(scene.intervals_s[0, 0], scene.intervals_s[-1, 1], MOMENTS)
+    nearer = (scene.path.world_to_camera(times_s) @ np.linalg.inv(scene.scene.world_to_camera))[:, 2, 3]
+    depth = scene.scene.depth[scene.scene.depth > 0]
+    near, far = float(depth.min() + min(nearer.min(), 0.0)), float(depth.max() + max(nearer.max(), 0.0))
+    return max(near, NEAREST), far
+
+
+def _layer(diameter_px: F64) -> F64:
+    """Return which layers discs lie between: none of less than a pixel, which change nothing, one for each step."""
+    return np.asarray(np.maximum(diameter_px - 1.0, 0.0) / LAYER_STEP_PX)
+
+
+def _kernel(layer: int) -> F64:
+    return disc(1.0 + layer * LAYER_STEP_PX)
+
+
+def _blurred(radiance: F64, layer: int) -> F64:
+    """Blur radiance [H, W, C] by a layer's disc."""
+    image = cv2.filter2D(radiance, cv2.CV_64F, _kernel(layer), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(image.reshape(radiance.shape))

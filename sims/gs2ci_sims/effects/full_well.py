@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -28,12 +28,14 @@ class FullWell(EffectRecord):
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The charge beyond the capacity, with six standard deviations of its noise."""
-        _, rms_e, peak_e = scene.excess_e(self.capacity_e)
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
-            "K * x",
+        _, rms_e, peak_e = scene.excess_e(self, self.capacity_e)
+        dn = rig.dn_per_e * scene.gain_after(self)
+        return Bound(dn * rms_e, dn * peak_e).by(
+            "K * A * x",
             BoundStep("W", self.capacity_e, "e", "full well"),
             BoundStep("Q", float(scene.most_e.max()), "e", "upper bound of the charge of a pixel, without noise"),
             BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
@@ -52,8 +52,9 @@ class HotPixels(EffectRecord):
         pixels = int(np.prod(scene.scene.size))
         hottest_e = min(self._deepest_tail(pixels) / np.log1p(1 / mean_e), well_e) if mean_e > 0 else 0.0
         square_e2 = self._most_squares_e2(mean_e, hottest_e, pixels) / pixels
-        return Bound(rig.dn_per_e * float(np.sqrt(square_e2)), rig.dn_per_e * float(hottest_e)).by(
-            "K * sqrt(x2)",
+        dn = rig.dn_per_e * scene.gain_after(self)
+        return Bound(dn * float(np.sqrt(square_e2)), dn * float(hottest_e)).by(
+            "K * A * sqrt(x2)",
             BoundStep("p", self.share, "", "share of the pixels that are hot"),
             BoundStep("I", self.mean_e_per_s, "e/s", "their mean excess current"),
             BoundStep("t", rig.exposure_s, "s", "exposure"),
@@ -68,6 +69,7 @@ class HotPixels(EffectRecord):
                 "mean square of the excess charges and their shot noise in one exposure, exceeded once in 1e7: the "
                 "least (18 / n + p * mean(exp(s * x**2) - 1)) / s over all s, for charges x of at most h",
             ),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

@@ -1,10 +1,10 @@
-"""Convolution kernels of optical effects, and their transfer functions."""
+"""Convolution kernels of optical effects, and what these and shifts change of cosines."""
 
 from typing import Final
 
 import cv2
 import numpy as np
-from scipy.special import ive, j1
+from scipy.special import ive
 
 from gs2ci.core.arrays import F64
 
@@ -51,6 +51,11 @@ def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
     return np.asarray(-np.expm1(-2 * np.square(np.pi * sigma_px * frequency)))
 
 
+def shift_shares(frequency: F64, shift_px: float) -> F64:
+    """Return by which share of its amplitude a shift of up to so many pixels changes a cosine (cycles per pixel)."""
+    return np.asarray(2 * np.sin(np.minimum(np.pi * frequency * shift_px, np.pi / 2)))
+
+
 def disc(diameter_px: float) -> F64:
     """Return a uniform disc integrated over pixels, [2 r + 1, 2 r + 1], with the sum 1; one pixel for less than one."""
     radius = int(np.ceil(0.5 * diameter_px - 0.5)) if diameter_px > 0 else 0
@@ -62,9 +67,3 @@ def disc(diameter_px: float) -> F64:
     blocks = inside.reshape(2 * radius + 1, DISC_OVERSAMPLING, 2 * radius + 1, DISC_OVERSAMPLING)
     kernel = blocks.mean(axis=(1, 3))
     return np.asarray(kernel / kernel.sum())
-
-
-def disc_transfer(diameter_px: float, frequency: F64) -> F64:
-    """Return the transfer function of a uniform disc, 2 J1(x) / x with x = pi d f (Goodman, Fourier Optics, 6.4)."""
-    x = np.pi * diameter_px * np.asarray(frequency, dtype=np.float64)
-    return np.where(x < 1e-6, 1.0, 2 * j1(x) / np.where(x < 1e-6, 1.0, x))

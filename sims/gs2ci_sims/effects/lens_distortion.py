@@ -11,7 +11,8 @@ from scipy.ndimage import map_coordinates
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
+from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
@@ -72,38 +73,40 @@ class LensDistortion(EffectRecord):
         return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The change if each pixel's light is moved by its displacement."""
-        return scene.of_views(*self.view_change(scene)).after(
+        """The change of the previewed views by the lens; of other light, that by the largest displacement."""
+        return scene.of_views(*scene.view_change(self)).after(
             BoundStep("k1", self.k1, "", "r becomes r (1 + k1 r^2 + k2 r^4)"),
             BoundStep("k2", self.k2, "", "as above"),
             BoundStep(
                 "d",
-                self._moved_px(scene),
+                self._most_px(scene),
                 "px",
-                "displacement, rms over the frame; a cosine of frequency k changes by 2 sin(pi k d)",
+                "largest displacement in the frame; a cosine of frequency k changes by 2 sin(pi k d) at most",
             ),
         )
 
-    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
-        """Return rms and peak of the lens's change of a view: that of a shift by the rms displacement.
+    def view_change(self, scene: MotionPreview) -> tuple[float, float]:
+        """Return rms and peak of the lens's change of a view.
 
-        The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
-        its value at the mean of d^2 (Jensen).
+        Of light that is not previewed, the detail may lie where the displacement is largest.
         """
-        moved = self._moved(scene)
-        return scene.shifted(self._moved_px(scene))[0], scene.shifted(float(np.abs(moved).sum(axis=0).max()))[1]
+        most_px = self._most_px(scene)
+        return scene.changed(
+            self,
+            lambda view: self.bent(view.radiance, view.intrinsics) - view.radiance,
+            lambda f: shift_shares(f, most_px),
+        )
 
-    def _moved_px(self, scene: ViewPreview) -> float:
-        return float(np.sqrt(np.square(self._moved(scene)).sum(axis=0).mean()))
+    def _most_px(self, scene: MotionPreview) -> float:
+        moved = self._moved(scene.scene.size, scene.scene.intrinsics)
+        return float(np.sqrt(np.square(moved).sum(axis=0).max()))
 
-    def _moved(self, scene: ViewPreview) -> F64:
-        size = scene.scene.size
-        return self.sources_px(size, scene.scene.intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
+    def _moved(self, size: tuple[int, int], intrinsics: F64) -> F64:
+        return self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the largest displacement along an axis, and two pixels for the interpolation."""
-        moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
-        return int(np.ceil(np.abs(moved).max())) + 2
+        return int(np.ceil(np.abs(self._moved(size, intrinsics)).max())) + 2
 
     def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Resample the view with cubic splines at its light's origin; beyond the margin the border is repeated."""

@@ -62,7 +62,7 @@ class ModulatorPsf(EffectRecord):
         """The measurement times twice the truncated share of the kernel, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
         dn = 4 * tail * rig.dn_per_e
-        return Bound(dn * scene.charge_rms_e, dn * float(scene.most_e.max()))
+        return Bound(dn * scene.light_rms_e, dn * float(scene.most_e.max()))
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -32,20 +32,25 @@ class OpticsPsf(EffectRecord):
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """The spectrum times 1 - MTF (Parseval)."""
+        """The change of the previewed views by the blur; of the rest of the light, the spectrum times 1 - MTF."""
         sigma = BoundStep(
             "sigma", self.sigma_px, "px", "blur; of a cosine of frequency k it takes 1 - exp(-2 (pi sigma k)^2)"
         )
-        return scene.of_views(*self.view_change(scene)).after(sigma)
+        return scene.of_views(*scene.view_change(self)).after(sigma)
 
-    def view_change(self, scene: ViewPreview) -> tuple[float, float]:
+    def view_change(self, scene: MotionPreview) -> tuple[float, float]:
         """Return rms and peak of the change of a view by the blur."""
-        return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
+        return scene.changed(
+            self,
+            lambda view: blurred(view.radiance, self.sigma_px, self.reach) - view.radiance,
+            lambda f: gaussian_loss(self.sigma_px, f),
+        )
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """The view without its mean, times twice the truncated share of the kernel, in each of two directions."""
-        tail = gaussian_tail(self.sigma_px, reach)
-        return scene.of_views(*scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0)))
+        share = 4 * gaussian_tail(self.sigma_px, reach)
+        rms, peak = scene.deviation
+        return scene.of_views(share * rms, share * peak)
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the kernel's radius."""

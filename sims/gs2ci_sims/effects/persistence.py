@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
@@ -59,8 +59,9 @@ class Persistence(EffectRecord):
         )
         rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
         peak_e = float(most_counted_e(released_e).max())
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
-            "K * x",
+        dn = rig.dn_per_e * scene.gain_after(self)
+        return Bound(dn * rms_e, dn * peak_e).by(
+            "K * A * x",
             BoundStep("s", self.share, "", "share of the earlier charge that is caught"),
             BoundStep("tau", self.decay_s, "s", "decay"),
             BoundStep("gap", self.gap_s, "s", "time since the earlier exposure"),
@@ -73,6 +74,7 @@ class Persistence(EffectRecord):
                 "s * exp(-gap / tau) * (1 - exp(-t / tau))",
             ),
             BoundStep("x", rms_e, "e", "that charge and its shot noise, rms over the pixels, up to the full well"),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

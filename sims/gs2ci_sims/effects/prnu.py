@@ -8,7 +8,16 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview, gain_step
+from gs2ci_sims.effects.base import (
+    Bound,
+    BoundStep,
+    EffectRecord,
+    Previewed,
+    Stage,
+    ViewPreview,
+    enlarging_step,
+    gain_step,
+)
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
 from gs2ci_sims.rig import Rig
 
@@ -39,9 +48,10 @@ class Prnu(EffectRecord):
         deviations. Charge beyond the full well is clipped with and without the effect: a pixel above the well loses
         at most (1 - factor) of the well's charge to it, one below its share of its own.
         """
-        most_e = np.minimum(scene.most_e, rig.sensor.full_well_e)
-        rms_e, top_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean()))), float(most_e.max())
-        dn, pixels = self.spread * rig.dn_per_e, int(np.prod(scene.scene.size))
+        after = scene.gain_after(self)
+        most_e = np.minimum(scene.most_e / after, rig.sensor.full_well_e)
+        rms_e, top_e = min(scene.charge_rms_e / after, float(np.sqrt(np.square(most_e).mean()))), float(most_e.max())
+        dn, pixels = self.spread * rig.dn_per_e * after, int(np.prod(scene.scene.size))
         mean, largest = (dn * rms_e) ** 2, (dn * top_e) ** 2 / pixels
         limit = math.sqrt(min(most_in_sum(mean, 2 * mean * largest, 2 * largest), SIGMAS**2 * mean))
         return Bound(limit, SIGMAS * dn * top_e, random=True).by(
@@ -50,10 +60,11 @@ class Prnu(EffectRecord):
             BoundStep("Q", rms_e, "e", "charge, rms over the pixels"),
             BoundStep("T", top_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("n", pixels, "", "pixels"),
+            enlarging_step(scene, self),
             gain_step(rig),
-            BoundStep("v", mean, "DN^2", "mean square over the pixels and over devices", "(K * s * Q)**2"),
+            BoundStep("v", mean, "DN^2", "mean square over the pixels and over devices", "(K * A * s * Q)**2"),
             BoundStep(
-                "b", largest, "DN^2", "what one pixel adds to it at most, mean over devices", "(K * s * T)**2 / n"
+                "b", largest, "DN^2", "what one pixel adds to it at most, mean over devices", "(K * A * s * T)**2 / n"
             ),
         )
 

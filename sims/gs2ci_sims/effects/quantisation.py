@@ -33,11 +33,19 @@ class Quantisation(EffectRecord):
         return int(2**self.bits - 1)
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
-        """Rounding changes a reading by at most half a step; readings beyond the range are clipped."""
-        _, rms_e, peak_e = scene.excess_e((self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
-        return Bound(float(np.hypot(0.5, rig.dn_per_e * rms_e)), 0.5 + rig.dn_per_e * peak_e).by(
-            "hypot(0.5, K * x)",
+        """Rounding changes a reading by at most half a step; readings beyond the range are clipped at either end.
+
+        Below it, each pixel counts as one without light whose noises all are at six standard deviations.
+        """
+        _, rms_e, peak_e = scene.excess_e(self, (self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
+        below_dn = max(scene.lowered_dn - rig.sensor.black_level_dn, 0.0)
+        rms_dn = float(np.hypot(np.hypot(0.5, rig.dn_per_e * rms_e), below_dn))
+        return Bound(rms_dn, 0.5 + max(rig.dn_per_e * peak_e, below_dn)).by(
+            "hypot(hypot(0.5, K * x), b)",
             BoundStep("bits", self.bits, "", "of the converter"),
+            BoundStep("B", rig.sensor.black_level_dn, "DN", "black level by the data sheet"),
+            BoundStep("l", scene.lowered_dn, "DN", "how far below it noises of six sigma and a shift take readings"),
+            BoundStep("b", below_dn, "DN", "how far below 0", "max(l - B, 0)"),
             BoundStep("x", rms_e, "e", "charge beyond its range, with six sigma of its noise, rms over the pixels"),
             gain_step(rig),
         )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
 from gs2ci_sims.rig import Rig
 
@@ -38,9 +38,9 @@ class ShotNoise(EffectRecord):
         squared deviations (`counts.most_in_sum`); the fourth central moment of a count of mean q is 3 q^2 + q. It is
         about a percent above the standard deviation at VGA, 15 % at 64 x 48 pixels.
         """
-        added_mean_e, added_most_e = scene.added_e
-        most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
-        mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
+        (added_mean_e, added_most_e), after = scene.added_e, scene.gain_after(self)
+        most_e = np.minimum(scene.most_e / after + added_most_e, rig.sensor.full_well_e)
+        mean_e = min(scene.charge_mean_e / after + added_mean_e, float(most_e.mean()))
         # This is for counts above the mean; below it, six standard deviations are enough for any mean.
         beyond_e, largest_e, pixels = (
             most_counted_e(most_e) - most_e,
@@ -50,13 +50,15 @@ class ShotNoise(EffectRecord):
         peak_e, every_e = float(beyond_e.max()), float(np.sqrt(np.square(beyond_e).mean()))
         variance = mean_e * (3 * largest_e + 1) / pixels
         rms_e = min(float(np.sqrt(most_in_sum(mean_e, variance, peak_e**2 / pixels / 3))), every_e)
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e, random=True).by(
-            "K * min(sqrt(Q + 6 * sqrt(Q * (3 * T + 1) / n) + 6 * p**2 / n), every)",
+        dn = rig.dn_per_e * after
+        return Bound(dn * rms_e, dn * peak_e, random=True).by(
+            "K * A * min(sqrt(Q + 6 * sqrt(Q * (3 * T + 1) / n) + 6 * p**2 / n), every)",
             BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance over exposures"),
             BoundStep("T", largest_e, "e", "upper bound of the charge of a pixel"),
             BoundStep("p", peak_e, "e", "six sigma of the brightest pixel"),
             BoundStep("n", pixels, "", "pixels"),
             BoundStep("every", every_e, "e", "rms with six sigma in every pixel"),
+            enlarging_step(scene, self),
             gain_step(rig),
         )
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Charging, having
+from gs2ci_sims.effects.base import Charging, Effect, Lowering, having
 from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
+from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.previewed.motion import PreviewedMotion
 
 
@@ -21,10 +22,15 @@ class PreviewedCharge(PreviewedMotion):
 
     @cached_property
     def charge_e(self) -> F64:
-        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, 3].
+        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, C].
 
         The true one differs by an rms of `charge_error_e` at most, and never exceeds `most_e`.
         """
+        return self.recorded(self.light_e)
+
+    @cached_property
+    def light_e(self) -> F64:
+        """Get the charge that the light of all three colours would make, [H, W, 3]."""
         total = np.zeros((len(self.views), *self.scene.size))
         for mask, nearest in zip(self.shown, self._nearest, strict=True):
             total[nearest] += mask
@@ -33,7 +39,15 @@ class PreviewedCharge(PreviewedMotion):
     @cached_property
     def charge_error_e(self) -> float:
         """Get how far the charge may be from `charge_e`, rms over the pixels."""
-        departures = self._departures(self.intervals_s)
+        return self._error_e(self.colours)
+
+    @cached_property
+    def light_error_e(self) -> float:
+        """Get how far what is recorded of the light may be from `light_e`, rms, wherever it falls then."""
+        return self.colours * self._error_e(1.0)
+
+    def _error_e(self, colours: float) -> float:
+        departures = np.minimum(colours * self._departures(self.intervals_s), self.scene.brightest)
         if not departures.any():
             return 0.0
         worst = WeightSet(self.shown).worst_rms(departures, self.scene.brightest)
@@ -52,6 +66,12 @@ class PreviewedCharge(PreviewedMotion):
         return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
 
     @cached_property
+    def light_rms_e(self) -> float:
+        """Get a bound of the rms of the charge, wherever an effect may move the light before it is recorded."""
+        predicted = self.colours * float(np.sqrt(np.square(self.light_e).mean())) + self.light_error_e
+        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+
+    @cached_property
     def charge_mean_e(self) -> float:
         """Get a bound of the mean over the pixels of the charge."""
         return min(float(self.charge_e.mean()) + self.charge_error_e, float(self.most_e.mean()))
@@ -62,21 +82,37 @@ class PreviewedCharge(PreviewedMotion):
         added = [effect.added_e(self.rig, self.scene.size) for effect in having(self.effects, Charging)]
         return sum(mean for mean, _ in added), sum(most for _, most in added)
 
-    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
+    @cached_property
+    def lowered_dn(self) -> float:
+        """Get by how much noises and shifts may take readings below the data sheet's black level, DN."""
+        return sum(effect.lowered_dn(self.rig) for effect in having(self.effects, Lowering))
+
+    @cached_property
+    def _amplified(self) -> float:
+        """Get by how much the effects after the counting of the electrons may enlarge a charge, at least 1."""
+        counted = [effect for effect in self.effects if isinstance(effect, ShotNoise | Charging)]
+        return max((self.gain_after(effect) for effect in counted), default=1.0)
+
+    def excess_e(self, effect: Effect, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.
 
-        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`). Beyond
-        the charge x that just fills the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is
-        what an error of q adds.
+        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`), times
+        what amplifies it before the effect. Beyond the charge x that just fills the capacity, that grows by
+        1 + n / (2 x^(1/2)) per electron at most, which is what an error of q adds.
+
+        Args:
+            effect: Which clips: what amplifies the charge after it does not count.
+            capacity_e: The capacity, electrons.
         """
-        added_e = self.added_e[1]
+        added_e, after = self.added_e[1], self.gain_after(effect)
+        before = self._amplified / after
 
         def beyond(charge_e: F64) -> F64:
-            whole_e = charge_e + added_e
-            return np.asarray(np.maximum(most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+            whole_e = charge_e / self._amplified + added_e
+            return np.asarray(np.maximum(before * most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
 
-        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
-        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e
+        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e / before - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
+        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e / after
         likely, most = beyond(self.charge_e), beyond(self.most_e)
         mean = min(float(likely.mean()) + error_e, float(most.mean()))
         rms = min(float(np.sqrt(np.square(likely).mean())) + error_e, float(np.sqrt(np.square(most).mean())))

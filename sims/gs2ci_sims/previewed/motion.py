@@ -2,9 +2,10 @@
 
 The second part of a preview (`gs2ci_sims.preview`). The image behind mask n differs from the previewed view nearest in
 time, V_k, by D_n: by the motion since, and by what the optics change. Here: the motion over time, and a bound of the
-rms of D_n. Not here: what that makes of the charge or of the readings.
+rms of D_n, to which what effects on views change belongs. Not here: what that makes of the charge or of the readings.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -13,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Moving, Stage, ViewChange, having
+from gs2ci_sims.effects.base import Effect, Moving, Stage, ViewChange, having
+from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.previewed.views import PreviewedViews
+from gs2ci_sims.radiance import with_margin
+from gs2ci_sims.signals import View
 
 TRAVEL_STEPS: Final = 65
 
@@ -75,6 +79,14 @@ class PreviewedMotion(PreviewedViews):
         return {}
 
     def _departures_within(self, intervals_s: F64) -> F64:
+        away_px = self._away_px(intervals_s)
+        moved = self._excess_change * np.array([self._shifted_rms(float(px)) for px in away_px])
+        # Two views of a moving image also differ by the rasteriser's grain in both.
+        moved += np.where(away_px > 0, 2 * self.grain, 0.0)
+        return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
+
+    def _away_px(self, intervals_s: F64) -> F64:
+        """Return how far the image moves from the previewed views within intervals [N, 2], at most, [N] pixels."""
         seen_s = self.times_s[self._nearest]
         away_px = np.max(
             [
@@ -83,16 +95,51 @@ class PreviewedMotion(PreviewedViews):
             ],
             axis=0,
         )
-        away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
-        moved = self._excess_change * np.array([self._shifted_rms(float(px)) for px in away_px])
-        # Two views of a moving image also differ by the rasteriser's grain in both.
-        moved += np.where(away_px > 0, 2 * self.grain, 0.0)
-        return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
+        return np.asarray(away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1))
 
     @cached_property
     def _optics_rms(self) -> float:
         """Get by how much the effects between scene and modulator change a view, rms."""
-        return sum(effect.view_change(self)[0] for effect in having(self.effects, ViewChange))
+        return sum(self.view_change(effect)[0] for effect in having(self.effects, ViewChange))
+
+    def view_change(self, effect: ViewChange) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect changes in a view; kept: those after it ask for it too."""
+        kept = self._changed.get(effect.name)
+        if kept is None or kept[0] is not effect:
+            kept = self._changed[effect.name] = effect, effect.view_change(self)
+        return kept[1]
+
+    @cached_property
+    def _changed(self) -> dict[str, tuple[ViewChange, tuple[float, float]]]:
+        return {}
+
+    def changed(
+        self, effect: Effect, change: Callable[[View], F64], shares: Callable[[F64], F64]
+    ) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what an effect on views changes in one.
+
+        It changes the previewed views V_k as computed, pixel by pixel, also by light from beside the sensor. It changes
+        the motion since and what effects before it do to V_k by no more than the shares of their cosines, and all of
+        these together by no more than the shares of the view's own.
+
+        Args:
+            effect: Which.
+            change: What it changes in a view with its margin, of the radiance's shape.
+            shares: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
+        """
+        intrinsics, (height, width) = with_margin(self.scene.intrinsics, self.margin), self.scene.size
+        inner = np.s_[self.margin : self.margin + height, self.margin : self.margin + width]
+        seen = [change(View(view, intrinsics, self.margin))[inner] for view in self.wide_views]
+        rms = max(float(np.sqrt(np.square(one).mean())) for one in seen)
+        peak = max(float(np.abs(one).max()) for one in seen)
+        away_px = float(self._away_px(self.intervals_s).max())
+        moved = self.filtered(lambda f: shares(f) * shift_shares(f, away_px))[0] * self._excess_change
+        most = float(np.max(shares(self._spectrum[0])))
+        if away_px > 0:
+            moved += most * 2 * self.grain
+        earlier = sum(self.view_change(one)[0] for one in having(self._around(effect)[0], ViewChange))
+        whole_rms, whole_peak = self.filtered(shares)
+        return max(rms, min(whole_rms, rms + moved + most * earlier)), max(peak, whole_peak)
 
     @cached_property
     def _excess_change(self) -> float:

@@ -5,7 +5,7 @@ are derived. Here: the views on the sensor, the masks as effects leave them, the
 filter or a shift changes in a view. Not here: anything that happens while the image moves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -18,14 +18,18 @@ from scipy.fft import dctn
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
 from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step, having
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import binned
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scene import Scene
-from gs2ci_sims.spectrum import MovingSpectrum
+from gs2ci_sims.spectrum import MovingSpectrum, amplitude_left
 
 SPECTRUM_BINS: Final = 193
+# A spectrum needs some pixels: that of a smaller sensor is measured with a margin.
+SIDE_MIN_PX: Final = 24
 
 
 @dataclass(frozen=True)
@@ -39,9 +43,9 @@ class PreviewedViews:
         rig: The figures.
         times_s: When the views are seen, [P], from the begin to the end of the exposure.
         fine_views: Radiance at these moments, full scale 1, before it is averaged over the pixels' areas,
-            [P, H' s, W' s, 3], with a margin on small sensors.
+            [P, H' s, W' s, 3], with the margin that effects on views need.
         samples: s, per pixel side.
-        margin: That margin, pixels.
+        margin: That margin, pixels, at least `spectral_margin`.
         render_s: What rendering one view took.
         grain: The renderer's, of this scene.
         finer: Looks once more, with more samples where they show more, for the spectrum of what moves.
@@ -80,6 +84,33 @@ class PreviewedViews:
         return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
 
     @cached_property
+    def _mosaic(self) -> EffectChain:
+        return EffectChain([effect for effect in self.effects if isinstance(effect, BayerFilter)], self.seed, self.rig)
+
+    def recorded(self, light: F64) -> F64:
+        """Return what the sensor records of light of three colours, [H, W, 3]: one of them in each pixel, or all."""
+        return self._mosaic.through(Stage.CHARGE, light)
+
+    @cached_property
+    def colours(self) -> float:
+        """Get by how much the rms of what is recorded of a field may exceed that over its pixels and three colours.
+
+        Behind a mosaic each colour may be where its pixels are and nowhere else: three times the mean square.
+        """
+        return 3**0.5 if self._mosaic.effects else 1.0
+
+    @cached_property
+    def deviation(self) -> tuple[float, float]:
+        """Get limits of the rms and the peak of a view less its mean, radiance.
+
+        They hold on the sensor and on an area of its size anywhere within the margin: all that is seen may be there.
+        """
+        apart = self.wide_views - self.wide_views.mean(axis=(1, 2), keepdims=True)
+        peak = float(np.abs(apart).max())
+        squares = np.square(apart).sum(axis=(1, 2)).mean(axis=-1) / np.prod(self.scene.size)
+        return min(float(np.sqrt(squares.max())), peak), peak
+
+    @cached_property
     def full_scale_dn(self) -> float:
         """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
         return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
@@ -98,8 +129,14 @@ class PreviewedViews:
     @cached_property
     def gain(self) -> float:
         """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
-        factors = [effect.brightest(self) for effect in having(self.effects, Brightening)]
-        return float(np.prod([max(factor, 1.0) for factor in factors]))
+        return self._brightened_by(self.effects)
+
+    def gain_after(self, effect: Effect) -> float:
+        """Return by how much the effects after this one may enlarge a change of the charge, at least 1."""
+        return self._brightened_by(self._around(effect)[1])
+
+    def _brightened_by(self, effects: Sequence[Effect]) -> float:
+        return float(np.prod([max(effect.brightest(self), 1.0) for effect in having(effects, Brightening)]))
 
     def masks_around(self, effect: Effect) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the masks as the effects before this one leave them, and as this one does then, [N, H, W] each."""
@@ -138,6 +175,12 @@ class PreviewedViews:
     def _chain(self) -> EffectChain:
         return EffectChain(self.effects, self.seed, self.rig)
 
+    def _around(self, effect: Effect) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
+        """Return the effects before and after this one on the light path; both are all of them if it is not on it."""
+        every = self._chain.effects
+        place = next((number for number, one in enumerate(every) if one.name == effect.name), None)
+        return (every, every) if place is None else (every[:place], every[place + 1 :])
+
     def _modulation(self, effect: Effect) -> float:
         """Return by which share of a mask's light the other effects may change it against the others'."""
         return float(np.prod([1 + share for name, share in self._modulations.items() if name != effect.name])) - 1
@@ -152,13 +195,17 @@ class PreviewedViews:
         """Mean power of the radiance by frequency, in cycles per pixel, [BINS] each; a bin counts as its upper end.
 
         Of the finer image before it is averaged over the pixels' areas, times what this averaging leaves of each
-        cosine: what a pixel cannot resolve still moves, and faster in phase.
+        cosine: what a pixel cannot resolve still moves, and faster in phase. What lies beside a small sensor counts in
+        full, as if it were seen.
         """
-        _, height, width, _ = self.fine_views.shape
-        power = np.square(dctn(self.fine_views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
+        views = spectral_part(self.fine_views, self.scene.size, self.margin, self.samples)
+        _, height, width, _ = views.shape
+        fine_pixels = self.samples**2 * float(np.prod(self.scene.size))
+        power = np.square(dctn(views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / fine_pixels
         down = np.arange(height) / (2 * height) * self.samples
         right = np.arange(width) / (2 * width) * self.samples
-        power *= np.square(np.sinc(down))[:, None] * np.square(np.sinc(right))
+        left_down, left_right = (np.square(amplitude_left(side, self.samples, 0.0)) for side in (down, right))
+        power *= left_down[:, None] * left_right
         frequency = np.hypot(down[:, None], right)
         ends = np.linspace(0, self.samples * np.sqrt(0.5), SPECTRUM_BINS)
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
@@ -177,15 +224,26 @@ class PreviewedViews:
         """
         frequency, power = self._spectrum
         shares = change(frequency)
-        rms = float(np.sqrt((power * np.square(shares)).sum()))
-        return rms, self.scene.brightest * min(1.0, float(np.max(shares)))
+        rms, peak = float(np.sqrt((power * np.square(shares)).sum())), self.scene.brightest * float(np.max(shares))
+        return min(rms, peak), min(peak, self.scene.brightest)
 
     def shifted(self, shift_px: float) -> tuple[float, float]:
         """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes.
 
         A cosine of frequency f shifted by d changes by at most 2 |sin(pi f d)| of its amplitude.
         """
-        return self.filtered(lambda f: 2 * np.sin(np.minimum(np.pi * f * shift_px, np.pi / 2)))
+        return self.filtered(lambda f: shift_shares(f, shift_px))
 
     def _shifted_rms(self, shift_px: float) -> float:
         return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
+
+
+def spectral_margin(size: tuple[int, int]) -> int:
+    """Return how many pixels on each side of a sensor of this size its spectrum is measured with."""
+    return max(0, -(-(SIDE_MIN_PX - min(size)) // 2))
+
+
+def spectral_part(fine_views: F32, size: tuple[int, int], margin: int, samples: int) -> F32:
+    """Cut views [P, H' s, W' s, 3] with a margin, s samples per pixel side, to the margin of their spectrum."""
+    edge = (margin - spectral_margin(size)) * samples
+    return fine_views[:, edge : fine_views.shape[1] - edge, edge : fine_views.shape[2] - edge]

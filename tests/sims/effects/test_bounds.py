@@ -23,7 +23,7 @@ from tests.sims.families import FAMILY, SAMPLED, Case, ratios, reversing
 pytestmark = pytest.mark.slow
 
 IDLE_BELOW = 0.1
-EXAMPLES = 12
+EXAMPLES = 16
 RASTERISED = 1.5
 SCENES = 12
 

@@ -8,6 +8,7 @@ from gs2ci_sims.effects.base import (
     Brightening,
     Charging,
     KernelEffect,
+    Lowering,
     Modulating,
     Moving,
     Stage,
@@ -162,7 +163,9 @@ def test_departures_of_other_times_are_others(looks):
     np.testing.assert_array_equal(look._departures(look.intervals_s), own)
 
 
-@pytest.mark.parametrize("kind", [Brightening, Charging, KernelEffect, Modulating, Moving, ViewChange, ViewEffect])
+@pytest.mark.parametrize(
+    "kind", [Brightening, Charging, KernelEffect, Lowering, Modulating, Moving, ViewChange, ViewEffect]
+)
 def test_effects_of_a_kind_are_those_that_have_its_parts(kind):
     found = having(EFFECTS, kind)
     assert 0 < len(found) < len(EFFECTS)

@@ -4,13 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.special import j1
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.defocus import LAYER_STEP_PX, MOST_TAKEN, Defocus
 from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.ghost_reflection import GhostReflection
-from gs2ci_sims.effects.kernels import blurred, disc, disc_transfer, discrete_gaussian, gaussian_loss, gaussian_tail
+from gs2ci_sims.effects.kernels import blurred, disc, discrete_gaussian, gaussian_loss, gaussian_tail
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.misregistration import Misregistration
@@ -78,7 +79,23 @@ def test_a_disc_has_the_variance_of_a_disc_and_its_transfer_function():
     _, variance = moments(kernel)
     assert variance == pytest.approx([8.0**2 / 16 + 1 / 12] * 2, rel=0.01)
     wave = np.cos(2 * np.pi * 0.05 * (np.arange(len(kernel)) - len(kernel) // 2))
-    assert (kernel * wave).sum() == pytest.approx(disc_transfer(8.0, 0.05) * np.sinc(0.05), abs=2e-3)
+    x = np.pi * 8.0 * 0.05
+    assert (kernel * wave).sum() == pytest.approx(2 * j1(x) / x * np.sinc(0.05), abs=2e-3)
+
+
+def test_no_disc_takes_more_of_a_cosine_than_its_variance_allows_or_than_the_most():
+    across, down = (side.ravel() for side in np.meshgrid(np.linspace(0, 0.5, 41), np.linspace(0, 0.5, 41)))
+    before, most = 0.0, 0.0
+    for diameter in np.arange(1.5, 24.0, LAYER_STEP_PX):
+        kernel = disc(diameter)
+        place = np.arange(len(kernel)) - len(kernel) // 2
+        variance = kernel.sum(axis=1) @ place**2
+        waves = [np.cos(2 * np.pi * np.outer(side, place)) for side in (down, across)]
+        taken = np.abs(1 - np.einsum("fi,ij,fj->f", waves[0], kernel, waves[1]))
+        assert variance > before
+        assert (taken <= 2 * np.pi**2 * variance * (across**2 + down**2) + 1e-12).all()
+        before, most = variance, max(most, taken.max())
+    assert 0.99 * MOST_TAKEN < most < MOST_TAKEN
 
 
 def test_defocus_spreads_a_point_by_aperture_times_the_difference_of_inverse_depths():
