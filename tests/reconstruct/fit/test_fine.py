@@ -224,8 +224,8 @@ def test_gaussians_beyond_the_borders_of_all_views_stay_as_they_are(coarse):
     added = replace(scene.map(lambda tensor: tensor[:5].clone()), means=scene.means[:5] + torch.tensor([30.0, 0, 0]))
     outside = torch.arange(len(scene) + 5) >= len(scene)
     loss = LossWeights(opacity=1.0, size=1.0)
-    settings = replace(QUICK, gated=False)
-    after = run(coarse, Prior(), settings, fit=replace(before, scene=joined([scene, added]), outside=outside), loss=loss)
+    fit = replace(before, scene=joined([scene, added]), outside=outside)
+    after = run(coarse, Prior(), replace(QUICK, gated=False), fit=fit, loss=loss)
     for name, held in added.parameters().items():
         assert torch.equal(after.scene.parameters()[name][outside], held), name
     assert not torch.equal(after.scene.opacity_logits[~outside], scene.opacity_logits)
