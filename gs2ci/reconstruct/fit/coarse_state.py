@@ -15,6 +15,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.density.base import change_among
 from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Decode
@@ -256,6 +257,9 @@ class FitState:
     def densify(self, iteration: int) -> bool:
         """Apply the density rule; return whether it set the fit back on purpose, as a reset does.
 
+        The rule passes over the Gaussians beyond the borders of all views: no pixel tells anything about them, and
+        copies of them would be free to fade.
+
         Raises:
             ResourceError: The rule wants more Gaussians than the memory guard allows.
         """
@@ -263,7 +267,8 @@ class FitState:
         evidence = self._gathering.evidence(
             scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
         )
-        change = self.settings.density.change(scene, evidence, self.generator)
+        inside = torch.ones(len(scene), dtype=torch.bool) if self._outside is None else ~self._outside
+        change = change_among(self.settings.density, inside, scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         middle = poses[len(poses) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
