@@ -26,7 +26,7 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
+from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
@@ -45,6 +45,7 @@ class Snapshot:
     iteration: int
     surfaces: Surfaces | None
     outside: Tensor | None
+    searches: tuple[Search, ...]
 
 
 class FitState:
@@ -293,15 +294,16 @@ class FitState:
     def snapshot(self, iteration: int) -> Snapshot:
         """Copy the present state."""
         copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
-        return Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces, self._outside)
+        twists, searches = self.poses.snapshot(), tuple(self._searches)
+        return Snapshot(copy, twists, iteration, self._surfaces, self._outside, searches)
 
     def restore(self, state: Snapshot) -> None:
-        """Go back to a state."""
+        """Go back to a state; searches for surfaces that it had not made yet are due again, in its scene."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
-        # Surfaces are kept once they are found; those of the state fit its path, which later exchanges moved.
-        self._surfaces = state.surfaces or self._surfaces
-        self._outside = state.outside
+        # What later searches found fits their path, which exchanges of turning for travel may have moved since.
+        self._surfaces, self._outside = state.surfaces, state.outside
+        self._searches = list(state.searches)
         self._meet_others()
 
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.density.mcmc import Mcmc
@@ -17,7 +18,7 @@ from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import joined
-from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, run
+from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, FaultyBackend, run
 
 SIZE = (40, 56)
 FOCAL_PX = 60.0
@@ -190,6 +191,35 @@ def test_density_rules_pass_over_them(moving_plane, monkeypatch, rule):
     for name in ("opacity_logits", "colours"):
         before, after = found.parameters()[name], fit.scene.parameters()[name][fit.outside]
         assert torch.equal(after.flatten().sort().values, before.flatten().sort().values), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("later", [1, 2, 5])
+def test_a_fit_that_is_set_back_behind_the_last_search_searches_again_and_gets_them_again(
+    moving_plane, monkeypatch, later
+):
+    """It runs away so many renderings after they were added, before any look has made a later state the best."""
+    whole, due = FitState._continue_outwards, []
+
+    def watched(state, found):
+        whole(state, found)
+        due.append(later)
+
+    def faulty(call):
+        if len(due) != 1:
+            return False
+        due[0] -= 1
+        return due[0] == 0
+
+    monkeypatch.setattr(FitState, "_continue_outwards", watched)
+    surfaces = SurfaceSettings((Search(0.25, 1e-2, 2e-4), Search(0.5, 1e-2, 2e-4)))
+    fit, _ = run(moving_plane, replace(QUICK, surfaces=surfaces), backend=FaultyBackend(faulty))
+    (note,) = fit.notes
+    assert note.code is Code.ROLLED_BACK_NOT_FINITE
+    assert note.figures["best"] <= 30 <= note.figures["iteration"] < 40
+    assert len(due) == 2
+    assert fit.outside.any()
+    assert fit.curve[-1].iteration == 60
 
 
 @pytest.mark.parametrize(
