@@ -74,6 +74,29 @@ def test_a_wall_is_found_where_it_stands_and_believed(renderer):
     assert found.trust[middle].mean() > 0.9
 
 
+def test_a_view_that_agrees_with_no_other_is_left_out_and_the_others_are_kept(renderer):
+    poses = path()
+    turn = np.deg2rad(80)
+    poses[-1, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]] @ poses[-1, :3]
+    found = surfaces_of(renderer, poses=poses)
+    assert found.views == (0, 1, 3)
+    assert len(found.inverse_depth) == len(found.trust) == len(found.pixels) == 3
+    middle = np.s_[:, 8:-8, 12:-12]
+    assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
+    assert found.trust[middle].mean() > 0.8
+    scene = wall(1.6)
+    for turn in range(4):
+        assert found.draw(renderer, scene, torch.from_numpy(poses).float(), turn, 1.0) > 1
+    assert torch.isfinite(scene.means.grad).all()
+
+
+def test_where_no_view_agrees_with_another_there_are_none(renderer):
+    poses = path(views=VIEWS)
+    for k, turn in enumerate(np.deg2rad([0, 80, 160, 240, 320])):
+        poses[k, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]] @ poses[k, :3]
+    assert surfaces_of(renderer, poses=poses) is None
+
+
 def test_plain_areas_are_asked_about_with_the_views_that_were_swept(renderer, monkeypatch):
     asked = []
 
