@@ -27,7 +27,7 @@ from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.margin import MarginSettings
-from gs2ci.reconstruct.fit.relief import Exchange
+from gs2ci.reconstruct.fit.relief import WIDEST, Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import (
     add_mean_gradient,
@@ -139,7 +139,7 @@ class Surfaces:
         """Return the surfaces after path and scene have exchanged turning for travel."""
         moved = np.empty_like(self.inverse_depth)
         bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
-        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, moved)
+        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, WIDEST, moved)
         return replace(self, inverse_depth=moved)
 
     def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":

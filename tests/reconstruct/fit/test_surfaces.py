@@ -9,8 +9,9 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.depth_field import FieldStep
-from gs2ci.reconstruct.fit.relief import Exchange, relief_step
+from gs2ci.reconstruct.fit.relief import WIDEST, Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surface_kernels import exchange_inverse_depth
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.render import se3
@@ -226,6 +227,22 @@ def test_surfaces_move_with_an_exchange_of_turning_for_travel_as_the_scene_does(
         assert np.median(np.abs(inverse_depth[middle] / moved[view][middle] - 1)) < 0.02
     # The wall was flat, and is not any more.
     assert np.ptp(moved[2][20, 14:-14]) > 0.002
+
+
+@pytest.mark.parametrize("aside", [0.5, 0.99, 1.5, 3.0])
+def test_an_exchange_moves_surfaces_as_far_aside_as_gaussians_there(aside):
+    """Beyond a field of view of 90 degrees the Gaussians' step is bounded, and so is that of the surfaces."""
+    rays = np.array([[[-aside, 0.1], [0.0, 0.0], [0.2, -0.1], [aside, 0.0]]], np.float32)
+    depth = torch.tensor([2.0, 1.5, 2.5, 2.0])
+    means = torch.cat([torch.from_numpy(rays[0]), torch.ones(4, 1)], dim=1) * depth[:, None]
+    scene = replace(wall().map(lambda tensor: tensor[:4].clone()), means=means)
+    exchange = Exchange(relief_step(scene, torch.from_numpy(path()), VIEWS // 2), 1e-3)
+    moved = np.empty((1, 1, 4), np.float32)
+    along = exchange.along
+    before = (1 / depth).numpy()[None, None]
+    exchange_inverse_depth(before, rays, along.bend.float().numpy(), exchange.beta, along.shrink, WIDEST, moved)
+    exchange.of_scene(scene)
+    np.testing.assert_allclose(moved[0, 0] - before[0, 0], 1 / scene.means[:, 2] - 1 / depth, atol=3e-5)
 
 
 def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):
