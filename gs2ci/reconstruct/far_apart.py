@@ -26,7 +26,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
@@ -85,7 +85,15 @@ def look_far_apart(
     if first.holdout is not holdout:
         decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)
-        first = replace(first, holdout=holdout, decoded=decoded, brightness=brightness)
+        first = replace(
+            first,
+            holdout=holdout,
+            decoded=decoded,
+            brightness=brightness,
+            decoder=settings.first_look,
+            sigma=last_sigma(settings.first_look, settings.decode),
+            brief_rms=None,
+        )
     longer = first if first.decoder == "patches" else first.decoded_longer(settings.long_decode.sparse, progress)
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)

@@ -17,7 +17,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import FirstLookName
-from gs2ci.reconstruct.decode.by_name import decode_by_name, patch_settings
+from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
@@ -135,8 +135,7 @@ def look(
         holdout = relit(holdout, light)
     factors = None if holdout.shot.weights is weights else _ratio(holdout.shot.weights, weights)
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
-    patches = patch_settings(settings.first_look, settings.decode)
-    sigma = None if patches is None else patches.last_sigma
+    sigma = last_sigma(settings.first_look, settings.decode)
     found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
     for note in found.notes:
         progress.say(note.sentence)

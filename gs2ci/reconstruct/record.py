@@ -57,8 +57,9 @@ class Recovered:
     def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
         """Return the views at the middle of each mask's time.
 
-        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time.
-        A decode is not corrected, since it has no camera path.
+        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
+        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
+        of theirs. A decode is not corrected, since it has no camera path.
         """
         if renderer.moments_per_mask == 1:
             return self
@@ -67,7 +68,9 @@ class Recovered:
             renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
             for fit in averaged
         ]
-        views = self.views if self.verdict == "decode" else self.views + np.mean(differ, axis=0, dtype=np.float32)
+        mean = np.mean(differ, axis=0, dtype=np.float32)
+        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
+        views = self.views + correction
         return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
 
 

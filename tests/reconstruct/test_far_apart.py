@@ -79,16 +79,27 @@ def test_otherwise_the_first_look_stays(monkeypatch, seen, what):
     assert len(asked) == (settings.long_decode is not None)
 
 
-def test_weights_that_were_corrected_along_a_wrong_path_are_forgotten(monkeypatch, seen):
+@pytest.mark.parametrize(
+    "look",
+    [
+        {},
+        {"decoder": "patches-quick", "sigma": PatchSettings.quick().last_sigma},
+        {"decoder": "patches", "sigma": PatchSettings().last_sigma, "brief_rms": 9.0},
+    ],
+    ids=["by GAP-TV", "by patches, briefly", "by patches"],
+)
+def test_weights_that_were_corrected_along_a_wrong_path_are_forgotten(monkeypatch, seen, look):
     holdout, first = seen
     wrong = np.linspace(0.5, 1.5, 5).astype(np.float32)
     relit = Holdout(replace(holdout.shot, weights=holdout.shot.weights * wrong), holdout.pixels)
     answering(monkeypatch, first.geometry)
-    found, _, _ = again(replace(first, holdout=relit, brightness=Brightness(None, wrong)), holdout)
+    lit = replace(first, holdout=relit, brightness=Brightness(None, wrong), **look)
+    found, _, _ = again(lit, holdout)
     assert found.holdout is holdout
     assert found.brightness.factors is None
     untouched, _, _ = again(first, holdout)
     np.testing.assert_array_equal(found.decoded, untouched.decoded)
+    assert (found.decoder, found.sigma, found.brief_rms) == ("patches", untouched.sigma, untouched.brief_rms)
 
 
 def test_a_decode_by_patches_is_not_made_again(monkeypatch, seen):

@@ -10,6 +10,7 @@ from gs2ci.core.findings import Code
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.record import Recovered, _depth_in_noise, _path_unconfirmed
 
+SHAPE = (1, 2, 2, 3)
 GREY = SimpleNamespace(grey_rms=lambda: 0.2)
 FOUND = Geometry(
     np.tile(np.eye(4), (2, 1, 1)), np.eye(3), "file", np.ones((4, 4), np.float32), 0, 50, 0.3, 2.0, "full", ()
@@ -70,3 +71,28 @@ def test_a_scene_whose_camera_turned_far_is_compared_with_the_brief_decode(turn,
     poses[1, :3:2, :3:2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     found = _path_unconfirmed(replace(FOUND, world_to_camera=poses), beside_decode(0.13, 0.08), brief)
     assert bool(found) == doubted
+
+
+def fit_of(in_the_middle, over_the_time):
+    """A fit whose scene looks everywhere like this at the middle of each mask's time, and over the whole of it."""
+    views = np.full(SHAPE, over_the_time, np.float32)
+    return SimpleNamespace(scene=in_the_middle, views=views, world_to_camera=np.eye(4)[None])
+
+
+@pytest.mark.parametrize(("verdict", "delivered"), [("scene", 0.5), ("refined", 0.7), ("decode", 0.4)])
+def test_views_at_the_middle_of_the_masks_are_corrected_by_the_scenes_that_they_are_made_of(verdict, delivered):
+    renderer = SimpleNamespace(
+        moments_per_mask=3, times=None, views=lambda scene, poses, times: np.full(SHAPE, scene, np.float32)
+    )
+    ensemble = SimpleNamespace(best=fit_of(0.5, 0.4), others=(fit_of(0.9, 0.4), fit_of(7.0, 0.4)), averaged=2)
+    exposed = np.full(SHAPE, 0.4, np.float32)
+    found = Recovered(exposed, verdict, {}, ()).in_the_middle(ensemble, renderer)
+    np.testing.assert_allclose(found.views, delivered, rtol=1e-6)
+    np.testing.assert_allclose(found.scene_views, 0.5, rtol=1e-6)
+    assert found.views.dtype == np.float32
+    assert found.exposed is exposed
+
+
+def test_masks_of_one_moment_need_no_correction():
+    given = left(0.1)
+    assert given.in_the_middle(SimpleNamespace(), SimpleNamespace(moments_per_mask=1)) is given

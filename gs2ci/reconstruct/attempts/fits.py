@@ -22,7 +22,7 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
+from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, member_seed, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
@@ -184,16 +184,18 @@ class Fits:
     def release(self, still: Attempt) -> Attempt:
         """Continue the fits of a still scene with motion allowed."""
         freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
-        team, paths = [], {}
+        team, paths = [], []
         # Fits along another doubtful path may have another camera matrix than the attempt.
         alike = [fit for fit in still.fits if np.array_equal(fit.intrinsics, still.geometry.intrinsics)]
         for number, fit in enumerate(alike):
             start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
-            team.append(Member(start, freed.settings.fit.density, number, fit.outside))
-            paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
+            seed = member_seed(self.settings.seed, number)
+            team.append(Member(start, freed.settings.fit.density, seed, fit.outside))
+            paths.append(replace(still.geometry, world_to_camera=fit.world_to_camera))
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            return freed.fit_one(paths[member.seed])(member, progress, pace)
+            along = next(path for one, path in zip(team, paths, strict=True) if one is member)
+            return freed.fit_one(along)(member, progress, pace)
 
         fits = fit_together(fit_one, tuple(team), self.progress, None, self.halt)
         return replace(still, fits=fits, ensemble=self._mean(fits, "fit"))

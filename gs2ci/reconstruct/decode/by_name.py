@@ -26,6 +26,17 @@ def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings |
     return replace(PatchSettings.quick() if name == "patches-quick" else PatchSettings(), start=start)
 
 
+def last_sigma(name: FirstLookName, start: GapTvSettings) -> float | None:
+    """Return the noise level at which a decode ends, full scale 1; None if it is not by patches.
+
+    Args:
+        name: Of the decoder.
+        start: Settings of the decode by GAP-TV with which it starts.
+    """
+    patches = patch_settings(name, start)
+    return None if patches is None else patches.last_sigma
+
+
 def decode_by_name(shot: Shot, name: FirstLookName, settings: GapTvSettings, progress: Progress | None = None) -> F32:
     """Decode one coded measurement into approximate views, [N, H, W, C] float32 in [0, 1].
 

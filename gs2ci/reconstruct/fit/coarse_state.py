@@ -15,6 +15,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.density.base import change_among
 from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Decode
@@ -25,7 +26,7 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Surfaces, find_surfaces, pixel_rays
+from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.plane_evidence import Readings
@@ -44,6 +45,7 @@ class Snapshot:
     iteration: int
     surfaces: Surfaces | None
     outside: Tensor | None
+    searches: tuple[Search, ...]
 
 
 class FitState:
@@ -256,6 +258,9 @@ class FitState:
     def densify(self, iteration: int) -> bool:
         """Apply the density rule; return whether it set the fit back on purpose, as a reset does.
 
+        The rule passes over the Gaussians beyond the borders of all views: no pixel tells anything about them, and
+        copies of them would be free to fade.
+
         Raises:
             ResourceError: The rule wants more Gaussians than the memory guard allows.
         """
@@ -263,7 +268,8 @@ class FitState:
         evidence = self._gathering.evidence(
             scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
         )
-        change = self.settings.density.change(scene, evidence, self.generator)
+        inside = torch.ones(len(scene), dtype=torch.bool) if self._outside is None else ~self._outside
+        change = change_among(self.settings.density, inside, scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         middle = poses[len(poses) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
@@ -288,15 +294,16 @@ class FitState:
     def snapshot(self, iteration: int) -> Snapshot:
         """Copy the present state."""
         copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
-        return Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces, self._outside)
+        twists, searches = self.poses.snapshot(), tuple(self._searches)
+        return Snapshot(copy, twists, iteration, self._surfaces, self._outside, searches)
 
     def restore(self, state: Snapshot) -> None:
-        """Go back to a state."""
+        """Go back to a state; searches for surfaces that it had not made yet are due again, in its scene."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
-        # Surfaces are kept once they are found; those of the state fit its path, which later exchanges moved.
-        self._surfaces = state.surfaces or self._surfaces
-        self._outside = state.outside
+        # What later searches found fits their path, which exchanges of turning for travel may have moved since.
+        self._surfaces, self._outside = state.surfaces, state.outside
+        self._searches = list(state.searches)
         self._meet_others()
 
 

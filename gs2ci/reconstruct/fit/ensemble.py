@@ -65,6 +65,13 @@ class Member:
 FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
 
 
+def member_seed(seed: int, number: int) -> int:
+    """Return the seed of a member of an ensemble that is given this seed: the first has it, all others their own."""
+    if number == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, _STREAM, number]).generate_state(1, np.uint64)[0] >> 1)
+
+
 def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: int) -> tuple[Member, ...]:
     """Return the members of an ensemble: the first with the given start, the others scattered about it.
 
@@ -74,9 +81,9 @@ def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: in
         count: How many.
         seed: Of every draw.
     """
-    found = [Member(start, rules[0], seed)]
+    found = [Member(start, rules[0], member_seed(seed, 0))]
     for number in range(1, count):
-        own = int(np.random.SeedSequence([seed, _STREAM, number]).generate_state(1, np.uint64)[0] >> 1)
+        own = member_seed(seed, number)
         draw = torch.Generator().manual_seed(own)
         scattered = start.map(lambda tensor: tensor.clone())
         # First Gaussians are spheres, so that their orientation does not matter.

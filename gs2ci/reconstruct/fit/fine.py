@@ -321,6 +321,7 @@ class _Fit:
         self.optimiser = GaussianOptimiser(
             coarse.scene, settings.steps, length_of(settings.steps.unit, coarse.world_to_camera)
         )
+        self._outside = coarse.outside
         self._renderer = renderer
         self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
@@ -342,6 +343,12 @@ class _Fit:
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""
         return np.isfinite(loss) and self.optimiser.gradient_is_finite()
+
+    def step(self, share: float, damping: float) -> None:
+        """Step the Gaussians by their gradients; those beyond the borders of all views stay as they are."""
+        if self._outside is not None:
+            self.optimiser.hold(self._outside)
+        self.optimiser.step(share, damping)
 
     def coded(self) -> F32:
         """Render the measurement as the scene predicts it, [H, W, C]."""
@@ -387,7 +394,7 @@ class _Loop:
                 break
             # Steps grow from small to full: Adam's first ones would be of full size whatever the gradient.
             warm = min(1.0, iteration / settings.hold_out.look_every)
-            self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
+            self._fit.step(iteration / settings.iterations, settings.damping * warm)
             halted = self._halt.asked
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
                 gaussians = len(self._fit.optimiser.scene)

@@ -56,7 +56,8 @@ class DataTerm:
         self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
         self._similarity_weight = weights.similarity
         self._similarity = SimilarityTo(self._target, weights.window_px)
-        # The mean is over the pixels that count, so that the balance of terms does not depend on the held-out share.
+        # This mean is over the pixels that count. That of the similarity is over all, and those that do not count are
+        # alike in both pictures there: the larger their share, the less the similarity weighs beside this term.
         self._per_value = 1.0 / max(1.0, float(self._fitted.sum()) * measurement.shape[2])
 
     def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:

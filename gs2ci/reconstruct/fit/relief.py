@@ -36,7 +36,7 @@ from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 
 # Bound on (u, v) along the path: a field of view of 90 degrees.
-_WIDEST: Final = 1.0
+WIDEST: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> Re
     bend = _main_direction(travel[:, :2])
     means = scene.means.detach().contiguous()
     by_means, by_sizes = torch.empty_like(means), means.new_empty(len(means))
-    shrink = step_of_gaussians(means.numpy(), own, bend, NEAR, _WIDEST, by_means.numpy(), by_sizes.numpy())
+    shrink = step_of_gaussians(means.numpy(), own, bend, NEAR, WIDEST, by_means.numpy(), by_sizes.numpy())
     turns = np.stack([travel[:, 1], -travel[:, 0], np.zeros(len(travel))], axis=1)
     twists = torch.from_numpy(np.concatenate([shrink * travel, turns], axis=1)).to(world_to_camera.dtype)
     return ReliefStep(by_means, by_sizes, twists, torch.from_numpy(bend).to(means.dtype), float(shrink))

@@ -96,7 +96,9 @@ def distance_to_surface(
 
 
 @njit(**JIT)
-def exchange_inverse_depth(inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, out: F32) -> None:
+def exchange_inverse_depth(
+    inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, widest: float, out: F32
+) -> None:
     """Store maps of inverse depth after an exchange of turning for travel, [K, H, W].
 
     Args:
@@ -105,11 +107,13 @@ def exchange_inverse_depth(inverse_depth: F32, rays: F32, bend: F32, beta: float
         bend: See `relief.ReliefStep`, [2].
         beta: The step.
         shrink: See `relief.ReliefStep`.
+        widest: Bound on the rays along `bend`, as for the Gaussians.
         out: [K, H, W].
     """
+    most = np.float32(widest)
     one, step, factor = np.float32(1), np.float32(beta), np.float32(1 - beta * shrink)
     for k in range(inverse_depth.shape[0]):
         for y in range(inverse_depth.shape[1]):
             for x in range(inverse_depth.shape[2]):
-                slant = rays[y, x, 0] * bend[0] + rays[y, x, 1] * bend[1]
+                slant = min(max(rays[y, x, 0] * bend[0] + rays[y, x, 1] * bend[1], -most), most)
                 out[k, y, x] = (inverse_depth[k, y, x] + step * (one + slant * slant)) * factor

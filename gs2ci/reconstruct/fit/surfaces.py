@@ -27,7 +27,7 @@ from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.margin import MarginSettings
-from gs2ci.reconstruct.fit.relief import Exchange
+from gs2ci.reconstruct.fit.relief import WIDEST, Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import (
     add_mean_gradient,
@@ -118,7 +118,7 @@ class Surfaces:
     Args:
         settings: Of the term.
         search: The search that found them.
-        views: Which views were swept, [K].
+        views: Which views were swept and agree with others somewhere, [K].
         inverse_depth: Of the surfaces seen in them, [K, H, W] float32.
         trust: Its weight, [K, H, W] float32 in [0, 1].
         parallax_px: The parallax along the whole path at an inverse depth of 1, px.
@@ -139,7 +139,7 @@ class Surfaces:
         """Return the surfaces after path and scene have exchanged turning for travel."""
         moved = np.empty_like(self.inverse_depth)
         bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
-        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, moved)
+        exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, WIDEST, moved)
         return replace(self, inverse_depth=moved)
 
     def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
@@ -237,6 +237,8 @@ def find_surfaces(
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep the depth on which the sweeps agree; None if they agree nowhere.
 
+    A view whose depth agrees with no other is left out, as one that looks past what all others see.
+
     Args:
         renderer: Of the shot, with its lens.
         scene: The Gaussians; their depths are the range that is swept.
@@ -271,18 +273,19 @@ def find_surfaces(
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))
     draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5F]))
     taken = (draw.random(trust.shape) < settings.pixel_share) & (trust > 0)
-    if not taken.any(axis=(1, 2)).all():
+    agreed = np.array([pixels.any() for pixels in taken])
+    if not agreed.any():
         return None
     pixels = tuple(
         Pixels(renderer.code(torch.from_numpy(mask[None]).float()), np.flatnonzero(mask), float(np.median(depth[mask])))
-        for mask, depth in zip(taken, inverse_depth, strict=True)
+        for mask, depth in zip(taken[agreed], inverse_depth[agreed], strict=True)
     )
     return Surfaces(
         settings,
         search or settings.searches[0],
-        chosen,
-        inverse_depth,
-        trust,
+        tuple(view for view, agrees in zip(chosen, agreed.tolist(), strict=True) if agrees),
+        inverse_depth[agreed],
+        trust[agreed],
         parallax_px,
         pixel_rays(renderer),
         pixels,

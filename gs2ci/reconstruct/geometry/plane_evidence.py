@@ -194,13 +194,14 @@ def found_planes(
     """
     plain = readings.usable & np.all([_away_from_edges(view) for view in views], axis=0)
     waiting, found = _areas(plain), []
-    evidence = PlaneEvidence(readings, views[reference], world_to_camera, intrinsics)
     asked_for = 0
     while waiting and asked_for < _MOST_ASKED:
         area = waiting.pop(0)
         asked_for += 1
         asked = _Asked.of(readings, area)
         part = _Asked.of(readings, _around_middle(area))
+        # Anew for each area: the penalty that suits one says nothing about the next.
+        evidence = PlaneEvidence(readings, views[reference], world_to_camera, intrinsics)
         start = _best_depth(evidence, part, span, parallax_px)
         if start is None:
             continue

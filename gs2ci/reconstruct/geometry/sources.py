@@ -160,7 +160,8 @@ class FromFile:
             cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
         poses = cameras.world_to_camera
         found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
-        if found.verdict != "full" and len(cameras.points):
+        # One view shows no depth, even within a known range.
+        if found.verdict != "full" and len(cameras.points) and len(poses) > 1:
             found = swept_between_points(request, cameras, found)
         elif not found.tracks:
             found = _without_tracks(request, poses, found)
@@ -186,7 +187,7 @@ def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
     """Estimate the depths along given poses from the measurement, if there are too few tracks."""
-    swept = Direct(request, found).along(poses)
+    swept = Direct(request, found).along(poses) if len(poses) > 1 else None
     if swept is None:
         return replace(found, notes=(*found.notes, finding(Code.POSES_NOT_BORNE_OUT)))
     return replace(measured(swept, poses), notes=(*swept.notes, finding(Code.DEPTH_RANGE_FOUND)))

@@ -19,11 +19,16 @@ FASTMATH: Final = frozenset({"contract"})
 reordered, so that results do not depend on how a compiler feels."""
 
 
+# Modules of `gs2ci.render` whose constants and functions kernels compile, beside the folders `cpu` and `simd`.
+_BESIDE: Final = ("conventions.py", "gaussians.py", "screen.py", "stopping.py")
+
+
 def sources_digest() -> str:
     """Digest everything that compiled kernels depend on."""
-    folder = Path(__file__).parent
+    render = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for path in [*sorted(folder.glob("*.py")), folder.parent / "conventions.py"]:
+    folders = (path for name in ("cpu", "simd") for path in sorted((render / name).glob("*.py")))
+    for path in [*folders, *(render / name for name in _BESIDE)]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -55,7 +55,8 @@ class Pool:
     def __init__(self, keep: int = 2) -> None:
         self._keep = keep
         self._idle: list[Workspace] = []
-        self._lock = threading.Lock()
+        # Reentrant: the garbage collector may run anywhere within, and free a forgotten lease in the same thread.
+        self._lock = threading.RLock()
 
     def lease(self) -> "Lease":
         """Hand out a workspace, used before if there is one."""
@@ -65,8 +66,8 @@ class Pool:
     def take_back(self, workspace: Workspace) -> None:
         """Keep a workspace for the next lease."""
         with self._lock:
-            if len(self._idle) < self._keep:
-                self._idle.append(workspace)
+            self._idle.append(workspace)
+            del self._idle[self._keep :]
 
     @property
     def idle(self) -> int:

@@ -13,10 +13,14 @@ from gs2ci.reconstruct.attempts import fits, order
 from gs2ci.reconstruct.attempts.attempt import How
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.ensemble import members
 from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
@@ -187,6 +191,26 @@ def test_fits_behind_another_camera_matrix_are_averaged_but_not_let_move(first, 
     # Rendered anew in the middle of masks, it would be seen by a matrix that is not its own.
     smeared = replace(made, mask_moments=object())
     assert smeared.completed(alone, (other,)).fits == alone.fits
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7])
+def test_fits_released_for_motion_have_seeds_of_their_own_and_go_on_along_their_paths(first, monkeypatch, seed):
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), seed=seed)
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
+    still = made.attempt(first, first.decoded, How())
+    whole, asked = fits.fit_coarse, {}
+
+    def watched(**given):
+        asked[given["seed"]] = given["geometry"].world_to_camera
+        return whole(**given)
+
+    monkeypatch.setattr(fits, "fit_coarse", watched)
+    made.release(still)
+    team = members(first_gaussians(seed_points(first.geometry, first.decoded, 4)), (Osgr(),), 2, seed)
+    assert sorted(asked) == sorted(member.seed for member in team)
+    for member, fit in zip(team, still.fits, strict=True):
+        np.testing.assert_array_equal(asked[member.seed], fit.world_to_camera)
 
 
 def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(first, monkeypatch):

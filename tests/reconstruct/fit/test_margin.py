@@ -7,14 +7,18 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.density.mcmc import Mcmc
+from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.margin import MarginSettings, MarginSource, margin
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import joined
-from tests.reconstruct.fit.plane_fits import QUICK, run
+from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, FaultyBackend, run
 
 SIZE = (40, 56)
 FOCAL_PX = 60.0
@@ -167,6 +171,55 @@ def test_a_fit_goes_on_with_them_and_leaves_them_as_they_are(moving_plane):
     torch.testing.assert_close(torch.sigmoid(outside.opacity_logits), torch.full((len(outside),), 0.95))
     assert holdout.residual_rms(fit.views) < 1.1 * holdout.residual_rms(plain.views)
     assert [point.loss for point in fit.curve[:3]] == [point.loss for point in plain.curve[:3]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", [Mcmc(), Osgr.generous()], ids=lambda rule: rule.name)
+def test_density_rules_pass_over_them(moving_plane, monkeypatch, rule):
+    whole, added = FitState._continue_outwards, []
+
+    def watched(state, found):
+        added.append(found)
+        whole(state, found)
+
+    monkeypatch.setattr(FitState, "_continue_outwards", watched)
+    rates = {"density": rule, "densify_every": 4, "densify_until": 0.95, "gaussians_per_pixel": 0.5}
+    fit, _ = fitted(moving_plane, MarginSettings(), hold_out=UNJUDGED, **rates)
+    (found,) = added
+    assert int(fit.outside.sum()) == len(found)
+    # Places and sizes may change, together with those of the whole scene.
+    for name in ("opacity_logits", "colours"):
+        before, after = found.parameters()[name], fit.scene.parameters()[name][fit.outside]
+        assert torch.equal(after.flatten().sort().values, before.flatten().sort().values), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("later", [1, 2, 5])
+def test_a_fit_that_is_set_back_behind_the_last_search_searches_again_and_gets_them_again(
+    moving_plane, monkeypatch, later
+):
+    """It runs away so many renderings after they were added, before any look has made a later state the best."""
+    whole, due = FitState._continue_outwards, []
+
+    def watched(state, found):
+        whole(state, found)
+        due.append(later)
+
+    def faulty(call):
+        if len(due) != 1:
+            return False
+        due[0] -= 1
+        return due[0] == 0
+
+    monkeypatch.setattr(FitState, "_continue_outwards", watched)
+    surfaces = SurfaceSettings((Search(0.25, 1e-2, 2e-4), Search(0.5, 1e-2, 2e-4)))
+    fit, _ = run(moving_plane, replace(QUICK, surfaces=surfaces), backend=FaultyBackend(faulty))
+    (note,) = fit.notes
+    assert note.code is Code.ROLLED_BACK_NOT_FINITE
+    assert note.figures["best"] <= 30 <= note.figures["iteration"] < 40
+    assert len(due) == 2
+    assert fit.outside.any()
+    assert fit.curve[-1].iteration == 60
 
 
 @pytest.mark.parametrize(

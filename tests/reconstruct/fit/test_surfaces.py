@@ -9,8 +9,9 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.depth_field import FieldStep
-from gs2ci.reconstruct.fit.relief import Exchange, relief_step
+from gs2ci.reconstruct.fit.relief import WIDEST, Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surface_kernels import exchange_inverse_depth
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.render import se3
@@ -72,6 +73,29 @@ def test_a_wall_is_found_where_it_stands_and_believed(renderer):
     assert found.parallax_px == pytest.approx(60 * 0.4)
     assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
     assert found.trust[middle].mean() > 0.9
+
+
+def test_a_view_that_agrees_with_no_other_is_left_out_and_the_others_are_kept(renderer):
+    poses = path()
+    turn = np.deg2rad(80)
+    poses[-1, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]] @ poses[-1, :3]
+    found = surfaces_of(renderer, poses=poses)
+    assert found.views == (0, 1, 3)
+    assert len(found.inverse_depth) == len(found.trust) == len(found.pixels) == 3
+    middle = np.s_[:, 8:-8, 12:-12]
+    assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
+    assert found.trust[middle].mean() > 0.8
+    scene = wall(1.6)
+    for turn in range(4):
+        assert found.draw(renderer, scene, torch.from_numpy(poses).float(), turn, 1.0) > 1
+    assert torch.isfinite(scene.means.grad).all()
+
+
+def test_where_no_view_agrees_with_another_there_are_none(renderer):
+    poses = path(views=VIEWS)
+    for k, turn in enumerate(np.deg2rad([0, 80, 160, 240, 320])):
+        poses[k, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]] @ poses[k, :3]
+    assert surfaces_of(renderer, poses=poses) is None
 
 
 def test_plain_areas_are_asked_about_with_the_views_that_were_swept(renderer, monkeypatch):
@@ -203,6 +227,22 @@ def test_surfaces_move_with_an_exchange_of_turning_for_travel_as_the_scene_does(
         assert np.median(np.abs(inverse_depth[middle] / moved[view][middle] - 1)) < 0.02
     # The wall was flat, and is not any more.
     assert np.ptp(moved[2][20, 14:-14]) > 0.002
+
+
+@pytest.mark.parametrize("aside", [0.5, 0.99, 1.5, 3.0])
+def test_an_exchange_moves_surfaces_as_far_aside_as_gaussians_there(aside):
+    """Beyond a field of view of 90 degrees the Gaussians' step is bounded, and so is that of the surfaces."""
+    rays = np.array([[[-aside, 0.1], [0.0, 0.0], [0.2, -0.1], [aside, 0.0]]], np.float32)
+    depth = torch.tensor([2.0, 1.5, 2.5, 2.0])
+    means = torch.cat([torch.from_numpy(rays[0]), torch.ones(4, 1)], dim=1) * depth[:, None]
+    scene = replace(wall().map(lambda tensor: tensor[:4].clone()), means=means)
+    exchange = Exchange(relief_step(scene, torch.from_numpy(path()), VIEWS // 2), 1e-3)
+    moved = np.empty((1, 1, 4), np.float32)
+    along = exchange.along
+    before = (1 / depth).numpy()[None, None]
+    exchange_inverse_depth(before, rays, along.bend.float().numpy(), exchange.beta, along.shrink, WIDEST, moved)
+    exchange.of_scene(scene)
+    np.testing.assert_allclose(moved[0, 0] - before[0, 0], 1 / scene.means[:, 2] - 1 / depth, atol=3e-5)
 
 
 def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.errors import GeometryError, InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
+from gs2ci.core.records import Truth
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
@@ -160,6 +161,19 @@ def test_without_tracks_the_points_of_a_model_give_the_range_of_depths(request_f
     assert np.isfinite(found.inverse_depth).all()
     assert found.inverse_depth.min() > 0
     assert found.notes[-1].code is Code.POSES_UNCHECKED
+
+
+def test_one_view_shows_no_depth_whatever_the_points_of_a_model_say(request_for, tmp_path, scene):
+    points = np.random.default_rng(0).uniform((-0.3, -0.2, 1.5), (0.3, 0.2, 2.5), (50, 3)).astype(np.float32)
+    write_colmap_model(
+        tmp_path, scene.poses[:1], scene.intrinsics, (90, 120), points=points, colors=np.zeros((50, 3), np.float32)
+    )
+    many = request_for()
+    shot = replace(many.shot, masks=many.shot.masks[:1], weights=many.shot.weights[:1], truth=Truth())
+    found = find(f"file:{tmp_path}", replace(many, shot=shot, views=many.views[:1]))
+    assert found.verdict != "full"
+    assert len(found.world_to_camera) == 1
+    assert np.isfinite(found.inverse_depth).all()
 
 
 def test_without_tracks_points_behind_the_camera_end_in_the_fallback(request_for, tmp_path, scene):

@@ -87,6 +87,25 @@ def test_of_a_large_area_the_middle_is_asked_for_the_plane(monkeypatch):
     assert found[0].where.mean() > 0.8
 
 
+def test_what_suits_one_area_does_not_reach_the_next(monkeypatch):
+    """The penalty is chosen for each area; the search of the next begins with the same as that of the first."""
+    whole, began = plane_evidence._best_depth, []
+
+    def watched(evidence, *arguments):
+        began.append(evidence.smooth)
+        return whole(evidence, *arguments)
+
+    monkeypatch.setattr(plane_evidence, "_best_depth", watched)
+    monkeypatch.setattr(plane_evidence, "_SMOOTH", (32.0,))
+    both = readings(wall())
+    usable = both.usable.copy()
+    usable[:, 46:50] = False
+    found = ask(replace(both, usable=usable), flat(WRONG))
+    assert len(found) == 2
+    assert len(began) >= 2
+    assert set(began) == {plane_evidence._FIRST_SMOOTH}
+
+
 def test_an_area_of_more_pixels_than_are_asked(monkeypatch):
     """A wall that fills 182 x 190 px."""
     size = (182, 190)

@@ -8,17 +8,18 @@ from gs2ci.render.cpu.project import project
 
 
 def test_kernels_are_cached_under_a_digest_of_all_their_sources(monkeypatch, tmp_path):
-    for name in ("a.py", "b.py"):
-        (tmp_path / "cpu").mkdir(exist_ok=True)
-        (tmp_path / "cpu" / name).write_text(name)
-    (tmp_path / "conventions.py").write_text("NEAR = 1")
+    kept = ["cpu/a.py", "cpu/b.py", "simd/c.py", "conventions.py", "gaussians.py", "screen.py", "stopping.py"]
+    for name in [*kept, "ply.py"]:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
     monkeypatch.setattr(compiling, "__file__", str(tmp_path / "cpu" / "a.py"))
-    digests = {compiling.sources_digest()}
-    (tmp_path / "cpu" / "b.py").write_text("changed")
-    digests.add(compiling.sources_digest())
-    (tmp_path / "conventions.py").write_text("NEAR = 2")
-    digests.add(compiling.sources_digest())
-    assert len(digests) == 3
+    digests = [compiling.sources_digest()]
+    for name in kept:
+        (tmp_path / name).write_text("changed")
+        digests.append(compiling.sources_digest())
+    assert len(set(digests)) == 1 + len(kept)
+    (tmp_path / "ply.py").write_text("changed")
+    assert compiling.sources_digest() == digests[-1]
 
 
 def test_kernels_of_this_checkout_use_that_folder():

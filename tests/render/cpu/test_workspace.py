@@ -1,5 +1,10 @@
+import gc
+import threading
+from types import SimpleNamespace
+
 import numpy as np
 
+from gs2ci.render.cpu import workspace
 from gs2ci.render.cpu.workspace import CACHE_LINE_BYTES, Pool, Workspace
 
 
@@ -45,4 +50,33 @@ def test_pool_keeps_no_more_than_it_was_told():
     leases = [pool.lease() for _ in range(3)]
     for lease in leases:
         lease.release()
+    assert pool.idle == 1
+
+
+def test_a_lease_that_the_garbage_collector_frees_while_another_is_handed_out_blocks_nothing(monkeypatch):
+    pool, done = Pool(), []
+
+    class Collecting(Workspace):
+        """The garbage collector runs when memory is taken, and frees the forgotten lease."""
+
+        def __init__(self):
+            super().__init__()
+            gc.collect()
+
+    def lease_twice():
+        forgotten = SimpleNamespace(lease=pool.lease())
+        forgotten.itself = forgotten
+        del forgotten
+        monkeypatch.setattr(workspace, "Workspace", Collecting)
+        done.append(pool.lease())
+
+    gc.collect()
+    gc.disable()
+    try:
+        thread = threading.Thread(target=lease_twice, daemon=True)
+        thread.start()
+        thread.join(10)
+    finally:
+        gc.enable()
+    assert len(done) == 1
     assert pool.idle == 1
