@@ -82,6 +82,7 @@ class _Found:
     masks: Array
     truth: Array | None
     container: Container
+    masks_container: Container
 
 
 def load_single(path: Path) -> Array:
@@ -113,7 +114,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
     stack = _chosen_masks(order.masks, found, options)
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
-    coding = CodingConvention(masks, _weights(found.container, len(masks), guesses))
+    coding = CodingConvention(masks, _weights(found, len(order.masks), len(masks), guesses))
     coding = coding.reversed() if options.reverse_masks else coding
     stored = order.measurements.astype(np.float64)
     stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
@@ -327,7 +328,7 @@ def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: 
     for array in (measurement, masks):
         if array.values.size == 0:
             raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
-    return _Found(measurement, masks, truth, container)
+    return _Found(measurement, masks, truth, container, holder)
 
 
 def _chosen_masks(stack: NDArray[Any], found: _Found, options: ImportOptions) -> NDArray[Any]:
@@ -340,16 +341,22 @@ def _chosen_masks(stack: NDArray[Any], found: _Found, options: ImportOptions) ->
     return stack
 
 
-def _weights(container: Container, count: int, guesses: list[str]) -> F32:
-    key = roles.key_of(container, "weights", None, guesses)
-    if key is None:
-        return np.ones(count, np.float32)
-    given = container.load(key)
+def _weights(found: _Found, stored: int, used: int, guesses: list[str]) -> F32:
+    """Return the weights of the masks in use, from the measurement's file or else from that of the masks."""
+    for container in (found.container, found.masks_container):
+        key = roles.key_of(container, "weights", None, guesses)
+        if key is not None:
+            given = container.load(key)
+            break
+    else:
+        return np.ones(used, np.float32)
     values = given.values.astype(np.float32).reshape(-1)
-    if len(values) != count or not np.isfinite(values).all() or values.min() < 0 or not values.any():
+    fits = len(values) in (stored, used) and bool(np.isfinite(values).all())
+    values = values[:used]
+    if not fits or values.min() < 0 or not values.any():
         raise InputError(
-            f"{given.where}: weights {values[:8].tolist()} for {count} masks",
-            allowed=f"{count} numbers >= 0, the share of its interval during which each mask was exposed",
+            f"{given.where}: weights {values[:8].tolist()} for {used} masks",
+            allowed=f"{used} numbers >= 0, the share of its interval during which each mask was exposed",
             remedy="correct them or take them out of the file",
         )
     guesses.append(f"{given.where}: weights of the masks, {values.min():.3g} to {values.max():.3g}")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import ImportOptions, load_single
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots, load_single
 from gs2ci.core.foreign.container import Array
 
 MATRIX = np.array([[30.0, 0, 16], [0, 31.0, 12], [0, 0, 1]])
@@ -71,6 +71,21 @@ def test_weights_are_read_and_must_fit(scene, take, said):
     for bad in (np.ones(3), -np.ones(4), np.full(4, np.nan), np.zeros(4)):
         with pytest.raises(InputError, match="key 'weights'"):
             take(meas=meas, mask=made.masks, weights=bad)
+
+
+@pytest.mark.parametrize("holder", ["meas.npz", "masks.npz"])
+@pytest.mark.parametrize("count", [6, 4], ids=["all", "used"])
+def test_weights_may_lie_beside_the_masks_and_cover_those_that_are_not_used(scene, tmp_path, holder, count):
+    made = scene(n=6)
+    weights = np.array([0.4, 0.6, 0.8, 1, 0.2, 0.3])
+    meas = np.einsum("n,nhw,nhwc->hwc", weights[:4], made.masks[:4], made.views[:4] / 255.0)
+    files = {"meas.npz": {"meas": meas}, "masks.npz": {"mask": made.masks}}
+    files[holder]["weights"] = weights[:count]
+    for name, arrays in files.items():
+        np.savez(tmp_path / name, **arrays)
+    imported = import_shots(tmp_path / "meas.npz", tmp_path / "masks.npz", ImportOptions(views=4))
+    assert np.allclose(imported.shots[0].weights, weights[:4])
+    assert any("weights of the masks" in guess and holder in guess for guess in imported.guesses)
 
 
 def test_bad_pixels_are_refused_or_replaced_from_their_neighbours(scene, take, said):
