@@ -204,21 +204,23 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate, *, mosa
     mean, variance = mean_and_variance(steadied)
     dark_error = np.hypot(found.offset_error_dn, found.current_error_dn_per_s * exposure_s)
     error = np.hypot(mean_error(variance, len(flat)), dark_error)
-    dead = (mean < SIGNIFICANT * error) | (mean < LOW_RESPONSE * np.median(mean))
+    dead = (mean < SIGNIFICANT * error) | (mean < LOW_RESPONSE * (_colour_medians(mean) if mosaic else np.median(mean)))
     check_dead(STEP, dead)
     typical = float(mean[~dead].mean())
-    low = float(np.quantile(mean[~dead], 0.02)) / typical
+    # Over the mean of its colour: the lamp, not the pixel, makes one colour darker than another.
+    even = even_colours(mean, dead) if mosaic else mean / typical
+    low = float(np.quantile(even[~dead], 0.02))
     if low < UNEVEN_LIMIT:
+        whose = "their colour's" if mosaic else "its"
         raise CalibrationError(
             STEP,
             Reason.UNEVEN,
-            f"the dimmer pixels of the flat field have {100 * low:.0f} % of its mean",
+            f"the dimmer pixels of the flat field have {100 * low:.0f} % of {whose} mean",
             allowed=f"{100 * UNEVEN_LIMIT:.0f} % or more",
             remedy="light the field evenly: opal glass close to the lens, or an integrating sphere",
         )
     response = np.where(dead, 1.0, mean / typical)
     relative = error / typical
-    even = even_colours(response, dead) if mosaic else response
     noise = steadied.var(axis=0, ddof=1, dtype=np.float64) / len(flat)
     noise += _dark_square_error(found.means_dn2, found.exposures_s, exposure_s)
     rate_error = np.hypot(float(dark_error.mean()), typical * lamp.flicker / np.sqrt(len(flat)))
@@ -228,9 +230,22 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate, *, mosa
         np.where(dead, 1.0, relative),
         dead,
         (typical / exposure_s, float(np.hypot(rate_error, shot_error)) / exposure_s),
-        _spread(even, noise * np.square(even / response / typical), ~(dead | found.dark.hot), len(flat) - 1),
+        _spread(
+            np.where(dead, 1.0, even),
+            noise * np.square(even / np.where(dead, 1.0, mean)),
+            ~(dead | found.dark.hot),
+            len(flat) - 1,
+        ),
         lamp.flicker,
     )
+
+
+def _colour_medians(values: F64) -> F64:
+    """Return for each pixel, [H, W], the median of those in its place of a colour filter array's 2 x 2 pattern."""
+    medians = np.empty_like(values)
+    for row, column in np.ndindex(2, 2):
+        medians[row::2, column::2] = np.median(values[row::2, column::2])
+    return medians
 
 
 def _take_darks(bench: Bench) -> Darks:

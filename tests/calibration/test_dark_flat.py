@@ -69,6 +69,20 @@ def test_the_colours_of_a_mosaic_are_no_prnu(make_sensor):
     assert estimate_response(flat, 0.05, found).prnu[0] > 0.2
 
 
+def test_a_lamp_of_one_colour_makes_the_other_pixels_of_a_mosaic_neither_dead_nor_uneven(make_sensor):
+    sensor = make_sensor(6, shape=(64, 96), light_e_per_s=80_000.0)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    colours = np.array([[1.0, 0.2], [0.2, 0.06]])[np.indices(sensor.shape)[0] % 2, np.indices(sensor.shape)[1] % 2]
+    flat = replace(sensor, light_e_per_s=sensor.light_e_per_s * colours).frames(16, 0.1)
+    flat[:, 5, 4] = 64.0 + np.arange(16) % 2
+    response = estimate_response(flat, 0.1, found, mosaic=True)
+    assert np.argwhere(response.dead).tolist() == [[5, 4]]
+    darker = colours * np.where(np.arange(96) < 20, 0.2, 1.0)
+    flat = replace(sensor, light_e_per_s=sensor.light_e_per_s * darker).frames(16, 0.1)
+    with pytest.raises(CalibrationError, match="of their colour's mean"):
+        estimate_response(flat, 0.1, found, mosaic=True)
+
+
 @pytest.mark.parametrize(("form", "mosaic"), [("Y12", False), ("RG12", True)])
 def test_the_sensors_format_says_whether_it_is_a_mosaic(monkeypatch, form, mosaic):
     table = RigTable.model_validate(
