@@ -67,14 +67,15 @@ class Task:
 def work(task: Task) -> Row:
     """Reconstruct one exposure and write its run folder and its row; a failure becomes a row as well.
 
-    An exposure that a worker considered dead has finished meanwhile is not done again.
+    An exposure that a worker considered dead has finished meanwhile is not done again, if its folder is there.
 
     Returns:
         The row. It is also on the disk, except for a failure if the output folder cannot be reached.
     """
     with _TURN:
         kept = read_row(task.output, task.exposure.name)
-        if kept is not None and kept.key == task.key and kept.state == "done":
+        there = (task.output / task.exposure.name).is_dir()
+        if there and kept is not None and kept.key == task.key and kept.state == "done":
             return kept
         try:
             row = _done(task)

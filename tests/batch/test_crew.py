@@ -137,6 +137,7 @@ def test_a_run_goes_the_same_way_through_a_scheduler(tmp_path):
 def test_what_another_worker_finished_meanwhile_is_not_done_twice(tasks, tmp_path):
     done = Row(name="a-000", state="done", file="a.h5", index=0, key="key0")
     write_row(tmp_path, done)
+    (tmp_path / "a-000").mkdir()
     assert work(tasks[0]) == done
     assert read_row(tmp_path, "a-000") == done
 

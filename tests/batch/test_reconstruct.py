@@ -131,6 +131,14 @@ def test_a_run_whose_row_was_lost_is_done_again(finished, file):
     assert read_row(finished, "a-001").state == "done"
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_run_whose_folder_was_deleted_is_done_again(finished, file, overwrite):
+    shutil.rmtree(finished / "a-001")
+    (row,) = reconstruct_many(list_exposures([file], every=True)[1:], finished, QUICK, overwrite=overwrite)
+    assert row.state == "done"
+    assert read_report(finished / "a-001").residual.rms == row.residual_rms
+
+
 def test_what_killed_workers_left_half_written_is_removed(finished, file):
     left = [finished / name for name in (".a-000.123.partial", ".a-001.9.old")]
     other = finished / ".cache.1.partial"
