@@ -117,6 +117,15 @@ def write_row(output: Path, row: Row) -> None:
     write_whole(output / ROWS_NAME / f"{row.name}.json", row.model_dump_json(indent=1) + "\n", parents=True)
 
 
+def remove_row(output: Path, name: str) -> None:
+    """Remove the row of an exposure, if there is one.
+
+    Raises:
+        OSError: The disk refuses.
+    """
+    (output / ROWS_NAME / f"{name}.json").unlink(missing_ok=True)
+
+
 def read_rows(output: Path) -> list[Row]:
     """Return every row that a folder of runs holds, by name."""
     names = sorted(path.stem for path in (output / ROWS_NAME).glob("*.json"))

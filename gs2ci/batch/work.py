@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from gs2ci.batch.exposures import FiledShot
-from gs2ci.batch.rows import ROWS_NAME, Row, RowProblem, read_row, row_of, write_row
+from gs2ci.batch.rows import ROWS_NAME, Row, RowProblem, read_row, remove_row, row_of, write_row
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.progress import Silent
@@ -122,6 +122,8 @@ def _done(task: Task) -> Row:
     _take_share(task.sharing.get(host, 1))
     found = reconstruct(shot, task.settings, Silent(), task.score(shot))
     folder = task.output / one.name
+    # A process that dies between writing the two leaves a folder without a row, never one with the row of another run.
+    remove_row(task.output, one.name)
     write_run(folder, shot, found.result, found.scene, overwrite=True)
     return row_of(one.name, one.file, one.index, task.key, read_report(folder), machine=host)
 

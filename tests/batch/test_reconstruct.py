@@ -131,6 +131,24 @@ def test_a_run_whose_row_was_lost_is_done_again(finished, file):
     assert read_row(finished, "a-001").state == "done"
 
 
+def test_no_row_vouches_for_a_run_that_it_is_not_of(file, tmp_path, monkeypatch):
+    exposures = list_exposures([file], every=False)
+    (first,) = reconstruct_many(exposures, tmp_path, QUICK)
+
+    def killed(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gs2ci.batch.work.row_of", killed)
+        with pytest.raises(KeyboardInterrupt):
+            reconstruct_many(exposures, tmp_path, replace(QUICK, seed=7), overwrite=True)
+    assert read_report(tmp_path / "a-000").seed == 7
+    assert read_row(tmp_path, "a-000") is None
+    (again,) = reconstruct_many(exposures, tmp_path, QUICK)
+    assert read_report(tmp_path / "a-000").seed == QUICK.seed
+    assert again.residual_rms == first.residual_rms
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_run_whose_folder_was_deleted_is_done_again(finished, file, overwrite):
     shutil.rmtree(finished / "a-001")
