@@ -73,13 +73,11 @@ def reconstruct_many(
     changes = Overrides(**overrides)
     check_overrides(changes.iterations, changes.fits, focal_px, changes.seed)
     from gs2ci.batch import reconstruct as batch
-    from gs2ci.batch.exposures import list_exposures
-    from gs2ci.core.storage import read_shot
+    from gs2ci.batch.exposures import largest_pixels, list_exposures
 
     exposures = list_exposures([Path(file) for file in files], every=every, index=index or 0)
-    first = read_shot(exposures[0].file, exposures[0].index)
     if processes is None:
-        processes = 1 if scheduler else min(len(exposures), batch.bearable_processes(first.masks.size))
+        processes = 1 if scheduler else min(len(exposures), batch.bearable_processes(largest_pixels(exposures)))
     with interrupted_within(), shown(progress) as display:
         return batch.reconstruct_many(
             exposures,

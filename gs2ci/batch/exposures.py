@@ -1,17 +1,18 @@
 """The exposures in a list of shot files, and the name of each one's run folder.
 
-Here: `FiledShot`, `list_exposures`. Files are opened only to count exposures. Not here: reading an exposure (`work`).
+Here: `FiledShot`, `list_exposures`, `largest_pixels`. Not here: reading an exposure to reconstruct it (`work`).
 """
 
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gs2ci.core.errors import InputError
-from gs2ci.core.storage import count_shots
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.storage import count_shots, read_shot
 
 # Characters outside those that any file system allows in a folder's name; spaces are excluded for easier typing.
 _UNFIT: Final = re.compile(r"[^\w.+=-]+")
@@ -67,6 +68,20 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
             for one in (range(count) if every else (index,))
         ]
     return found
+
+
+def largest_pixels(exposures: Sequence[FiledShot]) -> int:
+    """Count the pixels of all views of the largest exposure.
+
+    The exposures of a file share its masks, so that one of each file is read. Damaged ones are skipped: each becomes a
+    row with its error when its turn comes. 0 if none can be read.
+    """
+    sizes: dict[Path, int] = {}
+    for one in exposures:
+        if one.file not in sizes:
+            with suppress(StorageError):
+                sizes[one.file] = read_shot(one.file, one.index).masks.size
+    return max(sizes.values(), default=0)
 
 
 def _distinct_names(paths: Sequence[Path]) -> list[str]:

@@ -1,19 +1,27 @@
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
-from gs2ci.batch.exposures import list_exposures
+from gs2ci.batch.exposures import largest_pixels, list_exposures
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 
 
-def file_of(path, count=1):
+def file_of(path, count=1, side_px=4):
     path.parent.mkdir(exist_ok=True)
-    masks = np.ones((2, 4, 4), np.float32)
-    one = Shot(measurement=np.ones((4, 4, 1), np.float32), masks=masks, weights=np.ones(2, np.float32))
+    masks = np.ones((2, side_px, side_px), np.float32)
+    one = Shot(measurement=np.ones((side_px, side_px, 1), np.float32), masks=masks, weights=np.ones(2, np.float32))
     return write_shots(path, [one] * count)
+
+
+def damaged(path, *rows):
+    with h5py.File(path, "r+") as file:
+        for row in rows:
+            file["meas"][row] = np.nan
+    return path
 
 
 def test_every_exposure_of_every_file_has_a_name_of_its_own(tmp_path):
@@ -74,3 +82,13 @@ def test_a_file_without_exposures_is_refused(tmp_path, monkeypatch):
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(StorageError, match=r"none\.h5"):
         list_exposures([tmp_path / "none.h5"], every=True)
+
+
+@pytest.mark.parametrize(("bad", "pixels"), [((), 2 * 8 * 8), ((0,), 2 * 8 * 8), ((0, 1), 2 * 4 * 4)])
+def test_the_largest_exposure_of_all_files_is_found_past_damaged_ones(tmp_path, bad, pixels):
+    files = [file_of(tmp_path / "a.h5"), damaged(file_of(tmp_path / "b.h5", 2, side_px=8), *bad)]
+    assert largest_pixels(list_exposures(files, every=True)) == pixels
+
+
+def test_the_largest_of_damaged_exposures_alone_is_nothing(tmp_path):
+    assert largest_pixels(list_exposures([damaged(file_of(tmp_path / "a.h5"), 0)], every=True)) == 0

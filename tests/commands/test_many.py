@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import jsonschema
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gs2ci.api.many import reconstruct_many
 from gs2ci.batch import reconstruct as batch
 from gs2ci.batch.rows import Row, RowProblem
 from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 
@@ -82,6 +84,38 @@ def test_every_exposure_and_one_of_them_are_not_asked_for_together(gs2ci, files,
     assert not asked
     reconstruct_many(files, "runs", every=False, index=1)
     assert [one.name for one in asked[0][0]] == ["a-001", "b-001"]
+
+
+@pytest.fixture
+def damaged(files):
+    """A file whose first exposure cannot be read, and one that has other masks."""
+    with h5py.File(files[0], "r+") as file:
+        file["meas"][0] = np.nan
+    masks = np.ones((3, 9, 9), np.float32)
+    larger = Shot(np.ones((9, 9, 1), np.float32), masks, np.ones(3, np.float32))
+    return [files[0], write_shots(files[0].with_name("larger.h5"), [larger])]
+
+
+def test_a_damaged_exposure_stops_none_of_the_others(damaged, asked, monkeypatch):
+    pixels = []
+    monkeypatch.setattr(batch, "bearable_processes", lambda most: pixels.append(most) or 2)
+    reconstruct_many(damaged, "runs")
+    assert len(asked[0][0]) == 3
+    assert asked[0][2]["processes"] == 2
+    assert pixels == [3 * 9 * 9]
+
+
+@pytest.mark.parametrize("where", [{"processes": 2}, {"scheduler": "tcp://x:1"}], ids=lambda where: next(iter(where)))
+def test_no_exposure_is_read_where_its_size_decides_nothing(files, asked, monkeypatch, where):
+    monkeypatch.setattr("gs2ci.batch.exposures.read_shot", None)
+    reconstruct_many(files, "runs", **where)
+    assert len(asked[0][0]) == 4
+
+
+def test_a_damaged_exposure_becomes_a_row_with_its_error(damaged):
+    overrides = {"fits": 1, "iterations": 1, "motion": "off", "processes": 1, "progress": Silent()}
+    first, _second = reconstruct_many(damaged[:1], "runs", "draft", **overrides)
+    assert (first.state, first.problem.kind) == ("failed", "StorageError")
 
 
 def test_results_depend_on_every_override(gs2ci, files, asked):
