@@ -219,7 +219,9 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
     """Return a geometry, or its reverse if its order of depth is opposite to that of another."""
-    if float(np.corrcoef(other.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1]) >= -_CLEARLY_REVERSED:
+    with np.errstate(invalid="ignore"):
+        alike = float(np.corrcoef(other.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1])
+    if not alike < -_CLEARLY_REVERSED:  # not a number for a map of one depth, which has no order
         return chosen
     there = chosen.reverse or reversed_geometry(chosen)
     return replace(there, reverse=replace(chosen, reverse=None))

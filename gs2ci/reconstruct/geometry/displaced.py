@@ -265,10 +265,32 @@ def blocks_of(request: Request, found: Geometry) -> DisplacedBlocks | None:
         return None
     places = displaced.centres_px
     if request.lens is not None:
-        columns, rows = np.minimum(places, np.array(request.shot.size[::-1]) - 1).astype(np.int64).T
-        places = request.lens.sampling.places[rows, columns]
+        places, displaced = _straightened(displaced, request.lens.sampling.places)
     focal_px = np.diag(found.intrinsics)[:2].astype(np.float64)
     return DisplacedBlocks(displaced, slopes_of(places, found.intrinsics), focal_px)
+
+
+def _straightened(displaced: BlockDisplacements, on_canvas: F64) -> tuple[F64, BlockDisplacements]:
+    """Return where blocks lie behind a lens, [B, 2] px, and their displacements, as on the canvas of straight views.
+
+    A lens stretches displacements by where they are, which would look like parallax.
+
+    Args:
+        displaced: On the sensor.
+        on_canvas: Where each pixel of the sensor lies on the canvas, [H, W, (x, y)].
+    """
+    last = np.array(on_canvas.shape[1::-1]) - 1
+    columns, rows = np.minimum(displaced.centres_px, last).astype(np.int64).T
+    down, right = np.gradient(on_canvas, axis=(0, 1))
+    stretch = np.stack([right[rows, columns], down[rows, columns]], axis=-1)  # [B, (x, y), by (x, y)]
+    ways = np.eye(len(displaced.over_time))
+    whole = np.einsum("fg,bij->bfigj", ways, stretch).reshape(len(stretch), 2 * len(ways), 2 * len(ways))
+    moved = replace(
+        displaced,
+        px=np.einsum("bij,bj->bi", whole, displaced.px),
+        covariance=whole @ displaced.covariance @ whole.swapaxes(1, 2),
+    )
+    return on_canvas[rows, columns], moved
 
 
 def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, motion: BlockMotion) -> Geometry:

@@ -235,6 +235,13 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     assert found.order_given
 
 
+def test_a_stage_with_a_map_of_one_depth_turns_no_tracks(request_for):
+    found = find("tracks", request_for())
+    flat = replace(found, inverse_depth=np.ones_like(found.inverse_depth))
+    assert choose._with_order_of(flat, found) is found
+    assert choose._with_order_of(reversed_geometry(found), found) is not found
+
+
 def test_tracks_inside_out_are_turned_by_a_stage_that_is_not_taken_for_its_places(request_for, scene, monkeypatch):
     late = scene.poses.copy()
     late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]

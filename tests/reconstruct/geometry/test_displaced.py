@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code
+from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
@@ -256,3 +257,25 @@ def test_blocks_lie_on_the_rays_of_a_lens(request_for):
     assert len(bent) == len(plain)
     corner = np.argmax(np.linalg.norm(plain._slopes, axis=1))
     assert np.linalg.norm(bent._slopes[corner]) > 1.01 * np.linalg.norm(plain._slopes[corner])
+
+
+@pytest.mark.parametrize("k1", [-0.2, 0.15])
+def test_a_turn_behind_a_lens_shows_no_parallax(request_for, monkeypatch, k1):
+    request = request_for(distortion=np.array([k1, 0.02, 0, 0, 0]))
+    lens = Lens.of(request.shot)
+    on_canvas = lens.sampling.places
+    rows, columns = (places.ravel() for places in np.mgrid[4 : on_canvas.shape[0] : 8, 4 : on_canvas.shape[1] : 8])
+    slopes = slopes_of(on_canvas[rows, columns], lens.canvas_intrinsics)
+    focal_px = np.diag(lens.canvas_intrinsics)[:2]
+    straight = 0.08 * focal_px * np.stack([1 + slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1]], axis=1)
+    down, right = np.gradient(on_canvas, axis=(0, 1))
+    stretch = np.stack([right[rows, columns], down[rows, columns]], axis=-1)
+    errors = np.random.default_rng(0).normal(0, 0.02, (2, len(rows), 2))
+    seen = np.linalg.solve(stretch, straight[..., None])[..., 0] + errors[0]
+    px = np.concatenate([seen, errors[1]], axis=1)
+    covariance = np.tile(0.02**2 * np.eye(4), (len(px), 1, 1))
+    of_blocks = BlockDisplacements(np.stack([columns, rows], axis=1).astype(float), px, covariance, OVER_TIME, 8)
+    monkeypatch.setattr(displaced, "displacements", lambda *_: of_blocks)
+    request = Request.of(request.shot, request.views, QUICK, lens)
+    blocks = displaced.blocks_of(request, replace(without_path(request), intrinsics=lens.canvas_intrinsics))
+    assert blocks.turn().cost < 1.3 * blocks.motion().cost
