@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.crop import corner, middle, size_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
@@ -35,11 +35,14 @@ class Trial:
         scale: Divisor of the readings that brings the scene's levels to about a view's full scale.
         seed: Of the held-out pixels.
         at: The corner that is cropped; None crops the middle.
+        but: Pixels that must not judge, [H, W]; None: all may.
     """
 
-    def __init__(self, shot: Shot, scale: float, seed: int, at: Corner | None = None) -> None:
+    def __init__(self, shot: Shot, scale: float, seed: int, at: Corner | None = None, but: Bool | None = None) -> None:
         self._scale = scale
         self._at = at
+        if but is not None:
+            shot = replace(shot, saturated=but if shot.saturated is None else shot.saturated | but)
         part = _crop(shot, at)
         self._heldout = Holdout.of(part, _HELDOUT, seed).pixels
 

@@ -77,16 +77,17 @@ def find_field(
     Returns:
         The field, None if no term is significant; and value and standard error of each term that is not in it.
     """
-    estimate = _refined(problem, start, LOW)
+    estimate, near = _refined(problem, start, LOW), start
     nearer = _by_tiles(tiles, start.placement, problem.size)
     if nearer is not None:
         other = _refined(problem, replace(start, placement=nearer), LOW)
         if _predicts_better(problem, estimate.misfit, other.misfit):
-            estimate, start = other, other.misfit
+            estimate, near = other, other.misfit
     tried = {name: (estimate.value(name), estimate.errors[name]) for name in LOW}
     names = _let_in(estimate)
     while names:  # dropping terms changes the others, which must remain significant
-        estimate = _refined(problem, start, names)
+        kept = np.where([name in names for name in FIELD], near.placement.field, 0.0)
+        estimate = _refined(problem, replace(near, placement=near.placement.with_field(kept)), names)
         still = _let_in(estimate)
         if still == names:
             break

@@ -80,7 +80,7 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     """Return the correction whose decode predicts held-out pixels best, if it is surely better than a rival.
 
     A field is judged in the corner that it moves most, against the correction without a field: if that corner is dark
-    or noisy, it carries no information on the shift of the whole picture.
+    or noisy, it carries no information on the shift of the whole picture. Pixels without a known mask do not judge.
 
     Args:
         shot: Its masks and readings as stated.
@@ -91,7 +91,9 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     if not ways:
         return rival
     bent = max((way.misfit for way in ways), key=lambda one: bent_px(one.placement, shot.size))
-    trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size))
+    # Readings may have been averaged where a mask is not known, and averages predict each other.
+    unknown = np.any([way.rim.unknown for way in (*ways, *(() if rival is None else (rival,)))], axis=0)
+    trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
     if not trial.can_tell:
         return rival
     squares = [trial.squares(way.shot) for way in ways]

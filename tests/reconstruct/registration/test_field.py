@@ -4,10 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
-from gs2ci.reconstruct.registration.misfit import FIELD, LOW
+from gs2ci.reconstruct.registration.coarse import find_tiles, fine_pattern
+from gs2ci.reconstruct.registration.field import find_field
+from gs2ci.reconstruct.registration.fine import Problem
+from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.misfit import FIELD, LOW, Misfit
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.register import register
+from gs2ci.reconstruct.registration.widening import MaskSum
 from tests.reconstruct.registration.warps import bent, blurred, warped
 
 
@@ -48,6 +54,24 @@ def test_tiles_that_are_whole_pixels_off_show_where_to_begin(bench):
     found = register(bench.shoot(were=were))
     off = displacement(found.misfit.placement, bench.masks.shape[1:]) - true
     assert np.linalg.norm(off, axis=0).max() < 0.15
+
+
+@pytest.mark.parametrize("radial_px", [0.5, 1.0])
+def test_a_field_that_only_tiles_lead_to_is_found_without_terms_that_are_not_there(radial_px):
+    """Beyond half an element no step from a straight picture leads there, so the tiles' field is the start."""
+    rng = np.random.default_rng(0)
+    size, masks = (320, 320), (rng.random((8, 320, 320)) < 0.5).astype(float)
+    scene = gaussian_filter(rng.random(size), 3)
+    scene = 0.2 + 0.7 * (scene - scene.min()) / np.ptp(scene)
+    were = Placement(radial_px=radial_px).sample(masks)
+    reading = (were * scene).sum(axis=0) + rng.normal(0, 0.05, size)
+    problem = Problem(Seen(reading[None], np.ones((1, *size)), 1.5), MaskSum(masks, np.ones(8)), float(reading.mean()))
+    pattern = fine_pattern(reading, 1.0, relative=True)
+    tiles = find_tiles(pattern, fine_pattern(masks.sum(axis=0), 1.0), lambda _: np.zeros(2), 8, 1.0, 32)
+    found, _ = find_field(problem, Misfit(), tiles)
+    assert found.value("radial_px") == pytest.approx(radial_px, abs=0.002)
+    left_out = [name for name in FIELD if name not in found.terms]
+    assert [found.value(name) for name in left_out] == [0.0] * len(left_out)
 
 
 def test_a_field_that_the_pattern_does_not_tell_is_left_alone(bench):
