@@ -3,9 +3,11 @@
 Here: `TRIALS`, their predicted times, and the row of figures of each trial. Not here: the comparison of rows
 (`front.py`). Rows hold plain values, so that they can be stored and sent between processes.
 
-Every trial is judged by the same pixels of the measurement, which it did not see: two percent, drawn before the trial
-begins and in addition to those that the reconstruction holds out for itself. So trials can be compared with and without
-a truth, and with and without held-out pixels of their own.
+Every trial is judged by pixels of the measurement that no stage after registration saw: two percent, drawn in addition
+to those that the reconstruction holds out for itself. So trials can be compared with and without a truth, and with and
+without held-out pixels of their own. Registration comes first because it corrects the masks and readings by which views
+are judged; it estimates a few numbers from the whole measurement, so that two percent of it hardly matter. Trials that
+register alike are judged by the same pixels.
 """
 
 import math
@@ -30,6 +32,7 @@ from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
+from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.settings import Settings
 
 Row = dict[str, Any]
@@ -171,15 +174,17 @@ def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
 def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
     """Run one trial on a shot; return its time and quality, with None for figures that are not known.
 
-    `seconds` is the time from the measurement to the views at full size. `heldout_db` is −20 lg of the rms error of the
-    predicted measurement on pixels that the trial did not see, in full scales of one view: the measurement's own noise
-    limits it.
+    `seconds` is the time from the measurement to the views at full size, registration included. `heldout_db` is −20 lg
+    of the rms error of the predicted measurement on pixels that the trial did not see, in full scales of one view: the
+    measurement's own noise limits it. The prediction uses the masks and weights that the trial corrected.
     """
-    holdout = Holdout.of(shot, JUDGED_SHARE, seed ^ _JUDGES)
     began_s = clock()
-    views, details = _treated(holdout.seen, trial, seed)
+    seen = register(shot, trial.settings.registration, seed=seed).shot
+    holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ _JUDGES)
+    treated = _treated(holdout.seen, trial, seed)
     seconds = clock() - began_s
-    rms, truth = holdout.residual_rms(views), shot.truth.views
+    views, truth = treated.views, shot.truth.views
+    rms = Holdout(replace(seen, weights=treated.weights), holdout.pixels).residual_rms(treated.coded)
     return {
         "trial": trial.name,
         "knob": trial.knob,
@@ -187,29 +192,50 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
         "psnr_db": None if truth is None else float(np.mean(psnr_per_view(views, truth))),
         "ssim": None if truth is None else float(np.mean(ssim_per_view(views, truth))),
         "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, _RMS_FLOOR)),
-        **details,
+        **treated.details,
     }
 
 
-def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> tuple[F32, Row]:
-    """Return the views, [N, H, W, C], and further figures."""
-    settings = replace(trial.settings, seed=seed)
-    small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
+@dataclass(frozen=True)
+class _Treated:
+    """What a trial made of a shot.
+
+    Args:
+        views: At full size, [N, H, W, C].
+        coded: The views that the measurement codes, likewise: the light during each mask's time.
+        weights: The weights that code them, [N].
+        details: Further figures of the row.
+    """
+
+    views: F32
+    coded: F32
+    weights: F32
     details: Row
+
+
+def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> _Treated:
+    """Treat a registered shot."""
+    off = replace(trial.settings.registration, mode="off")
+    settings = replace(trial.settings, registration=off, seed=seed)
+    small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
+
+    def full_size(views: F32) -> F32:
+        return views if trial.shrink == 1 else enlarged(views, trial.shrink, shot.size)
+
     if not trial.fits:
-        views, details = (
-            decode_by_name(small, settings.first_look, settings.decode),
-            {"iterations": 0, "gaussians": 0, "nate": None},
-        )
-    else:
-        result = reconstruct(small, settings).result
-        truth = shot.truth.world_to_camera
-        views = result.views
-        details = {
+        views = full_size(decode_by_name(small, settings.first_look, settings.decode))
+        return _Treated(views, views, shot.weights, {"iterations": 0, "gaussians": 0, "nate": None})
+    result = reconstruct(small, settings).result
+    views, truth, lit = full_size(result.views), shot.truth.world_to_camera, result.brightness
+    return _Treated(
+        views=views,
+        coded=views if result.exposed_views is None else full_size(result.exposed_views),
+        weights=shot.weights if lit is None else (shot.weights * np.array(lit)).astype(np.float32),
+        details={
             "iterations": result.curve[-1].iteration if result.curve else 0,
             "gaussians": result.gaussians,
             "nate": None if truth is None else trajectory_errors(result.world_to_camera, truth).nate,
             "verdict": result.verdict,
             "stopped": result.stopped.code.value,
-        }
-    return views if trial.shrink == 1 else enlarged(views, trial.shrink, shot.size), details
+        },
+    )

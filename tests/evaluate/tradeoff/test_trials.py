@@ -2,14 +2,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import shift as moved
+from skimage.data import astronaut
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import Truth
+from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
+from gs2ci.reconstruct.pipeline import Reconstruction
 from gs2ci.reconstruct.presets.named import PRESETS
+from gs2ci.reconstruct.registration.register import register
 from tests.benchmarks import heldout_order
 
 MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
@@ -28,6 +32,17 @@ def shot(make_run):
     given, _ = make_run(count=3, size=(32, 48))
     coded = np.einsum("nhw,nhwc->hwc", given.masks * given.weights[:, None, None], given.truth.views)
     return replace(given, measurement=coded.astype(np.float32), saturated=None).check()
+
+
+@pytest.fixture(scope="module")
+def photograph():
+    """Four views of a photograph that moves, coded by the masks as stated, with noise of 0.01."""
+    rng, picture = np.random.default_rng(5), astronaut()[60:300:2, 140:400:2].astype(float) / 255
+    views = np.stack([moved(picture, (0.3 * k, -0.7 * k, 0), order=1)[10:58, 10:74] for k in range(4)])
+    masks = (rng.random((4, 48, 64)) < 0.33).astype(np.float32)
+    coded = (masks[..., None] * views).sum(axis=0) + rng.normal(0, 0.01, views.shape[1:])
+    truth = Truth(views.astype(np.float32))
+    return Shot(coded.astype(np.float32), masks, np.ones(4, np.float32), truth=truth).check()
 
 
 def test_the_ladder_goes_from_the_decode_to_the_paper_and_every_other_trial_changes_one_thing():
@@ -124,6 +139,60 @@ def test_no_trial_sees_the_pixels_that_judge_it(shot, monkeypatch):
     # Views of nothing leave the whole measurement at these pixels unexplained, and nothing else counts.
     rms = np.sqrt(np.mean(shot.measurement[judges].astype(np.float64) ** 2))
     assert row["heldout_db"] == pytest.approx(-20 * np.log10(rms))
+
+
+@pytest.mark.parametrize("name", ["decode", "standard", "half the resolution"])
+def test_views_are_judged_through_the_masks_that_registration_found(photograph, name):
+    beside = replace(photograph, masks=np.roll(photograph.masks, (1, -1), axis=(1, 2)))
+    right, found = tried(photograph, quick(name), seed=1), tried(beside, quick(name), seed=1)
+    assert found["psnr_db"] > right["psnr_db"] - 1
+    assert found["heldout_db"] > right["heldout_db"] - 2
+
+
+def test_settings_that_do_not_register_are_judged_by_the_masks_as_stated(photograph):
+    beside = replace(photograph, masks=np.roll(photograph.masks, (1, -1), axis=(1, 2)))
+    trial = quick("decode")
+    off = replace(trial.settings.registration, mode="off")
+    assert tried(beside, replace(trial, settings=replace(trial.settings, registration=off)), seed=1)["heldout_db"] < 6
+
+
+def test_views_are_judged_with_the_weights_that_the_run_corrected(photograph):
+    wrong = replace(photograph, weights=np.array([0.7, 1.3, 0.8, 1.2], np.float32))
+    right = tried(photograph, quick("standard"), seed=1)["heldout_db"]
+    assert tried(wrong, quick("standard"), seed=1)["heldout_db"] > right - 2
+
+
+@pytest.mark.parametrize("name", ["standard", "half the resolution"])
+def test_the_light_during_each_mask_is_judged_and_the_middle_of_it_shown(make_run, monkeypatch, name):
+    shot, result = make_run(count=3, size=(32, 48))
+    even = replace(shot.truth, views=np.full_like(shot.truth.views, 0.5))
+    coded = np.einsum("nhw,nhwc->hwc", shot.masks, even.views).astype(np.float32)
+    shot = replace(shot, measurement=coded, truth=even)
+    factor = TRIALS[name].shrink
+    exposed = even.views[:, ::factor, ::factor]
+    given = replace(result, views=exposed + np.float32(0.1), exposed_views=exposed)
+    asked = []
+
+    def reconstructed(_shot, settings):
+        asked.append(settings.registration.mode)
+        return Reconstruction(given, None)
+
+    monkeypatch.setattr(trials, "reconstruct", reconstructed)
+    row = tried(shot, TRIALS[name], seed=1)
+    assert row["heldout_db"] > 90
+    assert row["psnr_db"] == pytest.approx(20, abs=0.01)
+    assert asked == ["off"]  # it is registered already
+
+
+def test_the_time_of_a_trial_includes_its_registration(shot, monkeypatch):
+    now = [0.0]
+
+    def slow(given, settings, **others):
+        now[0] += 5
+        return register(given, settings, **others)
+
+    monkeypatch.setattr(trials, "register", slow)
+    assert tried(shot, quick("decode"), seed=1, clock=lambda: now[0])["seconds"] == 5
 
 
 def test_a_trial_on_a_file_is_the_trial_on_its_shot(shot, tmp_path):
