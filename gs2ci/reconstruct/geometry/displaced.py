@@ -279,9 +279,9 @@ def _straightened(displaced: BlockDisplacements, on_canvas: F64) -> tuple[F64, B
         displaced: On the sensor.
         on_canvas: Where each pixel of the sensor lies on the canvas, [H, W, (x, y)].
     """
-    last = np.array(on_canvas.shape[1::-1]) - 1
-    columns, rows = np.minimum(displaced.centres_px, last).astype(np.int64).T
-    down, right = np.gradient(on_canvas, axis=(0, 1))
+    height, width = on_canvas.shape[:2]
+    columns, rows = np.minimum(displaced.centres_px, (width - 1, height - 1)).astype(np.int64).T
+    down, right = (np.gradient(on_canvas, axis=axis) for axis in (0, 1))
     stretch = np.stack([right[rows, columns], down[rows, columns]], axis=-1)  # [B, (x, y), by (x, y)]
     ways = np.eye(len(displaced.over_time))
     whole = np.einsum("fg,bij->bfigj", ways, stretch).reshape(len(stretch), 2 * len(ways), 2 * len(ways))
