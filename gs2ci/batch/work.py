@@ -20,7 +20,7 @@ from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
-from gs2ci.evaluate.environment import machine
+from gs2ci.evaluate.environment import machine, restart_peak
 from gs2ci.evaluate.report import read_report
 
 if TYPE_CHECKING:
@@ -108,6 +108,7 @@ def _done(task: Task) -> Row:
     Raises:
         Gs2ciError: The file or the folder cannot be seen from here, or the exposure cannot be reconstructed.
     """
+    restart_peak()  # a worker does one exposure after another, and each has a peak of its own
     one, host = task.exposure, socket.gethostname()
     for path in (task.output / ROWS_NAME, one.file):
         if not path.exists():

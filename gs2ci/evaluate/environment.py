@@ -7,6 +7,7 @@ import os
 import platform
 import resource
 import sys
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -14,6 +15,8 @@ from typing import Final
 import psutil
 
 CPU_LISTING: Final = Path("/proc/cpuinfo")
+PEAK_RESET: Final = Path("/proc/self/clear_refs")
+PROCESS_STATUS: Final = Path("/proc/self/status")
 REPORTED_PACKAGES: Final = (
     "gs2ci",
     "numpy",
@@ -48,8 +51,22 @@ def machine() -> dict[str, str | int]:
     }
 
 
+def restart_peak() -> None:
+    """Let the peak of this process's memory start anew, at what it holds now; only Linux can.
+
+    5 resets the peak alone (proc_pid_clear_refs(5)).
+    """
+    with suppress(OSError):
+        PEAK_RESET.write_text("5")
+
+
 def peak_mib() -> float:
-    """Measure the largest memory this process has held so far, in MiB."""
+    """Measure the largest memory this process has held, in MiB: since `restart_peak` on Linux, else since its start."""
+    # ru_maxrss would include what the process held before an exec, as a copy of its parent, and that does not restart.
+    if PROCESS_STATUS.is_file():
+        for line in PROCESS_STATUS.read_text(errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 2**10
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # getrusage counts in bytes on macOS, in kibibytes elsewhere (getrusage(2)).
     return peak / 2**20 if sys.platform == "darwin" else peak / 2**10

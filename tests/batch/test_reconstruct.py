@@ -5,6 +5,7 @@ import json
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +75,18 @@ def test_the_csv_holds_a_line_for_each_with_the_figures_of_its_report(finished):
     report = read_report(finished / "a-001")
     assert float(lines[1]["residual_rms"]) == report.residual.rms
     assert lines[1]["psnr_db"] == ""
+
+
+def hold(shot):
+    if shot.name == "shot 0":
+        np.ones(300 * 2**17).sum()  # 300 MiB, given back at once
+    return shot
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux restarts the peak")
+def test_each_run_has_its_own_peak_of_memory(file, tmp_path):
+    rows = reconstruct_many(list_exposures([file], every=True), tmp_path, QUICK, prepare=hold)
+    assert rows[1].peak_mib < rows[0].peak_mib - 100
 
 
 def test_the_page_links_to_every_run(finished):

@@ -1,4 +1,8 @@
 from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
 
 from gs2ci.evaluate import environment
 
@@ -26,9 +30,35 @@ def test_the_processor_is_named_where_there_is_no_cpuinfo(monkeypatch, tmp_path)
     assert environment.machine()["processor"]
 
 
-def test_peak_memory_is_read_in_the_systems_own_unit(monkeypatch):
+def test_peak_memory_is_read_in_the_systems_own_unit(monkeypatch, tmp_path):
+    monkeypatch.setattr(environment, "PROCESS_STATUS", tmp_path / "absent")
     monkeypatch.setattr(environment.sys, "platform", "linux")
     on_linux = environment.peak_mib()
     monkeypatch.setattr(environment.sys, "platform", "darwin")
     assert on_linux > 10
     assert environment.peak_mib() < on_linux / 500
+
+
+def test_both_sources_of_the_peak_agree(monkeypatch, tmp_path):
+    np.ones(100 * 2**17).sum()  # above all that came before, so that neither is of another time
+    told = environment.peak_mib()
+    monkeypatch.setattr(environment, "PROCESS_STATUS", tmp_path / "absent")
+    assert environment.peak_mib() >= 0.95 * told > 100
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux restarts the peak")
+def test_the_peak_of_one_run_is_not_that_of_the_run_before():
+    environment.restart_peak()
+    held = environment.peak_mib()
+    large = np.ones(200 * 2**17)  # 200 MiB
+    assert environment.peak_mib() > held + 190
+    del large
+    environment.restart_peak()
+    assert environment.peak_mib() < held + 50
+
+
+def test_where_no_peak_can_be_restarted_it_is_that_of_the_process(monkeypatch, tmp_path):
+    monkeypatch.setattr(environment, "PEAK_RESET", tmp_path / "absent" / "clear_refs")
+    before = environment.peak_mib()
+    environment.restart_peak()
+    assert environment.peak_mib() >= before
