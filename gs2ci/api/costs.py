@@ -97,7 +97,8 @@ def tradeoff(
 ) -> TradeoffFound:
     """Try presets and settings on one measurement, and report the seconds per decibel of each step.
 
-    Finished trials are kept in `<output>/cells`: a repeated call continues where an interrupted one stopped.
+    Finished trials are kept in `<output>/cells`: a repeated call continues where an interrupted one stopped, and tries
+    failed trials again.
 
     Args:
         shot: A shot file; or a shot, which is saved in `<output>/cells` for trials in other processes, under a name
@@ -193,7 +194,7 @@ def make_table(
 
     Args:
         table: Which one; a wrong name lists those that exist.
-        output: Folder for the pages and the finished cells, which are not computed again.
+        output: Folder for the pages and the finished cells, which are not computed again unless they failed.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is used.
             Makes tables affordable that would take hours.

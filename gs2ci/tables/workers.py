@@ -20,7 +20,7 @@ _LOST: Final[Row] = {"error": "the processes that worked on it died"}
 def complete(
     cells: Sequence[Cell], store: Store, *, processes: int = 1, scheduler: str = "", on_done: OnDone | None = None
 ) -> list[Row]:
-    """Return the rows of all cells, in their order; only cells that are not in the store are computed.
+    """Return the rows of all cells, in their order; only cells that the store lacks, or that failed, are computed.
 
     Args:
         cells: The work.
@@ -31,7 +31,8 @@ def complete(
         on_done: Called with cells done and cells in all, after each.
 
     Returns:
-        A row per cell; one whose workers died again and again holds an `error`, and is tried again next time.
+        A row per cell; one that failed, or whose workers died again and again, holds an `error`, and is tried again
+        next time: what failed may lie outside its key, a package that was missing or memory that ran out.
 
     Raises:
         InputError: Less than one process, no scheduler answers, or Dask is not installed.
@@ -41,7 +42,7 @@ def complete(
     if processes < 1:
         raise InputError(f"{processes} processes", allowed="1 or more")
     keys = [cell.key for cell in cells]
-    rows = {key: row for key in keys if (row := store.get(key)) is not None}
+    rows = {key: row for key in keys if (row := store.get(key)) is not None and "error" not in row}
     missing = {key: cell for key, cell in zip(keys, cells, strict=True) if key not in rows}
     on_done = on_done or (lambda _done, _total: None)
     on_done(len(rows), len(set(keys)))

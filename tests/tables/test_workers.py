@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import dask
 import distributed  # noqa: F401  imported within `dask.config.set`, its defaults would leave Dask's configuration with it
@@ -46,6 +47,23 @@ def test_what_is_in_the_store_is_not_done_again(store):
     cells = counting([1, 2])
     store.put(cells[0].key, {"value": "kept"})
     assert [row["value"] for row in complete(cells, store)] == ["kept", 2]
+
+
+def lacking(switch):
+    if not Path(switch).exists():
+        raise InputError("needs a package", remedy="install it")
+    return {"value": 1}
+
+
+def test_a_cell_that_failed_is_tried_again(store, tmp_path):
+    cells = [*counting([1]), Cell(lacking, {"switch": str(tmp_path / "installed")})]
+    assert "needs a package" in complete(cells, store)[1]["error"]
+    (tmp_path / "installed").touch()
+    heard = []
+    assert complete(cells, store, on_done=lambda done, _: heard.append(done))[1]["value"] == 1
+    assert heard == [1, 2]  # the first was there
+    (tmp_path / "installed").unlink()
+    assert complete(cells, store)[1]["value"] == 1
 
 
 def test_every_row_is_kept_as_soon_as_it_is_done(store):
