@@ -40,7 +40,8 @@ def evaluate(
         shot: The shot that was reconstructed, or one of the same measurement that also contains the truth; or a file.
         index: Which shot of the file.
         depth: True depth along the optical axis, [N, H, W] or its .npy file, in any unit, 0 where unknown.
-        novel: True views from other poses: an .npz file of `views` and `world_to_camera` in the true path's world.
+        novel: True views from other poses, as a pinhole with the shot's camera matrix sees them (undistort them if the
+            lens distorts): an .npz file of `views` and `world_to_camera` in the true path's world.
         read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
         electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; if not
             given, shot noise is not included.

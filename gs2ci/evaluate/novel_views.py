@@ -30,7 +30,7 @@ class NovelViews:
     """True views from poses that the measurement does not contain.
 
     Args:
-        views: [M, H, W, C] float32, full scale 1.
+        views: As a pinhole camera sees them, whatever the lens of the measurement: [M, H, W, C] float32, full scale 1.
         world_to_camera: Their poses in the world of the true camera path, [M, 4, 4].
     """
 
@@ -115,7 +115,7 @@ def score_novel_views(scene: Gaussians, alignment: Alignment, intrinsics: F64, n
     Args:
         scene: The recovered Gaussians.
         alignment: Alignment of the recovered camera path with the true one.
-        intrinsics: Camera matrix of the novel views in px, [3, 3].
+        intrinsics: Camera matrix of the novel views, which are a pinhole's, in px, [3, 3].
         novel: The true views.
     """
     poses = torch.from_numpy(poses_in_estimate(alignment, novel.world_to_camera)).float()

@@ -11,7 +11,9 @@ from gs2ci.evaluate.noise import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -82,6 +84,18 @@ def test_depth_noise_and_novel_views_are_judged_where_given(finished):
     assert found["depth"]["scale"] == pytest.approx(2)
     assert found["residual"]["chi2_per_pixel"] == pytest.approx((found["residual"]["rms"] / 0.02) ** 2, rel=1e-4)
     assert 0 < found["novel_views"]["psnr_db"]["mean"] < 100
+
+
+def test_novel_views_are_a_pinholes_whatever_the_lens(make_run, tmp_path):
+    """A true scene on the true path scores as exact beside views of a pinhole, though its shot was seen by a lens."""
+    shot, result = make_run(count=4, size=(24, 32))
+    bent, poses = np.array([-0.15, 0.05, 0, 0, 0]), shot.truth.world_to_camera
+    given = replace(shot, intrinsics=result.intrinsics, distortion=bent)
+    found = replace(result, world_to_camera=poses, distortion=bent)
+    folder = write_run(tmp_path / "run", given, found, one_gaussian())
+    pinhole = ShotRenderer(shot, result.intrinsics, load_backend())
+    novel = NovelViews(pinhole.views(one_gaussian(), torch.from_numpy(poses).float()), poses)
+    assert evaluate(read_run(folder), ReferenceData(given, novel=novel))["novel_views"]["psnr_db"]["mean"] > 60
 
 
 @pytest.mark.parametrize("channels", [1, 3])
