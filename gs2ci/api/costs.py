@@ -65,13 +65,18 @@ class TableMade:
     pages: list[Path]
 
     def records(self) -> list[dict[str, Any]]:
-        """Return the lines as plain values: case, line, mean and spread by measure, count of cells, errors."""
+        """Return the lines as plain values: case, line, mean and spread by measure, count of cells, errors.
+
+        `known` is by measure how many cells mean and spread are of: fewer than `count` if some have no such figure,
+        and no entry if nobody counted.
+        """
         return [
             {
                 "case": one.case,
                 "line": one.line,
                 "mean": dict(zip(self.measures, one.means, strict=True)),
                 "spread": dict(zip(self.measures, one.spreads, strict=True)),
+                "known": dict(zip(self.measures, one.known, strict=False)),
                 "count": one.count,
                 "errors": one.errors,
             }

@@ -141,14 +141,19 @@ def shown(measure: Measure, one: Figures, k: int, best: float | None = None) -> 
 
 
 def as_csv(table: Table, figures: Sequence[Figures]) -> str:
-    """Write the figures with full digits, one row for each line of each case."""
+    """Write the figures with full digits, one row for each line of each case.
+
+    Per measure: the mean, `_sd` the sample standard deviation, `_n` how many cells both are of, empty if nobody
+    counted.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    columns = [f"{measure.key}{ending}" for measure in table.measures for ending in ("", "_sd")]
+    columns = [f"{measure.key}{ending}" for measure in table.measures for ending in ("", "_sd", "_n")]
     writer.writerow(["case", "line", "cells", *columns, "errors"])
     for one in figures:
-        pairs = [value for pair in zip(one.means, one.spreads, strict=True) for value in pair]
-        writer.writerow([one.case, one.line, one.count, *pairs, "; ".join(one.errors)])
+        known = one.known or (None,) * len(one.means)
+        told = [value for measure in zip(one.means, one.spreads, known, strict=True) for value in measure]
+        writer.writerow([one.case, one.line, one.count, *told, "; ".join(one.errors)])
     return text.getvalue()
 
 

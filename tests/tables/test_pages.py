@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import pytest
 
+from gs2ci.api.costs import TableMade
 from gs2ci.core.errors import StorageError
 from gs2ci.tables.catalogue import Table, TableEntry
 from gs2ci.tables.cells import Cell
@@ -77,6 +78,22 @@ def test_csv_holds_all_digits(figures):
     assert rows[0]["psnr_db"] == "30.5"
     assert float(rows[0]["psnr_db_sd"]) == pytest.approx(0.5**0.5)
     assert (rows[2]["cells"], rows[2]["psnr_db"], rows[2]["errors"]) == ("0", "", "no depth")
+
+
+def test_csv_and_records_tell_of_how_many_cells_each_mean_is():
+    rows = [{"psnr_db": 29.0, "seconds": 9.0}, {"psnr_db": None, "seconds": 8.0}, {"error": "no depth"}]
+    figures = collect(TABLE, [TableEntry("one", "mixed", CELL)] * 3, rows)
+    (line,) = csv.DictReader(as_csv(TABLE, figures).splitlines())
+    assert (line["cells"], line["psnr_db_n"], line["seconds_n"]) == ("2", "1", "2")
+    (record,) = TableMade(("psnr_db", "seconds"), figures, "", []).records()
+    assert (record["count"], record["known"]) == (2, {"psnr_db": 1, "seconds": 2})
+
+
+def test_of_figures_that_nobody_counted_no_number_is_told(figures):
+    uncounted = [replace(one, known=()) for one in figures]
+    rows = list(csv.DictReader(as_csv(TABLE, uncounted).splitlines()))
+    assert [row["psnr_db_n"] for row in rows] == ["", "", ""]
+    assert TableMade(("psnr_db", "seconds"), uncounted, "", []).records()[0]["known"] == {}
 
 
 def test_three_files_are_written(figures, tmp_path):
