@@ -34,7 +34,7 @@ class Length:
         standard_error: Its standard error.
         points: Both points, in the world of the path, [2, 3].
         confidence: Confidence of both depths.
-        unit: "mm" if the path comes from a stage, otherwise "scene units".
+        unit: As `Report.length_unit` says it.
     """
 
     length: float
@@ -89,11 +89,9 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     # If the two points coincide, the line may have any direction: the largest error counts.
     direction = line / length if length > 0 else None
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
-    metric = run.report.geometry is not None and run.report.geometry.unit_of == "stage"
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
-    return Length(
-        length, float(np.sqrt(sum(variances))), np.stack(points), (seen[0], seen[1]), "mm" if metric else "scene units"
-    )
+    error = float(np.sqrt(sum(variances)))
+    return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit)
 
 
 def _pixel(given: Any, width: int, height: int) -> tuple[int, int]:

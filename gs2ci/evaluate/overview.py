@@ -218,7 +218,7 @@ def _depth_panel(axes: Axes, result: RunResult, report: Report, view: int) -> No
     inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
     limits = inverse_depth_limits(inverse.compressed())
     panels.scaled_map(axes, inverse, limits, colormap="viridis", reading=lambda value: 1 / value)
-    units = "no path found" if report.lacks_path else f"{result.geometry.get('unit_of') or 'scene'} units"
+    units = "no path found" if report.lacks_path else report.length_unit
     panels.title(axes, "Depth", f"view {view + 1}, {units}")
 
 

@@ -376,6 +376,19 @@ class Report(ReportSection):
         """Get whether the camera is known to have been at rest, so that there is neither a path nor a depth to show."""
         return self.found(Code.CAMERA_AT_REST) is not None or self.found(Code.CAMERA_GIVEN_AT_REST) is not None
 
+    @property
+    def length_unit(self) -> str:
+        """Get the unit of path, depth and scene: "mm" only if the stage of a real rig reported the poses.
+
+        Otherwise "scene units", which the images do not determine, or "units of the stage" or "of the file": a
+        simulated stage moves in its scene's units, and a file may have been converted from any unit.
+        """
+        source = None if self.geometry is None else self.geometry.unit_of
+        if source is None:
+            return "scene units"
+        # `gs2ci.rig.recording` writes "rig" for real devices only.
+        return "mm" if (source, self.provenance.get("source")) == ("stage", "rig") else f"units of the {source}"
+
     def found(self, code: Code) -> Finding | None:
         """Return the first finding of a kind; None where there is none."""
         return next((note for note in (self.stopped, *self.notes) if note.code is code), None)

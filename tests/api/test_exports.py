@@ -20,7 +20,9 @@ import gs2ci
 from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
+from gs2ci.evaluate.report import GeometrySection
 from tests.evaluate.pages.conftest import tab
+from tests.evaluate.reports import GEOMETRY
 
 __all__ = ["tab"]
 
@@ -82,8 +84,9 @@ def by_class(group, kind):
 def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
     """As a NeXus viewer goes: default, default, signal, axes (manual.nexusformat.org, "Find the plottable data")."""
     told = {"operator": "A. Name", "sample": "fern", "institution": "U", "experiment": 7, "humidity_percent": 41.5}
-    provenance = {"metadata": told, "taken_at": "2026-11-23T01:02:03+00:00"}
-    report = run.report.model_copy(update={"provenance": provenance})
+    provenance = {"metadata": told, "taken_at": "2026-11-23T01:02:03+00:00", "source": "rig"}
+    geometry = GeometrySection.model_validate({**GEOMETRY, "unit_of": "stage"})
+    report = run.report.model_copy(update={"provenance": provenance, "geometry": geometry})
     nexus.write_nexus(Path("told.nxs"), report, run.views, run.depth, exports._cameras(run))
     with h5py.File(gs2ci.export(run, "nexus")) as plain, h5py.File("told.nxs") as file:
         for opened in (plain, file):
@@ -97,6 +100,7 @@ def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
             assert [len(data[axis]) for axis in axes] == list(signal.shape)
             assert [int(data.attrs[f"{axis}_indices"]) for axis in axes] == [0, 1, 2, 3]
             np.testing.assert_array_equal(entry["depth/depth"], run.depth)
+            assert entry["depth/depth"].attrs["units"] == ("scene units" if opened is plain else "mm")
             assert entry["title"].asstr()[()] == run.report.name
             cameras = entry["instrument/detector/cameras"]
             np.testing.assert_array_equal(cameras["world_to_camera"], run.path)

@@ -58,10 +58,31 @@ def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
     assert measure(wall, (32, 24), (32, 24), 0).standard_error > 0.024
 
 
-def test_lengths_of_a_stage_are_in_millimetres(wall):
-    assert wall.report.geometry is not None
-    told = wall.report.model_copy(update={"geometry": wall.report.geometry.model_copy(update={"unit_of": "stage"})})
-    assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "mm"
+@pytest.mark.parametrize(
+    ("unit_of", "source", "unit"),
+    [
+        ("stage", "rig", "mm"),
+        ("stage", "simulated rig", "units of the stage"),
+        ("stage", "simulated exposure (gs2ci_sims)", "units of the stage"),
+        ("stage", "foreign.mat", "units of the stage"),
+        ("stage", None, "units of the stage"),
+        ("file", "rig", "units of the file"),
+        (None, "rig", "scene units"),
+    ],
+)
+def test_lengths_are_in_millimetres_only_if_the_stage_of_a_rig_reported_the_path(wall, unit_of, source, unit):
+    told = wall.report.model_copy(
+        update={
+            "geometry": wall.report.geometry.model_copy(update={"unit_of": unit_of}),
+            "provenance": {} if source is None else {"source": source},
+        }
+    )
+    assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == unit
+
+
+def test_lengths_of_a_run_without_geometry_are_in_units_of_the_scene(wall):
+    told = wall.report.model_copy(update={"geometry": None, "provenance": {"source": "rig"}})
+    assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "scene units"
 
 
 def test_pixels_are_whole_numbers_of_any_kind(wall):

@@ -206,7 +206,7 @@ def test_a_bayer_measurement_is_named_by_its_pattern(make_run):
     assert axes["Measurement"].get_title("right").startswith("RGGB mosaic")
 
 
-@pytest.mark.parametrize(("unit_of", "said"), [(None, "scene units"), ("stage", "stage units")])
+@pytest.mark.parametrize(("unit_of", "said"), [(None, "scene units"), ("stage", "units of the stage")])
 def test_depth_is_told_in_the_unit_that_it_has(make_run, unit_of, said):
     shot, result = make_run()
     _, _, axes = drawn(shot, replace(result, geometry={**result.geometry, "unit_of": unit_of}))

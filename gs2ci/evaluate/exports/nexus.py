@@ -62,7 +62,7 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
                 entry, "views", views, ("view", "y", "x", "channel"), "full scales", "views recovered from one exposure"
             )
             if depth is not None:
-                unit = (report.geometry.unit_of if report.geometry is not None else None) or "units of the path"
+                unit = report.length_unit
                 _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
             _instrument(entry, cameras, views.shape)
             _write_metadata(entry, metadata)
