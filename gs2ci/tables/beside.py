@@ -17,6 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.novel_views import VALUE_RANGE
 from gs2ci.tables.store import Row
 
 _ENDING: Final = ".beside.npz"
@@ -50,12 +51,15 @@ def tells_beside(file: Path) -> bool:
 def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
     """Read the true views beside a measurement's path; None if there is no such file.
 
+    Views of uint8 and uint16 are divided by their largest value; others have full scale 1.
+
     Args:
         file: The measurement's file.
         size: Height and width of the middle that is kept, px; None for all of it.
 
     Raises:
-        InputError: There is such a file, and it does not hold one or two views, or a depth of another size.
+        InputError: There is such a file, and it does not hold one or two views, values are far beyond the full scale,
+            or the depth has another size.
     """
     path = beside_file(file)
     if not path.is_file():
@@ -65,13 +69,22 @@ def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             views = arrays["views"]
             depth = arrays["depth"].astype(np.float32) if "depth" in arrays else None
-        views = (views / np.float32(255) if views.dtype == np.uint8 else views).astype(np.float32)
+        full = np.iinfo(views.dtype).max if views.dtype in (np.uint8, np.uint16) else 1
+        views = (views / np.float32(full)).astype(np.float32)
     except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
         raise InputError(f"{path} tells no views from beside the path: {error}", allowed=allowed) from error
-    fits = views.ndim == 4 and 1 <= len(views) <= len(PLACES) and views.shape[3] in (1, 3) and np.isfinite(views).all()
+    fits = views.ndim == 4 and views.size and len(views) <= len(PLACES) and views.shape[3] in (1, 3)
+    fits = fits and np.isfinite(views).all()
     if not fits or (depth is not None and depth.shape != views.shape[1:3]):
         told = "" if depth is None else f" and depth {list(depth.shape)}"
         raise InputError(f"{path} holds views {list(views.shape)}{told}", allowed=allowed)
+    least, most = VALUE_RANGE
+    if views.min() < least or views.max() > most:
+        raise InputError(
+            f"{path} holds views from {views.min():.4g} to {views.max():.4g}",
+            allowed="full scale 1, or uint8 or uint16 with their own full scale",
+            remedy="divide them by the value of white",
+        )
     if size is None:
         return BesideViews(views, depth)
     top, left = middle_begins((int(views.shape[1]), int(views.shape[2])), size)

@@ -73,6 +73,7 @@ def test_of_another_path_and_of_a_file_alone_nobody_knows(planes, tmp_path):
         ({"image": np.zeros((1, 4, 4, 3))}, "tells no views"),
         ({"views": np.zeros((3, 4, 4, 3))}, r"views \[3, 4, 4, 3\]"),
         ({"views": np.full((1, 4, 4, 3), np.nan)}, "holds views"),
+        ({"views": np.zeros((1, 0, 4, 3))}, r"views \[1, 0, 4, 3\]"),
         ({"views": np.zeros((1, 4, 4, 3)), "depth": np.zeros((4, 5))}, r"depth \[4, 5\]"),
     ],
 )
@@ -82,6 +83,25 @@ def test_a_file_that_tells_nothing_of_use_is_refused(tmp_path, arrays, why):
     with pytest.raises(InputError, match=why) as caught:
         read_beside(str(file), None)
     assert "between, beyond" in caught.value.allowed
+
+
+@pytest.mark.parametrize("white", [np.uint8(255), np.uint16(65535), np.float32(1), np.float64(1)])
+def test_views_are_scaled_by_the_white_of_their_type(tmp_path, white):
+    views = np.zeros((2, 4, 4, 3), white.dtype)
+    views[1] = white
+    np.savez(beside_file(str(tmp_path / "a.npz")), views=views)
+    told = read_beside(str(tmp_path / "a.npz"), None)
+    assert told.views.dtype == np.float32
+    assert (np.unique(told.views[0]), np.unique(told.views[1])) == (0, 1)
+
+
+@pytest.mark.parametrize("value", [np.float32(255), np.float32(-0.6), np.int16(255), np.uint32(65535)])
+def test_views_of_another_scale_are_refused(tmp_path, value):
+    np.savez(beside_file(str(tmp_path / "a.npz")), views=np.full((1, 4, 4, 3), value))
+    with pytest.raises(InputError, match="holds views from") as caught:
+        read_beside(str(tmp_path / "a.npz"), None)
+    assert "full scale 1" in caught.value.allowed
+    assert "white" in caught.value.remedy
 
 
 def test_each_place_has_its_score_and_none_where_nobody_knows():
