@@ -75,7 +75,8 @@ def carriage_of(
     if table.stage is None or travel is None:
         return None
     mount = table.stage.mount
-    unit = table.world.scene_units_per_mm if table.world else 1.0
+    # The rig file of a real stage may keep the [world] in which it was tried.
+    unit = table.world.scene_units_per_mm if table.world and "stage" in table.simulated else 1.0
     per_mm = {} if mount is None else {axis: np.array(getattr(mount, axis), np.float64) for axis in ("x", "y", "z")}
     measured = {} if calibrated is None else calibrated.axes
     per_mm |= {axis: found.per_mm for axis, found in measured.items()}

@@ -142,6 +142,12 @@ def test_the_pose_is_the_identity_in_the_middle_of_the_travel():
     assert poses[:, :3, 3] == pytest.approx(np.array([[2.0, 0, 0], [0, 0, 0], [-2.0, 0, 0]]))
 
 
+def test_a_real_stage_is_in_millimetres_whatever_the_world_that_its_rig_was_tried_in():
+    carriage = carriage_of(table({"mount": {}, "port": "/dev/ttyUSB0"}, scene_units_per_mm=0.01), TRAVEL, None)
+    poses = carriage.world_to_camera(np.array([[10.0], [12.0]]), ("x",))
+    assert poses[0, :3, 3] == pytest.approx([2.0, 0, 0])
+
+
 def test_the_unit_of_a_simulated_scene_holds_for_measured_axes_too():
     carriage = carriage_of(table({"mount": {}}, scene_units_per_mm=0.1), TRAVEL, measured())
     poses = carriage.world_to_camera(np.array([[13.0]]), ("x",))
