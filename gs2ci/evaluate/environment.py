@@ -7,7 +7,6 @@ import os
 import platform
 import resource
 import sys
-from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -51,13 +50,16 @@ def machine() -> dict[str, str | int]:
     }
 
 
-def restart_peak() -> None:
-    """Let the peak of this process's memory start anew, at what it holds now; only Linux can.
+def restart_peak() -> bool:
+    """Let the peak of this process's memory start anew, at what it holds now; False where that cannot be (Linux can).
 
     5 resets the peak alone (proc_pid_clear_refs(5)).
     """
-    with suppress(OSError):
+    try:
         PEAK_RESET.write_text("5")
+    except OSError:
+        return False
+    return True
 
 
 def peak_mib() -> float:

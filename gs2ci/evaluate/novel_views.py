@@ -22,7 +22,7 @@ from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 # Of views with full scale 1: noise and overshoot reach a little beyond 0 and 1. What reaches further has another scale.
-VALUE_RANGE: Final = (-0.5, 1.5)
+_VALUE_RANGE: Final = (-0.5, 1.5)
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,24 @@ def read_novel_views(path: Path) -> NovelViews:
             f"{path} holds views {list(views.shape)} and poses {list(poses.shape)}",
             allowed="finite [M, H, W, C] with C = 1 or 3, and [M, 4, 4]",
         )
-    least, most = VALUE_RANGE
+    check_full_scale(path, views)
+    check_rigid(f"{path}: world_to_camera", poses)
+    return NovelViews(views, poses)
+
+
+def check_full_scale(path: Path, views: F32) -> None:
+    """Check that the true views of a file have full scale 1.
+
+    Raises:
+        InputError: They reach farther than noise and overshoot do.
+    """
+    least, most = _VALUE_RANGE
     if views.min() < least or views.max() > most:
         raise InputError(
             f"{path} holds views from {views.min():.4g} to {views.max():.4g}",
             allowed="full scale 1, or uint8 or uint16 with their own full scale",
             remedy="divide them by the value of white",
         )
-    check_rigid(f"{path}: world_to_camera", poses)
-    return NovelViews(views, poses)
 
 
 def beside_path(world_to_camera: F64) -> F64:

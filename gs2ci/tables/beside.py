@@ -17,7 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.evaluate.novel_views import VALUE_RANGE
+from gs2ci.evaluate.novel_views import check_full_scale
 from gs2ci.tables.store import Row
 
 _ENDING: Final = ".beside.npz"
@@ -78,13 +78,7 @@ def read_beside(file: str, size: tuple[int, int] | None) -> BesideViews | None:
     if not fits or (depth is not None and depth.shape != views.shape[1:3]):
         told = "" if depth is None else f" and depth {list(depth.shape)}"
         raise InputError(f"{path} holds views {list(views.shape)}{told}", allowed=allowed)
-    least, most = VALUE_RANGE
-    if views.min() < least or views.max() > most:
-        raise InputError(
-            f"{path} holds views from {views.min():.4g} to {views.max():.4g}",
-            allowed="full scale 1, or uint8 or uint16 with their own full scale",
-            remedy="divide them by the value of white",
-        )
+    check_full_scale(path, views)
     if size is None:
         return BesideViews(views, depth)
     top, left = middle_begins((int(views.shape[1]), int(views.shape[2])), size)

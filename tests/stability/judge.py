@@ -39,6 +39,7 @@ from gs2ci.core.findings import Code, Finding, Weight
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
+from gs2ci.evaluate.environment import peak_mib, restart_peak
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
@@ -200,28 +201,12 @@ def read_within_memory(path: Path) -> Shot:
     Raises:
         MemoryError: Reading took more than `READING_MIB`, whether it then succeeded or not.
     """
-    reset, before = reset_peak(), peak_mib()
+    restarted, before = restart_peak(), peak_mib()
     try:
         return read_shot(path)
     finally:
-        if reset and peak_mib() - before > READING_MIB:
+        if restarted and peak_mib() - before > READING_MIB:
             raise MemoryError(f"reading took {peak_mib() - before:.0f} MiB")
-
-
-def reset_peak() -> bool:
-    """Let the peak of this process's memory start anew; False where the system cannot (Linux can)."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return False
-    return True
-
-
-def peak_mib() -> float:
-    """Return the peak of this process's resident memory since `reset_peak`."""
-    status = Path("/proc/self/status")
-    peak = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
-    return int(peak.group(1)) / 1024 if peak else 0.0
 
 
 def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome:
