@@ -34,7 +34,7 @@ from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.noise import mean_power, noise_of_readings
+from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
@@ -83,7 +83,8 @@ def hand_over(
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
     noise_by_reading = noise_of_readings(holdout, ensemble.views)
-    noise = mean_power(noise_by_reading, holdout, ensemble.views)
+    least_noise = mean_power(noise_by_reading, holdout)
+    noise = least_noise * followed(holdout, ensemble.views)
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
     refined_views, notes = _polished_densely(holdout, by_share, polishing)
@@ -100,8 +101,8 @@ def hand_over(
     near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
-    # than another decode.
-    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, noise):
+    # than another decode. The least noise decides: detail that the scene lacks, which polishing adds, may look like more.
+    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings, noise_by_reading))

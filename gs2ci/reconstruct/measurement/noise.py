@@ -45,26 +45,31 @@ def noise_of_readings(holdout: Holdout, views: F32) -> F32:
     return np.interp(predicted, middle, power).astype(np.float32)
 
 
-def mean_power(noise: F32, holdout: Holdout, views: F32) -> float:
-    """Return the mean power of the noise over the usable pixels, and of what the views have followed of it.
+def mean_power(noise: F32, holdout: Holdout) -> float:
+    """Return the mean power of the noise, [H, W, C], over the usable pixels; 0 if there is none."""
+    usable = holdout.shot.usable
+    return float(noise[usable].mean(dtype=np.float64)) if usable.any() else 0.0
+
+
+def followed(holdout: Holdout, views: F32) -> float:
+    """Return by what factor the mean power of the noise may exceed the one above, since the views have followed it.
 
     Where a fit has followed noise, its residual is too small at pixels that it saw, and too large by about the same
     factor at held-out ones, where what it followed is an error: the power is the geometric mean of the two. Detail that
-    the views lack counts as noise too. A decode that adds this detail must not weigh so much noise, hence its map.
+    the views lack counts as noise too. A decode that adds this detail must not weigh so much noise, but weights of
+    candidates that repeat noise must.
 
     Args:
-        noise: In each reading, `noise_of_readings` of these views.
         holdout: The measurement.
-        views: Of the scene, [N, H, W, C].
+        views: Of the scene, [N, H, W, C], from which the noise of the readings was estimated.
 
     Returns:
-        In squared units of the measurement; 0 if there is no usable pixel.
+        At least 1; 1 if there are no such pixels.
     """
     usable = holdout.shot.usable
-    if not usable.any():
-        return 0.0
     seen, unseen = usable & ~holdout.pixels, usable & holdout.pixels
+    if not (seen.any() and unseen.any()):
+        return 1.0
     left = np.abs(holdout.shot.measurement - holdout.coded(views))
-    at_seen, at_unseen = (float(np.median(left[one])) if one.any() else 0.0 for one in (seen, unseen))
-    followed = at_unseen / at_seen if at_seen > 0 else 0.0
-    return max(1.0, followed / _FOLLOWED) * float(noise[usable].mean(dtype=np.float64))
+    at_seen, at_unseen = float(np.median(left[seen])), float(np.median(left[unseen]))
+    return max(1.0, at_unseen / at_seen / _FOLLOWED) if at_seen > 0 else 1.0

@@ -15,7 +15,7 @@ from gs2ci.reconstruct.fit.combination import (
     shares,
 )
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.noise import mean_power, noise_of_readings
+from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 
 SIZE, VIEWS = (48, 64), 6
 
@@ -40,7 +40,7 @@ def holdout(truth):
 
 
 def noise_power(holdout, views):
-    return mean_power(noise_of_readings(holdout, views), holdout, views)
+    return mean_power(noise_of_readings(holdout, views), holdout) * followed(holdout, views)
 
 
 def noisy(views, seed, deviation=0.1):

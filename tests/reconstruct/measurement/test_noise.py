@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.noise import mean_power, noise_of_readings
+from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 
 SIZE, VIEWS = (48, 64), 6
 # A fit follows some of the noise, for which the estimate makes up; the truth follows none.
@@ -39,7 +39,7 @@ def test_the_noise_is_told_also_where_a_model_is_wrong_in_places(noise, channels
     found = noise_of_readings(holdout, wrong)
     assert found.shape == holdout.shot.measurement.shape
     assert found.dtype == np.float32
-    assert mean_power(found, holdout, wrong) == pytest.approx(FOLLOWED * noise**2, rel=0.15)
+    assert mean_power(found, holdout) == pytest.approx(FOLLOWED * noise**2, rel=0.15)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5])
@@ -51,7 +51,9 @@ def test_what_a_fit_has_followed_counts_as_noise_on_the_average(share):
     change = np.where(holdout.pixels[..., None], strange, share * (holdout.shot.measurement - light))
     masks = holdout.shot.masks
     fit = (views + masks[..., None] * (change / np.maximum(masks.sum(axis=0), 1)[..., None])).astype(np.float32)
-    assert mean_power(noise_of_readings(holdout, fit), holdout, fit) == pytest.approx(noise**2, rel=0.15)
+    found = mean_power(noise_of_readings(holdout, fit), holdout) * followed(holdout, fit)
+    assert found == pytest.approx(noise**2, rel=0.15)
+    assert followed(holdout, views) == pytest.approx(1, abs=0.1)
 
 
 def test_bright_readings_have_the_noise_of_their_photons():
@@ -69,7 +71,8 @@ def test_there_is_no_noise_where_no_pixel_can_tell():
     clipped = Holdout(replace(holdout.shot, saturated=np.ones(SIZE, bool)), np.zeros(SIZE, bool))
     found = noise_of_readings(clipped, views)
     assert not found.any()
-    assert mean_power(found, clipped, views) == 0.0
+    assert mean_power(found, clipped) == 0.0
+    assert followed(clipped, views) == 1.0
 
 
 def test_a_picture_of_few_pixels_has_one_class():
