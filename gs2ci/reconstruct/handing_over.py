@@ -101,7 +101,7 @@ def hand_over(
     near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
     # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
-    # than another decode. The least noise decides: detail that the scene lacks, which polishing adds, may look like more.
+    # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
