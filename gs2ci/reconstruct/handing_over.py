@@ -130,12 +130,12 @@ def hand_over(
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
     return Recovered(
-        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, noise), *notes)
+        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, least_noise), *notes)
     )
 
 
 def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
-    """Report the expected error of views if it is large enough to be visible."""
+    """Report the expected error of views if it is large enough to be visible; too much noise would hide it."""
     rms = expected_rms(holdout, given, noise)
     if rms is None or rms < _ERRS:
         return ()
