@@ -18,10 +18,10 @@ from gs2ci_calibration.frames import (
     PRIOR_FREEDOM,
     SIGNIFICANT,
     Dark,
+    by_colour,
     check_dead,
     check_lamp,
     check_stack,
-    even_colours,
     mean_and_variance,
     mean_error,
     root,
@@ -204,11 +204,13 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate, *, mosa
     mean, variance = mean_and_variance(steadied)
     dark_error = np.hypot(found.offset_error_dn, found.current_error_dn_per_s * exposure_s)
     error = np.hypot(mean_error(variance, len(flat)), dark_error)
-    dead = (mean < SIGNIFICANT * error) | (mean < LOW_RESPONSE * (_colour_medians(mean) if mosaic else np.median(mean)))
+    middle = by_colour(mean, np.ones(mean.shape, np.bool_), np.median) if mosaic else np.median(mean)
+    dead = (mean < SIGNIFICANT * error) | (mean < LOW_RESPONSE * middle)
     check_dead(STEP, dead)
     typical = float(mean[~dead].mean())
     # Over the mean of its colour: the lamp, not the pixel, makes one colour darker than another.
-    even = even_colours(mean, dead) if mosaic else mean / typical
+    level = by_colour(mean, ~dead, np.mean) if mosaic else np.full(mean.shape, typical)
+    even = mean / level
     low = float(np.quantile(even[~dead], 0.02))
     if low < UNEVEN_LIMIT:
         whose = "their colour's" if mosaic else "its"
@@ -230,22 +232,9 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate, *, mosa
         np.where(dead, 1.0, relative),
         dead,
         (typical / exposure_s, float(np.hypot(rate_error, shot_error)) / exposure_s),
-        _spread(
-            np.where(dead, 1.0, even),
-            noise * np.square(even / np.where(dead, 1.0, mean)),
-            ~(dead | found.dark.hot),
-            len(flat) - 1,
-        ),
+        _spread(even, noise / np.square(level), ~(dead | found.dark.hot), len(flat) - 1),
         lamp.flicker,
     )
-
-
-def _colour_medians(values: F64) -> F64:
-    """Return for each pixel, [H, W], the median of those in its place of a colour filter array's 2 x 2 pattern."""
-    medians = np.empty_like(values)
-    for row, column in np.ndindex(2, 2):
-        medians[row::2, column::2] = np.median(values[row::2, column::2])
-    return medians
 
 
 def _take_darks(bench: Bench) -> Darks:

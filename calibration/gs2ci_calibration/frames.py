@@ -4,6 +4,7 @@ Pure: arrays in, numbers out, `CalibrationError` if the frames cannot be used. N
 procedures.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -119,18 +120,19 @@ def trimmed_mean(values: F64) -> float:
     return float(flat[: max(int(np.ceil(flat.size * 0.99)), 1)].mean())
 
 
-def even_colours(response: F64, dead: Bool) -> F64:
-    """Return the response behind a colour filter array, [H, W], with a mean of 1 in each place of its 2 x 2 pattern.
+def by_colour(values: F64, good: Bool, statistic: Callable[[F64], float]) -> F64:
+    """Return for each pixel, [H, W], a statistic of the good ones in its place of a mosaic's 2 x 2 pattern.
 
     Args:
-        response: Sensitivity of each pixel, [H, W].
-        dead: Pixels that do not count in the means, [H, W].
+        values: Of the pixels, [H, W].
+        good: Pixels that count, [H, W].
+        statistic: Of the values of some pixels, [K].
     """
-    even = response.copy()
+    found = np.empty_like(values)
     for row, column in np.ndindex(2, 2):
         phase = np.s_[row::2, column::2]
-        even[phase] /= response[phase][~dead[phase]].mean()
-    return even
+        found[phase] = statistic(values[phase][good[phase]])
+    return found
 
 
 def rounding_bias_dn(noise_dn: float) -> float:

@@ -103,7 +103,7 @@ def row_of(name: str, file: Path, index: int, key: str, report: Report, *, machi
 def read_row(output: Path, name: str) -> Row | None:
     """Return the row of an exposure; None if there is none or it cannot be read: the exposure is then done again."""
     try:
-        return Row.model_validate_json((output / ROWS_NAME / f"{name}.json").read_bytes())
+        return Row.model_validate_json(_place(output, name).read_bytes())
     except (OSError, ValidationError):
         return None
 
@@ -114,7 +114,7 @@ def write_row(output: Path, row: Row) -> None:
     Raises:
         StorageError: The disk refuses.
     """
-    write_whole(output / ROWS_NAME / f"{row.name}.json", row.model_dump_json(indent=1) + "\n", parents=True)
+    write_whole(_place(output, row.name), row.model_dump_json(indent=1) + "\n", parents=True)
 
 
 def remove_row(output: Path, name: str) -> None:
@@ -123,7 +123,11 @@ def remove_row(output: Path, name: str) -> None:
     Raises:
         OSError: The disk refuses.
     """
-    (output / ROWS_NAME / f"{name}.json").unlink(missing_ok=True)
+    _place(output, name).unlink(missing_ok=True)
+
+
+def _place(output: Path, name: str) -> Path:
+    return output / ROWS_NAME / f"{name}.json"
 
 
 def read_rows(output: Path) -> list[Row]:

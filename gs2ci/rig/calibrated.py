@@ -18,7 +18,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import STEP, fit
-from gs2ci_calibration.frames import Dark, even_colours
+from gs2ci_calibration.frames import Dark, by_colour
 from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
 
@@ -180,7 +180,7 @@ class Calibrated:
     def _flat(self, dark: Dark, *, mosaic: bool) -> F64:
         flat = self.bundle.sections["dark-flat"].array("response").astype(np.float64)
         if mosaic:
-            flat = even_colours(flat, dark.dead)
+            flat /= by_colour(flat, ~dark.dead, np.mean)
         return np.where(dark.dead, 1.0, flat)
 
 

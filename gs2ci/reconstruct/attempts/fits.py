@@ -184,18 +184,17 @@ class Fits:
     def release(self, still: Attempt) -> Attempt:
         """Continue the fits of a still scene with motion allowed."""
         freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
-        team, paths = [], []
+        team, paths = [], {}
         # Fits along another doubtful path may have another camera matrix than the attempt.
         alike = [fit for fit in still.fits if np.array_equal(fit.intrinsics, still.geometry.intrinsics)]
         for number, fit in enumerate(alike):
             start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
             seed = member_seed(self.settings.seed, number)
             team.append(Member(start, freed.settings.fit.density, seed, fit.outside))
-            paths.append(replace(still.geometry, world_to_camera=fit.world_to_camera))
+            paths[seed] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            along = next(path for one, path in zip(team, paths, strict=True) if one is member)
-            return freed.fit_one(along)(member, progress, pace)
+            return freed.fit_one(paths[member.seed])(member, progress, pace)
 
         fits = fit_together(fit_one, tuple(team), self.progress, None, self.halt)
         return replace(still, fits=fits, ensemble=self._mean(fits, "fit"))
