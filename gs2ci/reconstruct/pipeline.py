@@ -95,7 +95,7 @@ def reconstruct(
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
-    holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed)
+    holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
 
     again = budget is None and settings.may_look_again
     first = (look_closer if again else look)(

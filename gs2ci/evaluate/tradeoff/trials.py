@@ -179,8 +179,9 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
     measurement's own noise limits it. The prediction uses the masks and weights that the trial corrected.
     """
     began_s = clock()
-    seen = register(shot, trial.settings.registration, seed=seed).shot
-    holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ _JUDGES)
+    registered = register(shot, trial.settings.registration, seed=seed)
+    seen = registered.shot
+    holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ _JUDGES, registered.averaged)
     treated = _treated(holdout.seen, trial, seed)
     seconds = clock() - began_s
     views, truth = treated.views, shot.truth.views

@@ -27,8 +27,15 @@ HELDOUT_SHARE: Final = 0.02
 SURE: Final = 2.0
 
 
-def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
+def choose_heldout(shot: Shot, share: float, seed: int, averaged: Bool | None = None) -> Bool:
     """Choose the pixels to hold out, [H, W] bool.
+
+    Args:
+        shot: The measurement.
+        share: Of the eligible pixels.
+        seed: Of the draw.
+        averaged: Pixels whose readings are averages over their neighbours, [H, W]: these predict each other, and are
+            not eligible.
 
     Only pixels that got light through some mask and are not saturated can judge a prediction. The few that read more
     than a white scene sends are excluded too, since a hot pixel or a lamp would outweigh hundreds of others; if these
@@ -39,6 +46,8 @@ def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
     odd = beyond_white(shot) & useful
     if odd.sum() <= MOST_OUTLIERS * useful.sum():
         useful &= ~odd
+    if averaged is not None:
+        useful = useful & ~averaged
     candidates = np.flatnonzero(useful)
     heldout = np.zeros(shot.size, bool)
     if len(candidates) < 2 or share <= 0:
@@ -70,9 +79,9 @@ class Holdout:
         self._coding = Coding(torch.from_numpy(self.weighted[..., None]), channels)
 
     @classmethod
-    def of(cls, shot: Shot, share: float, seed: int) -> Self:
+    def of(cls, shot: Shot, share: float, seed: int, averaged: Bool | None = None) -> Self:
         """Hold out a share of a shot's pixels, drawn as `choose_heldout` says."""
-        return cls(shot, choose_heldout(shot, share, seed))
+        return cls(shot, choose_heldout(shot, share, seed, averaged))
 
     @property
     def seen(self) -> Shot:

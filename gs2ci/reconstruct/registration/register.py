@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
@@ -75,6 +75,8 @@ class Registered:
         peak: The peak of the coarse correlation.
         first_mask: Index, from 0, in the given list, of the mask that was displayed first.
         tried: Value and standard error of the parameters that were not accepted, by name.
+        averaged: The pixels whose readings are averages over their neighbours, since no mask is known there, [H, W];
+            None if there are none. They cannot judge views.
         notes: For the user.
     """
 
@@ -88,6 +90,7 @@ class Registered:
     peak: Peak = field(default_factory=Peak.nothing)
     first_mask: int = 0
     tried: dict[str, tuple[float, float]] = field(default_factory=dict)
+    averaged: Bool | None = None
     notes: tuple[Finding, ...] = ()
 
     @property
@@ -160,6 +163,7 @@ class _Registration:
         self.given = self.shot = shot
         self.settings = settings
         self.seed = seed
+        self.averaged: Bool | None = None
         self.notes: list[Finding] = []
         self.found = Registered(shot)
 
@@ -182,6 +186,7 @@ class _Registration:
             peak=peak,
             first_mask=first,
             tried=tried,
+            averaged=self.averaged,
             notes=tuple(self.notes),
         )
 
@@ -246,6 +251,7 @@ class _Registration:
         if way is None:
             return Misfit(), {}, tried
         self.shot = way.shot
+        self.averaged = way.rim.unknown if way.rim.averaged else None
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
         if way.misfit.blur_px2 <= -_TOO_SOFT_PX2 and way.is_filtered:
             self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=-way.misfit.blur_sigma_px))

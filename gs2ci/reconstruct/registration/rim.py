@@ -28,9 +28,16 @@ _NARROW_PX: Final = 8.0
 
 @dataclass(frozen=True)
 class Rim:
-    """The pixels without a known mask, [H, W], and how they were filled."""
+    """The pixels without a known mask and how they were filled.
+
+    Args:
+        unknown: These pixels, [H, W].
+        averaged: Whether the readings there are averages, which predict each other and judge nothing.
+        notes: For the user.
+    """
 
     unknown: Bool
+    averaged: bool = False
     notes: tuple[Finding, ...] = ()
 
 
@@ -55,14 +62,15 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
     left = {name: _squares(shot, guess, unknown) for name, guess in guesses.items()}
     name = min(left, key=lambda one: float(left[one].mean()))
     if surely_larger(_squares(shot, flat, unknown), left[name]):
-        return _with(shot, guesses[name]), _guessed(unknown, f"according to the readings, the pattern {name} there")
-    averaged = _averaged(shot, unknown)
+        made = f"according to the readings, the pattern {name} there"
+        return _with(shot, guesses[name]), Rim(unknown, notes=_guessed(unknown, made))
     made = "the masks are not known there, and readings were averaged over some elements"
-    return _with(replace(shot, measurement=averaged), flat), _guessed(unknown, made)
+    rim = Rim(unknown, averaged=True, notes=_guessed(unknown, made))
+    return _with(replace(shot, measurement=_averaged(shot, unknown)), flat), rim
 
 
-def _guessed(unknown: Bool, made: str) -> Rim:
-    return Rim(unknown, (finding(Code.RIM_GUESSED, share=float(unknown.mean()), made=made),))
+def _guessed(unknown: Bool, made: str) -> tuple[Finding, ...]:
+    return (finding(Code.RIM_GUESSED, share=float(unknown.mean()), made=made),)
 
 
 def _with(shot: Shot, masks: F64) -> Shot:

@@ -62,6 +62,14 @@ def test_a_mask_of_no_weight_lets_no_light_through(shot):
     assert not chosen[:, 20:].any()
 
 
+def test_averages_of_readings_do_not_judge(shot):
+    averaged = np.zeros(shot.size, bool)
+    averaged[:, :9] = True
+    chosen = choose_heldout(shot, 0.2, seed=0, averaged=averaged)
+    assert not chosen[averaged].any()
+    assert chosen.sum() == round(0.2 * (shot.usable & ~averaged).sum())
+
+
 def test_the_seed_alone_decides_which(shot):
     first, again, other = (choose_heldout(shot, 0.1, seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)

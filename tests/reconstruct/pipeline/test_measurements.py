@@ -9,9 +9,11 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.registration.register import Registered
 from tests.reconstruct.pipeline.boards import HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board
 
 pytestmark = pytest.mark.slow
@@ -107,3 +109,21 @@ def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing
     exact = np.einsum("nhw,nhwc->hwc", exposed.masks, result.views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
     assert result.curve[-1].psnr_db > np.mean(psnr_per_view(result.decode, lit)) - 1
+
+
+def test_readings_that_registration_averaged_judge_no_views(shot, monkeypatch):
+    averaged = np.zeros(shot.size, bool)
+    averaged[:, :8] = True
+    judging = []
+
+    def stopped(holdout, *_):
+        judging.append(holdout.pixels)
+        raise InterruptedError
+
+    monkeypatch.setattr(pipeline, "register", lambda given, *_: Registered(given, averaged=averaged))
+    monkeypatch.setattr(pipeline, "look", stopped)
+    monkeypatch.setattr(pipeline, "look_closer", stopped)
+    with pytest.raises(InterruptedError):
+        reconstruct(shot, replace(SHORT, fit=replace(SHORT.fit, hold_out=HoldOut(share=0.2))))
+    assert judging[0].any()
+    assert not judging[0][averaged].any()

@@ -206,6 +206,7 @@ def test_a_pattern_that_begins_anew_is_recognised_at_the_rim(bench):
     found = register(bench.shoot(were=were))
     assert np.abs(found.shot.masks - were).mean() < 0.01
     assert any("repeats periodically" in note.sentence for note in found.notes)
+    assert found.averaged is None
 
 
 def test_an_unknown_rim_is_taken_to_be_grey(bench):
@@ -217,6 +218,7 @@ def test_an_unknown_rim_is_taken_to_be_grey(bench):
     band = found.shot.masks[:, :, :8]
     assert np.allclose(band, band[:, :1, :1])
     assert any("masks are not known there" in note.sentence for note in found.notes)
+    assert np.array_equal(found.averaged, np.broadcast_to(np.arange(were.shape[2]) < 9, were.shape[1:]))
 
 
 @pytest.mark.parametrize("what", ["other masks", "dark", "noise", "even sum", "small"])
