@@ -26,6 +26,10 @@ def test_a_scene_tells_its_median_depth_and_its_range(small_scene):
         ({"intrinsics": np.zeros((3, 3))}, "intrinsics"),
         ({"world_to_camera": np.eye(3)}, "camera pose"),
         ({"world_to_camera": np.full((4, 4), np.nan)}, "camera pose"),
+        ({"world_to_camera": np.diag([2.0, 2.0, 2.0, 1.0])}, "rigid"),
+        ({"world_to_camera": np.diag([-1.0, 1.0, 1.0, 1.0])}, "rigid"),
+        # A translation in the last row: the transposed matrix.
+        ({"world_to_camera": np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 2, 1]])}, "rigid"),
     ],
 )
 def test_scenes_that_contradict_themselves_are_refused(small_scene, changes, problem):
