@@ -133,6 +133,8 @@ def test_vibration_displaces_the_camera_by_its_amplitude_along_both_axes():
     path = StageVibration(0.02, 50.0).apply(StageMove((0.0, 0.0, 0.0)), RIG, rng())
     shift = path.world_to_camera(np.linspace(0, 0.1, 2001))[:, :3, 3]
     np.testing.assert_allclose(np.abs(shift).max(axis=0), [0.02, 0.02, 0.0], rtol=1e-3)
+    power = np.abs(np.fft.rfft(shift[:-1, :2], axis=0))
+    assert power.argmax(axis=0).tolist() == [5, 5]  # periods in 0.1 s
     assert path.highest_hz == 50.0
 
 
