@@ -53,6 +53,7 @@ def sweep(
     *,
     points: int = DEFAULT_POINTS,
     tolerance_dn: float | None = None,
+    rays: bool = False,
     progress: Progress | None = None,
 ) -> "tuple[FigureSweep, ...]":
     """Find the value of a rig parameter from which each effect matters; nothing is exposed.
@@ -63,13 +64,15 @@ def sweep(
             effects.stage_vibration.amplitude. All others keep the file's values.
         points: Values per parameter, 2 to 200.
         tolerance_dn: Largest total error of the readings, DN rms; by default the rig file's.
+        rays: Include the error of the rasteriser in each plan, and render Gaussians ray by ray if it is too large.
         progress: Receives each plan.
 
     Returns:
         One sweep per parameter.
 
     Raises:
-        InputError: A parameter is not in the file's tables, is no number or has no range, or a value cannot be planned.
+        InputError: A parameter is not in the file's tables, is no number or has no range, a value cannot be planned, or
+            a simulated bench with `rays`.
 
     Example:
         >>> (found,) = gs2ci.sweep("rig.toml", ["mask_s=0.02..0.04"], points=2)
@@ -93,7 +96,7 @@ def sweep(
         figure = names.get(name, _Figure(name, ""))
         own = _value_in_file(tables, figure.key)
         low, high = _span(text, span, own)
-        read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn), tables, figure.key)
+        read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn, rays=rays), tables, figure.key)
         values = along(low, high, points)
         sweeps.append(
             swept(

@@ -53,9 +53,11 @@ def run(
     """
     if picture is not None and not sweep:
         raise InputError("--picture without --sweep", remedy="say what to sweep: --sweep mask_s=0.001..0.1")
+    if explain and sweep:
+        raise InputError("--explain with --sweep", allowed="one of the two", remedy="explain one plan at a time")
     with answered(as_text=not json) as answer:
         if sweep:
-            answer({"sweeps": _swept(rig, sweep, points, options["tolerance_dn"], picture)})
+            answer({"sweeps": _swept(rig, sweep, points, picture, **options)})
             return
         decided = plans.plan(rig, **options)
         console = Console(highlight=False)
@@ -70,7 +72,7 @@ def run(
 
 
 def _swept(
-    rig: Path, quantities: tuple[str, ...], points: int, tolerance_dn: float | None, picture: Path | None
+    rig: Path, quantities: tuple[str, ...], points: int, picture: Path | None, **options: Any
 ) -> list[dict[str, Any]]:
     from gs2ci.api.sweeps import sweep
     from gs2ci_sims.sweeping import picture as drawn
@@ -79,7 +81,7 @@ def _swept(
         check_place(picture)
     figures = [figure for text in quantities for figure in text.split(",")]
     with open_display() as display:
-        sweeps = sweep(rig, figures, points=points, tolerance_dn=tolerance_dn, progress=display)
+        sweeps = sweep(rig, figures, points=points, progress=display, **options)
     console = Console(highlight=False)
     print_sweeps(sweeps, console)
     if picture is not None:

@@ -6,6 +6,7 @@ controller counts and where the carriage is. Not here: commands (`gs2ci_sims.wir
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 from math import copysign, inf, pi, sin, sqrt
 
 import numpy as np
@@ -108,9 +109,11 @@ class AxisMotion:
 
     def move_at(self, speed_mm_s: float, now_s: float) -> float:
         """Go on at a signed speed until told otherwise; return when the ramp ends."""
-        change = speed_mm_s * (1 + self.mechanics.speed_error) - self.speed_at(now_s)
-        ramp_s = abs(change) / self.acceleration_mm_s2
-        ends_s = self._run([(copysign(self.acceleration_mm_s2, change), ramp_s), (0.0, inf)], now_s)
+        a, v0, v1 = self.acceleration_mm_s2, self.speed_at(now_s), speed_mm_s * (1 + self.mechanics.speed_error)
+        # Where it turns round a piece ends, since there the play changes sides.
+        steps = [v0, 0.0, v1] if v0 * v1 < 0 else [v0, v1]
+        ramps = [(copysign(a, after - before), abs(after - before) / a) for before, after in pairwise(steps)]
+        ends_s = self._run([*ramps, (0.0, inf)], now_s)
         self.ends_s = inf
         return ends_s
 
@@ -139,9 +142,10 @@ class AxisMotion:
             distance, v0 = distance - braking, 0.0
         way = copysign(1.0, distance)
         distance, v0 = abs(distance), abs(v0)
-        peak = min(max(speed_mm_s, v0), sqrt(a * distance + v0 * v0 / 2))
-        cruise = distance - (2 * peak * peak - v0 * v0) / (2 * a)
-        legs += [(way * a, (peak - v0) / a), (0.0, max(cruise, 0.0) / peak if peak else 0.0), (-way * a, peak / a)]
+        peak = min(speed_mm_s, sqrt(a * distance + v0 * v0 / 2))
+        cruise = distance - (abs(peak * peak - v0 * v0) + peak * peak) / (2 * a)
+        ramp = (way * copysign(a, peak - v0), abs(peak - v0) / a)
+        legs += [ramp, (0.0, max(cruise, 0.0) / peak if peak else 0.0), (-way * a, peak / a)]
         return legs
 
     def _astray_mm(self, distance_mm: float) -> float:

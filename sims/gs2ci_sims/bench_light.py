@@ -24,7 +24,7 @@ from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import Studio, calibrated_masks, integrate, lens_of, read_out
-from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
+from gs2ci_sims.light_path import EffectChain, generator, sensor_effects, with_well_of
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
@@ -118,7 +118,7 @@ class BenchLight:
         renderer: Renderer | None = None,
     ) -> None:
         self.scene = scene
-        self.sensor = sensor
+        self.sensor = with_well_of(effects, sensor)
         self.plans: dict[int, Plan] = {}
         """The plan of each exposure, by its index."""
         self.registration = registration

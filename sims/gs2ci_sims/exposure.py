@@ -30,6 +30,7 @@ from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
@@ -384,7 +385,8 @@ def saturation_dn(chain: EffectChain) -> float:
     behind = EffectChain(steady, chain.seed, chain.rig)
     charge = behind.through(Stage.CHARGE, np.full((1, 1, 1), capacity_e))
     full_dn = float(behind.through(Stage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
-    return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, 2.0**sensor.bits - 1)
+    top_dn = next((effect.max_dn for effect in chain.effects if isinstance(effect, Quantisation)), 2**sensor.bits - 1)
+    return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, float(top_dn))
 
 
 def _check(scene: Scene, masks: F32, rig: Rig) -> None:

@@ -6,7 +6,7 @@ themselves (`effects`), which ones a measurement needs (`planner`), the exposure
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from functools import cache
 from typing import Any, Final, TypeVar
 
@@ -155,6 +155,12 @@ def generator(seed: int, name: str) -> np.random.Generator:
 def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
     """List the effects that every sensor has, with this one's figures."""
     return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
+
+
+def with_well_of(effects: Sequence[Effect], sensor: Sensor) -> Sensor:
+    """Return the data sheet with the full well of an effect that stands for its own: others act and count up to it."""
+    wells = [effect.capacity_e for effect in effects if isinstance(effect, FullWell)]
+    return replace(sensor, full_well_e=wells[0]) if wells else sensor
 
 
 def _refuse_negative(seed: int) -> None:

@@ -27,7 +27,7 @@ from gs2ci.core.config import read_toml, settings_from
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.light_path import LIGHT_PATH, generator, light_path, sensor_effects
+from gs2ci_sims.light_path import LIGHT_PATH, generator, light_path, sensor_effects, with_well_of
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
@@ -196,9 +196,10 @@ def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:
         tables, _tables("RigFile", **seeds, **records, effects=(_effects_model(kinds), None)), path
     )
     parts: dict[str, Any] = {name: _record(kind, getattr(file, name)) for name, kind in PARTS.items()}
-    rig = Rig(**parts, device_seed=file.device_seed)
     choices: dict[str, Any] = {name: _record(kind, getattr(file, name)) for name, kind in CHOICES.items()}
     effects = _effects(kinds, file.effects)
+    parts["sensor"] = with_well_of(effects, parts["sensor"])
+    rig = Rig(**parts, device_seed=file.device_seed)
     given = {effect.name for effect in effects}
     implied = [effect for effect in (MotionBlur(), *sensor_effects(rig.sensor)) if effect.name not in given]
     return Setup(rig, effects=(*implied, *effects), seed=file.seed, **choices)

@@ -13,7 +13,7 @@ import torch
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import check_intrinsics
+from gs2ci.core.records import check_intrinsics, check_rigid
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.rays.meshes import TexturedMesh
 
@@ -30,6 +30,9 @@ class Scene:
         depth: True depth (z) from the suggested camera, [H, W], scene units; NaN where nothing is.
         world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
         mesh: What is there instead of Gaussians; then there are none.
+
+    Raises:
+        InputError: Parts disagree, the pose is no rigid motion, or nothing is in front of the camera.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Scene:
                 f"scene {self.name!r}: camera pose {self.world_to_camera.tolist()}",
                 allowed="a rigid world-to-camera matrix, [4, 4], of finite numbers",
             )
+        check_rigid(f"scene {self.name!r}: the camera's poses", self.world_to_camera[None])
         if not (self.depth[np.isfinite(self.depth)] > 0).any():
             raise InputError(
                 f"scene {self.name!r} has nothing in front of its camera",

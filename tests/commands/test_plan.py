@@ -191,6 +191,20 @@ def test_a_sweep_is_printed_with_the_files_own_values(rig, capsys):
     assert plan_of(rig).tolerance_dn == 0.25
 
 
+def test_a_sweep_with_rays_is_of_plans_with_rays(rig, bench, capsys):
+    rig.write_text(RIG.replace("sigma_px = 1e-6", "sigma_px = 0.5"), encoding="utf-8")
+    plan.run(rig, sweep=("travel=1..2",), points=2, rays=True, json=True)
+    (travel,) = json.loads(capsys.readouterr().out)["sweeps"]
+    by_rays, rasterised = (
+        next(one.bound.rms_dn for one in plan_of(rig, rays=rays).decisions if one.name == "optics_psf")
+        for rays in (True, False)
+    )
+    assert travel["effects"]["optics_psf"]["bounds_dn"][0] == pytest.approx(by_rays, rel=1e-9)
+    assert by_rays != pytest.approx(rasterised, rel=1e-3)
+    with pytest.raises(InputError, match="--rays for the bench"):
+        plan.run(bench, sweep=("travel=0.5..2",), points=2, rays=True)
+
+
 def test_a_bench_is_swept_by_its_own_keys(bench, capsys):
     plan.run(bench, sweep=("travel=0.5..2",), points=2, json=True)
     (travel,) = json.loads(capsys.readouterr().out)["sweeps"]
@@ -212,6 +226,7 @@ def test_a_bench_is_swept_by_its_own_keys(bench, capsys):
         ({"sweep": ("mask_s=1..2",), "points": 1}, "1 points"),
         ({"sweep": ("scene.name.x=1..2",)}, "within scene.name, which is"),
         ({"picture": Path("x.png")}, "--picture without --sweep"),
+        ({"sweep": ("mask_s=1..2",), "explain": ("all",)}, "--explain with --sweep"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused(rig, options, words):

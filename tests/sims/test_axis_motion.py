@@ -20,11 +20,11 @@ def test_a_move_ends_at_rest_on_its_target_after_the_time_of_a_trapezoid(start, 
     assert axis.position_at(ends_s + 100) == axis.position_at(ends_s)
 
 
-@given(COORDINATES, COORDINATES, st.floats(0.0, 1.0), st.floats(0.5, 20))
-def test_a_newer_target_is_reached_from_any_motion(first, second, share, speed):
+@given(COORDINATES, COORDINATES, st.floats(0.0, 1.0), st.floats(0.5, 20), st.floats(0.5, 20))
+def test_a_newer_target_is_reached_from_any_motion(first, second, share, speed, other_speed):
     axis = AxisMotion(0.0, 40.0)
     ends_s = axis.move_to(first, speed, 0.0)
-    again_s = axis.move_to(second, speed, share * ends_s)
+    again_s = axis.move_to(second, other_speed, share * ends_s)
     assert axis.position_at(again_s) == pytest.approx(second, abs=1e-6)
     assert axis.speed_at(again_s) == pytest.approx(0.0, abs=1e-6)
 
@@ -98,6 +98,29 @@ def test_backlash_is_lost_at_every_reversal_and_only_there():
     assert axis.true_position_at(t) == pytest.approx(10.0)
     t = axis.move_to(10.02, 5.0, t)
     assert axis.true_position_at(t) == pytest.approx(10.0)
+
+
+def test_a_newer_move_goes_at_its_own_speed():
+    axis = AxisMotion(0.0, 10.0)
+    axis.move_to(100.0, 10.0, 0.0)
+    ends_s = axis.move_to(
+        100.0, 2.0, 2.0
+    )  # from 15 mm at 10 mm/s: 0.8 s and 4.8 mm to 2 mm/s, 0.2 s and 0.2 mm to rest
+    assert axis.speed_at(10.0) == pytest.approx(2.0)
+    assert ends_s == pytest.approx(2.0 + 0.8 + 80.0 / 2.0 + 0.2)
+    assert axis.position_at(ends_s) == pytest.approx(100.0)
+
+
+def test_the_play_is_left_where_a_given_speed_turns_round():
+    """The play operator, followed in small steps."""
+    axis = AxisMotion(0.0, 10.0, Mechanics(backlash_mm=0.5))
+    axis.move_at(5.0, 0.0)
+    axis.move_at(-5.0, 2.0)
+    behind, before = 0.0, 0.0
+    for t in np.linspace(0, 6, 6001):
+        counted = axis.position_at(t)
+        behind, before = min(max(behind + counted - before, 0.0), 0.5), counted
+        assert axis.true_position_at(t) == pytest.approx(counted - behind, abs=1e-5)
 
 
 def ends_of(mechanics, targets=(10.0, 0.0) * 20):

@@ -3,6 +3,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.object_motion import ObjectMotion
@@ -37,6 +38,11 @@ def test_a_fully_open_modulator_gives_the_scenes_radiance_in_dn():
     expected = 64.0 + views[0, ..., 0] * 50_000 * 0.02 / 2.7
     assert reading == pytest.approx(expected, abs=1.0)
     assert np.array_equal(poses[0], world.world_to_camera_at(0.0))
+
+
+def test_a_full_well_given_as_an_effect_is_the_sensors():
+    light, _ = make(effects=[FullWell(5000.0)])
+    assert light.sensor.full_well_e == light.nominal_rig(12).sensor.full_well_e == 5000.0
 
 
 def test_a_dark_modulator_gives_the_black_level():

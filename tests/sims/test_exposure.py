@@ -196,6 +196,15 @@ def test_masks_are_calibrated_against_the_open_field_behind_the_same_ghost_or_du
         np.testing.assert_allclose(found[:-1], masks * lit, atol=1e-6)
 
 
+def test_a_shot_states_the_least_share_of_the_scene_that_one_of_its_views_shows(small_scene, masks):
+    path = StageMove((-12.0, 0.0, 0.0))  # past the end of the backdrop
+    shot = shoot(small_scene, path, masks)
+    coverage = Renderer().views(small_scene, shot.truth.world_to_camera)[1]
+    shares = (coverage >= 0.99).mean(axis=(1, 2))
+    assert shares.min() < 0.9 * shares.max()
+    assert shot.provenance["covered_share"] == pytest.approx(shares.min())
+
+
 def test_the_same_seed_gives_the_same_shot_and_another_seed_another(small_scene, moving, masks):
     first, again, other = (
         shoot(small_scene, moving, masks, sensor_effects(SENSOR), seed=seed).measurement for seed in (1, 1, 2)

@@ -3,11 +3,13 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.dsnu import Dsnu
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.light_path import EffectChain, generator
+from gs2ci_sims.rig import Rig
 
 CHARGE = np.random.default_rng(3).uniform(0, 500, (40, 50, 3))
 
@@ -59,6 +61,12 @@ def test_generators_differ_by_name_and_by_seed_and_repeat():
     draws = {(seed, name): generator(seed, name).random() for seed in (0, 1) for name in ("a", "b")}
     assert len(set(draws.values())) == 4
     assert generator(1, "b").random() == draws[1, "b"]
+
+
+def test_effects_draw_independently_also_if_the_exposure_has_the_seed_of_the_device():
+    dark, rig = np.zeros((300, 300, 1)), Rig(device_seed=5)
+    drawn = [EffectChain([one], 5, rig).through(Stage.CHARGE, dark).ravel() for one in (ReadNoise(1.0), Dsnu(1.0))]
+    assert abs(np.corrcoef(*drawn)[0, 1]) < 5 / 300
 
 
 def test_an_effect_given_twice_is_refused():

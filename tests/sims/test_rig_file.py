@@ -4,8 +4,13 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.exposure import integrate
+from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import ReversingMove, StageMove
+from gs2ci_sims.planner import plan
 from gs2ci_sims.rig_file import read_rig_file, setup_from_tables
+from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.simulation_plan import SimulationTask
 
 
 def read(tmp_path, text):
@@ -58,6 +63,21 @@ def test_tables_become_records_and_integers_and_arrays_what_the_records_want(tmp
 def test_an_effect_of_the_file_replaces_what_the_sensor_implies(tmp_path):
     setup = read(tmp_path, "[effects.read_noise]\nsigma_e = 9.0")
     assert [effect.sigma_e for effect in setup.effects if effect.name == "read_noise"] == [9.0]
+
+
+def test_bounds_count_charge_up_to_the_full_well_that_the_file_gives_as_an_effect(tmp_path):
+    setup = read(tmp_path, "[light]\nfull_scale_photons = 6e4\n[modulator]\nmasks = 4\nopen_share = 1.0\n"
+                           "[path]\nparallax_px = 0.0\n[scene]\nheight = 24\nwidth = 32\n"
+                           "[effects.full_well]\ncapacity_e = 2e5\n")  # fmt: skip
+    assert setup.rig.sensor.full_well_e == 2e5
+    scene = setup.scene.build()
+    path = setup.path.build(scene, setup.rig.exposure_s)
+    decided = plan(SimulationTask(scene, path, setup.masks(), setup.rig, setup.effects))
+    bound = next(one.bound for one in decided.decisions if one.name == "shot_noise")
+    light = integrate(scene, path, setup.masks(), EffectChain(setup.effects, 0, setup.rig))
+    charge = setup.rig.sensor.quantum_efficiency * light.photons
+    assert charge.mean() > 4 * Sensor().full_well_e
+    assert bound.rms_dn >= setup.rig.dn_per_e * np.sqrt(charge.mean())
 
 
 def test_the_same_file_gives_the_same_masks_scene_and_path(tmp_path):

@@ -16,6 +16,11 @@ def test_a_scene_tells_its_median_depth_and_its_range(small_scene):
     assert scene.depth_range() == (2.0, 4.0)
 
 
+def test_the_range_of_depths_leaves_out_one_percent_at_either_end(small_scene):
+    depth = np.linspace(1.0, 101.0, small_scene.depth.size).reshape(small_scene.size)
+    assert dataclasses.replace(small_scene, depth=depth).depth_range() == pytest.approx((2.0, 100.0))
+
+
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
@@ -26,6 +31,10 @@ def test_a_scene_tells_its_median_depth_and_its_range(small_scene):
         ({"intrinsics": np.zeros((3, 3))}, "intrinsics"),
         ({"world_to_camera": np.eye(3)}, "camera pose"),
         ({"world_to_camera": np.full((4, 4), np.nan)}, "camera pose"),
+        ({"world_to_camera": np.diag([2.0, 2.0, 2.0, 1.0])}, "rigid"),
+        ({"world_to_camera": np.diag([-1.0, 1.0, 1.0, 1.0])}, "rigid"),
+        # A translation in the last row: the transposed matrix.
+        ({"world_to_camera": np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 2, 1]])}, "rigid"),
     ],
 )
 def test_scenes_that_contradict_themselves_are_refused(small_scene, changes, problem):

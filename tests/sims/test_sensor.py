@@ -80,6 +80,15 @@ def test_full_pixels_without_noise_are_told_wherever_their_reading_is_rounded_to
     assert (read_out(np.full((2, 2, 1), 1e6), chain) >= saturation_dn(chain)).all()
 
 
+@pytest.mark.parametrize(("bits", "marked"), [(10, True), (16, False)])
+def test_a_converter_of_another_depth_than_the_data_sheets_tells_what_it_clips(bits, marked):
+    chain = EffectChain([FullWell(1e6), Quantisation(bits)], 0)
+    photons = 2000 * SENSOR.electrons_per_dn / SENSOR.quantum_efficiency  # 2064 DN
+    reading = read_out(np.full((2, 2, 1), photons), chain)
+    assert (reading >= saturation_dn(chain)).all() == marked
+    assert (reading == 1023).all() == marked
+
+
 def test_a_pixel_well_below_the_full_well_is_not_called_saturated():
     assert not (readings(0.9 * SENSOR.full_well_e / SENSOR.quantum_efficiency) >= SATURATION_DN).any()
 

@@ -25,6 +25,12 @@ def test_a_bound_that_grows_as_a_power_of_the_figure_matters_from_where_it_meets
     assert ends == pytest.approx(0.5)
 
 
+def test_an_effect_matters_where_its_bound_is_above_the_limit():
+    one = sweep_of(just_below=[0.099] * 3, just_above=[0.101] * 3)
+    assert not one.matters("just_below").any()
+    assert one.matters("just_above").all()
+
+
 def test_an_effect_may_matter_everywhere_nowhere_or_in_between():
     one = sweep_of(everywhere=[1, np.inf, 1], nowhere=[0, 0, 0.1], between=[0.01, 1, 0.01])
     assert one.regimes("everywhere") == ((-math.inf, math.inf),)

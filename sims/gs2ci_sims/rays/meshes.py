@@ -71,16 +71,19 @@ class TexturedMesh:
             the texture repeats.
         which: Index of each triangle's texture, [F].
         textures: Linear radiance at least 0, [h, w, 3] each.
+        tints: Factors of the textures at the triangles' corners, interpolated between them, at least 0, [F, 3, 3]; None
+            has none.
         gloss: Highlights that move over the surfaces with the camera; None has none.
 
     Raises:
-        InputError: Shapes disagree, a number is not finite, or a texture is missing.
+        InputError: Shapes disagree, a number is not finite or negative, or a texture is missing.
     """
 
     corners: F64
     uv: F64
     which: NDArray[np.int64]
     textures: tuple[F32, ...]
+    tints: F64 | None = None
     gloss: Gloss | None = None
 
     def __post_init__(self) -> None:
@@ -90,6 +93,11 @@ class TexturedMesh:
             raise InputError(
                 f"a mesh with corners {list(self.corners.shape)}, uv {list(self.uv.shape)}, {len(self.which)} textures",
                 allowed="[F, 3, 3], [F, 3, 2] and [F], finite numbers",
+            )
+        tints = self.tints
+        if tints is not None and (tints.shape != (count, 3, 3) or not (np.isfinite(tints) & (tints >= 0)).all()):
+            raise InputError(
+                f"tints of shape {list(tints.shape)} on {count} triangles", allowed="[F, 3, 3] of finite numbers >= 0"
             )
         if self.gloss is not None and len(self.gloss.shine) != count:
             raise InputError(f"highlights of {len(self.gloss.shine)} triangles on {count}", allowed="equal numbers")
@@ -108,7 +116,8 @@ class TexturedMesh:
     def brightest(self) -> float:
         """Get the largest radiance of the mesh."""
         lobe = 0.0 if self.gloss is None else float(self.gloss.shine.max(initial=0))
-        return max((float(texture.max()) for texture in self.textures), default=0.0) + lobe
+        tint = 1.0 if self.tints is None else float(self.tints.max(initial=0))
+        return tint * max((float(texture.max()) for texture in self.textures), default=0.0) + lobe
 
 
 def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> tuple[F64, F64]:
@@ -130,6 +139,7 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
     texels = np.concatenate([np.zeros((0, 3)), *(texture.reshape(-1, 3) for texture in mesh.textures)])
     radiance, depth = _traced(
         *(begins, items, np.ascontiguousarray(corners), mesh.uv, mesh.which, shapes, starts, texels),
+        np.zeros((0, 3, 3)) if mesh.tints is None else mesh.tints,
         *_gloss_from(mesh.gloss, world_to_camera[:3, :3]),
         *(intrinsics, *size),
     )
@@ -175,6 +185,15 @@ def _highlight(
     return float(shine[face] * cosine**exponent) if cosine > 0 else 0.0
 
 
+@numba.njit(cache=True)
+def _tint(tints: F64, face: int, shares: tuple[float, float, float], channel: int) -> float:
+    """Return the factor of the texture at a place in a triangle, 1 if there are none."""
+    if len(tints) == 0:
+        return 1.0
+    first, second, third = tints[face, :, channel]
+    return float(shares[0] * first + shares[1] * second + shares[2] * third)
+
+
 def _bounds(corners: F64, intrinsics: F64) -> F64:
     """Return the bounds of triangles in the image, px, [F, 4]; a sphere's if a triangle reaches behind the camera."""
     middle = corners.mean(axis=1)
@@ -200,6 +219,7 @@ def _traced(
     shapes: Index,
     starts: Index,
     texels: F64,
+    tints: F64,
     normals: F64,
     shine: F64,
     exponent: float,
@@ -255,7 +275,8 @@ def _traced(
                     texel = starts[which[face]] + ((top + i) % rows) * columns + (left + j) % columns
                     for channel in range(3):
                         radiance[y, x, channel] += share * texels[texel, channel]
-                lobe = _highlight(normals, shine, face, (first, second, third), dx, dy, exponent, light)
+                shares = (first, second, third)
+                lobe = _highlight(normals, shine, face, shares, dx, dy, exponent, light)
                 for channel in range(3):
-                    radiance[y, x, channel] += lobe
+                    radiance[y, x, channel] = radiance[y, x, channel] * _tint(tints, face, shares, channel) + lobe
     return radiance, depth

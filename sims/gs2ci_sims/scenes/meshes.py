@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -29,6 +28,7 @@ AMBIENT: Final = 0.45
 # Strips and rings of a sphere.
 SPHERE_STEPS: Final = 24
 SRGB_KNEE: Final = 0.04045
+GLTF_SUFFIXES: Final = (".glb", ".gltf")
 
 
 def scene_from_mesh(
@@ -170,7 +170,7 @@ class MeshBuilder:
         normals = np.concatenate(self._normals)
         gloss = None if shine == 0 else Gloss(normals, np.full(len(normals), shine), exponent, towards_light)
         corners, uv = np.concatenate(self._corners), np.concatenate(self._uv)
-        return TexturedMesh(corners, uv, which, tuple(self._textures), gloss)
+        return TexturedMesh(corners, uv, which, tuple(self._textures), gloss=gloss)
 
     def _texture(self, lengths: F64, depth: float) -> F64:
         """Make a grainy colour texture, as fine as the camera resolves at this depth."""
@@ -192,9 +192,12 @@ class MeshBuilder:
 
 
 def mesh_from_file(path: Path) -> TexturedMesh:
-    """Read a mesh from an OBJ, GLB, PLY or STL file: base colours, from textures, corners or materials.
+    """Read a mesh from an OBJ, GLB, PLY or STL file: base colours, from textures, materials, corners or faces.
 
-    Colours in such files are for screens (sRGB) and are converted to linear radiance, without any lighting.
+    Colours in such files are for screens (sRGB) and are converted to linear radiance, without any lighting. In glTF
+    only textures are; factors of materials and colours of corners are linear, and all three are multiplied (glTF 2.0,
+    section 3.9.2). In OBJ files a texture replaces the material's colour. What has no colour at all is grey.
+    Transparency is left out.
 
     Raises:
         InputError: trimesh is not installed, the file cannot be read, or holds no triangles.
@@ -205,47 +208,82 @@ def mesh_from_file(path: Path) -> TexturedMesh:
         raise InputError(f"no file {path}", allowed="an OBJ, GLB, PLY or STL file")
     trimesh = import_module("trimesh")
     try:
-        parts = trimesh.load_scene(path).dump()
+        scene = trimesh.load_scene(path)
     except Exception as error:  # whatever a parser of foreign files may raise
         raise InputError(f"{path} cannot be read as a mesh: {error}", allowed="OBJ, GLB, PLY or STL") from error
-    corners: list[F64] = []
-    uv: list[F64] = []
-    textures: list[F32] = []
-    which: list[NDArray[np.int64]] = []
-    for part in parts:
-        if not len(getattr(part, "faces", ())):
-            continue
-        where, texture = _painted(part)
-        corners.append(np.asarray(part.vertices, dtype=np.float64)[part.faces])
-        uv.append(where)
-        which.append(np.full(len(part.faces), len(textures), dtype=np.int64))
-        textures.append(texture)
-    if not corners:
+    # Not `Scene.dump`, whose copies have no colours of corners beside a material.
+    placed = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
+    parts = [(scene.geometry[name], pose) for pose, name in placed]
+    parts = [(part, pose) for part, pose in parts if len(getattr(part, "faces", ()))]
+    if not parts:
         raise InputError(f"{path} holds no triangles", allowed="a surface")
-    return TexturedMesh(np.concatenate(corners), np.concatenate(uv), np.concatenate(which), tuple(textures))
+    linear = path.suffix.lower() in GLTF_SUFFIXES
+    return TexturedMesh(
+        np.concatenate([(part.vertices @ pose[:3, :3].T + pose[:3, 3])[part.faces] for part, pose in parts]),
+        np.concatenate([_texture_places(part) for part, _ in parts]),
+        np.repeat(np.arange(len(parts)), [len(part.faces) for part, _ in parts]),
+        tuple(_texture_of(part) for part, _ in parts),
+        np.concatenate([_tints(part, linear) for part, _ in parts]),
+    )
 
 
-def _painted(part: Any) -> tuple[F64, F32]:
-    """Return the texture coordinates of a part's corners, [F, 3, 2], and the texture."""
+def _image_of(part: Any) -> Any:
+    """Return the picture that is painted on a part, None if there is none."""
     visual = part.visual
-    uv = getattr(visual, "uv", None)
-    if uv is not None:
-        material = visual.material
-        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        if image is not None:
-            pixels = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
-            # In files v points upwards.
-            return np.asarray(uv, dtype=np.float64)[part.faces] * [1, -1] + [0, 1], _linear(pixels)
-        pixels = np.asarray(material.main_color, dtype=np.float64)[None, None, :3] / 255
-        return np.zeros((len(part.faces), 3, 2)), _linear(pixels)
-    colours = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255
-    # A texture of one row and a texel per face would blend neighbours: three by three texels per face hold one colour.
-    mean = colours[part.faces].mean(axis=1)
-    texture = np.repeat(np.repeat(mean[:, None], 3, axis=0), 3, axis=1)
-    centres = np.stack([np.full(len(mean), 0.5), (np.arange(len(mean)) + 0.5) / len(mean)], axis=1)
-    return np.repeat(centres[:, None], 3, axis=1), _linear(texture)
+    if getattr(visual, "uv", None) is None:
+        return None
+    return getattr(visual.material, "baseColorTexture", None) or getattr(visual.material, "image", None)
 
 
-def _linear(srgb: F64) -> F32:
+def _texture_places(part: Any) -> F64:
+    """Return the texture coordinates of a part's corners, [F, 3, 2]; in files v points upwards."""
+    if _image_of(part) is None:
+        return np.zeros((len(part.faces), 3, 2))
+    return np.asarray(part.visual.uv[part.faces] * [1, -1] + [0, 1], dtype=np.float64)
+
+
+def _texture_of(part: Any) -> F32:
+    """Return a part's texture, [h, w, 3]; white if it has none."""
+    image = _image_of(part)
+    if image is None:
+        return np.ones((1, 1, 3), dtype=np.float32)
+    if image.mode.startswith("I"):
+        # A grey picture of 16 bits, which Pillow would clip at 255.
+        grey = np.asarray(image, dtype=np.float64)[..., None] / 65535
+        return _linear(np.repeat(grey, 3, axis=2)).astype(np.float32)
+    return _linear(np.asarray(image.convert("RGB"), dtype=np.float64) / 255).astype(np.float32)
+
+
+def _tints(part: Any, linear: bool) -> F64:
+    """Return the colours of a part's corners, by which its texture is multiplied, [F, 3, 3].
+
+    Args:
+        part: A mesh of trimesh's.
+        linear: Whether the file's colours are linear, textures aside.
+    """
+    visual, faces = part.visual, part.faces
+    material = getattr(visual, "material", None)
+    if material is None:
+        by_face = visual.kind == "face"
+        found = _coded(visual.face_colors)[:, None] if by_face else _coded(visual.vertex_colors)[faces]
+        # What has no colours of its own has trimesh's grey, which is for screens in any file.
+        tints = found if linear and visual.defined else _linear(found)
+        return np.array(np.broadcast_to(tints, (len(faces), 3, 3)))
+    if not linear:
+        return np.ones((len(faces), 3, 3)) * (1.0 if _image_of(part) else _linear(_coded(material.main_color)))
+    factor = getattr(material, "baseColorFactor", None)
+    tints = np.ones((len(faces), 3, 3)) * (1.0 if factor is None else _coded(factor))
+    corners = visual.vertex_attributes.get("color")
+    return tints if corners is None else tints * _coded(corners)[faces]
+
+
+def _coded(colours: Any) -> F64:
+    """Return colours without their opacity, [..., 3] in [0, 1]; whole numbers reach up to their type's largest."""
+    found = np.asarray(colours)
+    full = np.iinfo(found.dtype).max if found.dtype.kind == "u" else 1.0
+    return np.asarray(found[..., :3] / full, dtype=np.float64)
+
+
+def _linear(srgb: F64) -> F64:
     """Turn sRGB values into linear ones (IEC 61966-2-1)."""
-    return np.where(srgb <= SRGB_KNEE, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(srgb <= SRGB_KNEE, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

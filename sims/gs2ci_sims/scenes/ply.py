@@ -26,7 +26,8 @@ def scene_from_ply(
     """Read a scene; its suggested camera is the given one.
 
     Args:
-        path: A PLY file of Gaussians in the 3DGS convention.
+        path: A PLY file of Gaussians in the 3DGS convention. Its colours count as linear radiance, as gs2ci's are;
+            other programs' are those of the photographs they were fitted to, usually sRGB, and are not decoded.
         size: Height and width of the camera's image, in pixels.
         intrinsics: [3, 3]; a centred camera of 60 degrees if None.
         world_to_camera: Its pose, [4, 4]; the origin, looking along z, if None.

@@ -27,6 +27,7 @@ _TOP_16 = 0xFFFF
 # The transition is drawn in steps of half a time constant, until one per mille of it remains.
 _STEPS_PER_TIME_CONSTANT = 2
 _TIME_CONSTANTS = 7
+_MEAN_OF_STEP = -math.expm1(-1 / _STEPS_PER_TIME_CONSTANT) * _STEPS_PER_TIME_CONSTANT
 
 
 @enum.unique
@@ -80,6 +81,8 @@ class Panel:
         self.running = False
         self.shown = 0
         self._target: tuple[Levels, int] | None = None
+        self._left: F32 | float = 0.0
+        self._left_s = world.clock.now_s()
         self._settling: list[Event] = []
         self._next: Event | None = None
 
@@ -88,19 +91,29 @@ class Panel:
         for event in self._settling:
             event.cancel()
         self._settling.clear()
-        before, self._target = self._target, None if levels is None else (levels, top)
-        if self.response_s > 0 and (before or self._target):
-            self._blend(before, self._target)
+        # A mask that is shown for a few time constants leaves pixels on their way.
+        self._left, self._left_s = self._share_now(), self.world.clock.now_s()
+        self._target = None if levels is None else (levels, top)
+        if self.response_s > 0 and (levels is not None or np.any(self._left)):
+            self._blend(self._left, self._target)
         else:
             self.world.show_mask(levels, top)
 
-    def _blend(self, before: tuple[Levels, int] | None, after: tuple[Levels, int] | None) -> None:
-        old, new = _share(before), _share(after)
+    def _share_now(self) -> F32 | float:
+        """Return the transmission of the pixels, [H, W], or of all."""
+        target = _share(self._target)
+        passed_s = self.world.clock.now_s() - self._left_s
+        if passed_s >= _TIME_CONSTANTS * self.response_s:
+            return target
+        return target + (self._left - target) * math.exp(-passed_s / self.response_s)
+
+    def _blend(self, old: F32 | float, after: tuple[Levels, int] | None) -> None:
+        new = _share(after)
         step_s = self.response_s / _STEPS_PER_TIME_CONSTANT
 
         def draw(step: int) -> None:
-            # The level in the middle of the step is used for the whole step.
-            left = math.exp(-(step + 0.5) / _STEPS_PER_TIME_CONSTANT)
+            # The mean level of the step is used for the whole step.
+            left = math.exp(-step / _STEPS_PER_TIME_CONSTANT) * _MEAN_OF_STEP
             mixed = np.asarray(new + (old - new) * left)
             self.world.show_mask(np.rint(mixed * _TOP_16).astype(np.uint16), _TOP_16)
 

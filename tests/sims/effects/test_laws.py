@@ -1,5 +1,7 @@
 """The laws that every effect of the light path obeys, over one effect of each kind."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,3 +126,22 @@ def test_an_effect_that_is_off_is_the_identity_bit_for_bit(effect, scene):
     others = [other for other in ONE_OF_EACH if other.stage is not effect.stage]
     signal = signal_at(effect.stage, scene)
     assert EffectChain(others, 3, RIG).through(effect.stage, signal) is signal
+
+
+NEW_IN_EVERY_EXPOSURE = {
+    "stage_ripple", "stage_vibration", "trigger_timing", "illumination_flicker",
+    "shot_noise", "read_noise", "row_noise",
+}  # fmt: skip
+OF_THE_DEVICE = {"finite_contrast", "dust", "prnu", "hot_pixels", "dsnu"}
+
+
+@pytest.mark.parametrize("effect", ONE_OF_EACH, ids=lambda effect: effect.name)
+def test_what_an_effect_draws_is_new_in_every_exposure_or_the_devices_own(effect, scene):
+    signal = signal_at(effect.stage, scene)
+
+    def seen(seed, device_seed):
+        chain = EffectChain([effect], seed, replace(RIG, device_seed=device_seed))
+        return numbers(chain.through(effect.stage, signal), scene)
+
+    assert np.array_equal(seen(1, 0), seen(2, 0)) == (effect.name not in NEW_IN_EVERY_EXPOSURE)
+    assert np.array_equal(seen(1, 0), seen(1, 7)) == (effect.name not in OF_THE_DEVICE)

@@ -140,6 +140,14 @@ def test_vignetting_is_the_fourth_power_of_the_cosine():
     assert seen[20, 30, 0] == pytest.approx(1.0)
 
 
+def test_vignetting_follows_the_angle_also_of_pixels_that_are_no_squares():
+    tall = CAMERA.copy()
+    tall[1, 1] *= 3
+    tangent = np.array([(0.5 - tall[0, 2]) / tall[0, 0], (0.5 - tall[1, 2]) / tall[1, 1]])
+    seen = Vignetting(2.0).apply(View(np.ones((*SIZE, 3)), tall), RIG, rng()).radiance
+    assert seen[0, 0, 0] == pytest.approx(1 / (1 + tangent @ tangent))
+
+
 def test_relay_blur_and_diffraction_add_in_quadrature():
     rig = Rig(optics=Optics(f_number=16.0, wavelength_nm=600.0), modulator=Modulator(pitch_um=8.0))
     airy_px = 0.42 * 0.6 * 16.0 / 8.0

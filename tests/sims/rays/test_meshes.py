@@ -101,6 +101,16 @@ def test_textures_repeat_beyond_their_rim():
     assert first.std() > 0.02
 
 
+def test_tints_multiply_the_texture_and_run_evenly_between_the_corners():
+    tints = np.array([[0.2, 1.0, 3.0], [0.9, 0.0, 0.5], [0.4, 0.3, 0.1]])
+    plain, tinted = mesh(SLANTED, ramp()), replace(mesh(SLANTED, ramp()), tints=tints[None])
+    bare, seen = (trace_mesh(one, np.eye(4), INTRINSICS, SIZE)[0] for one in (plain, tinted))
+    _, shares = barycentric()
+    inside = (shares > 1e-6).all(axis=-1)
+    assert seen[inside] == pytest.approx(bare[inside] * (shares[inside] @ tints), rel=1e-9)
+    assert tinted.brightest == pytest.approx(3 * plain.brightest)
+
+
 def test_an_empty_mesh_and_one_without_area_are_dark():
     empty = TexturedMesh(np.zeros((0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, int), ())
     line = mesh(np.array([[0, 0, 2.0], [1, 0, 2], [2, 0, 2]]), np.ones((1, 1, 3)))
@@ -119,6 +129,9 @@ def test_an_empty_mesh_and_one_without_area_are_dark():
         ({"which": np.array([1])}, "textures 1 to 1"),
         ({"textures": (np.full((2, 2, 3), -1.0),)}, "texture of shape"),
         ({"textures": (np.full((2, 2, 3), np.inf),)}, "infinite"),
+        ({"tints": np.ones((2, 3, 3))}, "tints of shape"),
+        ({"tints": np.full((1, 3, 3), -0.1)}, "tints of shape"),
+        ({"tints": np.full((1, 3, 3), np.nan)}, "tints of shape"),
     ],
 )
 def test_a_mesh_that_does_not_fit_is_refused(change, words):

@@ -1,5 +1,7 @@
 """Scenes of triangles: procedural ones, files, and their way through an exposure."""
 
+import json
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -141,17 +143,106 @@ def test_an_obj_file_keeps_its_texture_the_right_way_up(tmp_path):
     assert len(load_scene(tmp_path / "scene.toml", size=SIZE).scene.mesh.corners) == 2
 
 
-def test_a_glb_file_and_coloured_corners_are_read(tmp_path):
+# In glTF colours of corners are linear (glTF 2.0, section 3.9.2), in other files they are for screens.
+@pytest.mark.parametrize(("name", "green"), [("ball.glb", 188 / 255), ("ball.ply", 0.503)])
+def test_coloured_corners_are_read_in_the_units_of_their_format(tmp_path, name, green):
     trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
     ball.apply_translation([0, 0, 3])
     ball.visual.vertex_colors = np.tile([255, 188, 0, 255], (len(ball.vertices), 1))
-    ball.export(tmp_path / "ball.glb")
-    scene = scene_from_mesh("ball", mesh_from_file(tmp_path / "ball.glb"), SIZE, SuggestedCamera(SIZE, 50.0).intrinsics)
+    ball.export(tmp_path / name)
+    scene = scene_from_mesh("ball", mesh_from_file(tmp_path / name), SIZE, SuggestedCamera(SIZE, 50.0).intrinsics)
     view = Renderer().views(scene, np.eye(4)[None])[0][0]
-    assert view[12, 16] == pytest.approx([1.0, 0.503, 0.0], abs=0.01)
+    assert view[12, 16] == pytest.approx([1.0, green, 0.0], abs=0.001)
     assert scene.depth[12, 16] == pytest.approx(2.0, abs=0.02)
     assert np.isnan(scene.depth[0, 0])
+
+
+QUAD = np.array([[-2.0, -2, 3], [2, -2, 3], [2, 2, 3], [-2, 2, 3]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+CORNERS_UV = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
+QUAD_CAMERA = np.array([[16.0, 0, 16], [0, 16, 12], [0, 0, 1]])
+
+
+def view_of(path):
+    scene = scene_from_mesh("quad", mesh_from_file(path), SIZE, QUAD_CAMERA)
+    return Renderer().views(scene, np.eye(4)[None])[0][0]
+
+
+def test_a_glb_multiplies_texture_and_linear_factor(tmp_path):
+    image, trimesh = pytest.importorskip("PIL.Image"), pytest.importorskip("trimesh")
+    grey = image.fromarray(np.full((4, 4, 3), 188, np.uint8))  # half of the light
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[51, 102, 255, 255], baseColorTexture=grey)
+    visual = trimesh.visual.TextureVisuals(uv=CORNERS_UV, material=material)
+    trimesh.Trimesh(QUAD, HALVES, visual=visual, process=False).export(tmp_path / "quad.glb")
+    assert view_of(tmp_path / "quad.glb")[12, 16] == pytest.approx(0.503 * np.array([0.2, 0.4, 1.0]), abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["<f4", "<u2"])
+def test_a_glb_multiplies_factor_and_colours_of_corners(tmp_path, kind):
+    """Written by hand, since trimesh writes no colours of corners beside a material."""
+    pytest.importorskip("trimesh")
+    full = 1 if kind == "<f4" else 65535
+    arrays = [QUAD.astype("<f4"), HALVES.astype("<u2").ravel(), np.tile([0.5 * full, full, full, full], (4, 1))]
+    data = [array.tobytes() for array in (*arrays[:2], arrays[2].astype(kind))]
+    starts = np.cumsum([0, *(len(one) for one in data)]).tolist()
+    views = [
+        {"buffer": 0, "byteOffset": start, "byteLength": len(one)} for start, one in zip(starts, data, strict=False)
+    ]
+    colour = {"componentType": 5126} if kind == "<f4" else {"componentType": 5123, "normalized": True}
+    gltf = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": [0, 0, 1]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 2}, "indices": 1, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.6, 0.2, 1, 1]}}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-2, -2, 3], "max": [2, 2, 3]},
+            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+            {"bufferView": 2, "count": 4, "type": "VEC4", **colour},
+        ],
+        "bufferViews": views,
+        "buffers": [{"byteLength": starts[-1]}],
+    }
+    text = json.dumps(gltf).encode()
+    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", b"".join(data) + bytes(-starts[-1] % 4))]
+    body = b"".join(struct.pack("<I4s", len(chunk), name) + chunk for name, chunk in chunks)
+    (tmp_path / "quad.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+    assert view_of(tmp_path / "quad.glb")[12, 16] == pytest.approx([0.3, 0.2, 1.0], abs=1e-4)
+    assert mesh_from_file(tmp_path / "quad.glb").corners[..., 2] == pytest.approx(4.0)  # where its node puts it
+
+
+def test_materials_without_texture_coordinates_colour_their_triangles(tmp_path):
+    pytest.importorskip("trimesh")
+    (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 0.5\n")
+    corners = "\n".join(line for line in OBJ.splitlines() if line.startswith("v "))
+    (tmp_path / "two.obj").write_text(f"mtllib two.mtl\n{corners}\nusemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\n")
+    view = view_of(tmp_path / "two.obj")
+    assert view[6, 22] == pytest.approx([1, 0, 0])
+    assert view[18, 10] == pytest.approx([0, 0, 0.214], abs=0.003)  # sRGB 0.5
+
+
+def test_colours_of_faces_end_at_their_edges_and_those_of_corners_run_evenly_in_light(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    faces = trimesh.Trimesh(QUAD, HALVES, face_colors=[[255, 0, 0, 255], [0, 0, 255, 255]], process=False)
+    faces.export(tmp_path / "faces.ply")
+    view = view_of(tmp_path / "faces.ply")
+    assert view[6, 22] == pytest.approx([1, 0, 0])
+    assert view[18, 10] == pytest.approx([0, 0, 1])
+    ends = np.array([[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 255], [0, 0, 0, 255]], np.uint8)
+    trimesh.Trimesh(QUAD, HALVES, vertex_colors=ends, process=False).export(tmp_path / "corners.ply")
+    row = view_of(tmp_path / "corners.ply")[12, 6:26, 0]
+    places = 3 * (np.arange(6, 26) + 0.5 - 16) / 16
+    assert row == pytest.approx((places + 2) / 4, abs=1e-6)
+
+
+def test_a_grey_texture_of_sixteen_bits_keeps_its_greys(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("trimesh")
+    image.fromarray(np.full((4, 4), 188 * 257, np.uint16)).save(tmp_path / "paint.png")
+    (tmp_path / "quad.mtl").write_text("newmtl paint\nmap_Kd paint.png\n")
+    (tmp_path / "quad.obj").write_text(OBJ)
+    assert view_of(tmp_path / "quad.obj")[12, 16] == pytest.approx([0.503] * 3, abs=1e-3)
 
 
 def test_files_that_hold_no_mesh_are_refused(tmp_path, monkeypatch):

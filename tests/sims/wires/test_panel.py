@@ -34,10 +34,10 @@ def test_the_response_is_first_order_with_its_time_constant() -> None:
     world.clock.sleep_s(0.2)
     middle_s = world.clock.now_s()
     # Rising like 1 - exp(-t/τ) loses τ, falling like exp(-t/τ) gains it back.
-    assert transmitted_s(world, begin_s, middle_s) == pytest.approx(0.2 - 0.01, abs=2e-4)
+    assert transmitted_s(world, begin_s, middle_s) == pytest.approx(0.2 - 0.01, abs=2e-5)
     panel.set(None)
     world.clock.sleep_s(0.2)
-    assert transmitted_s(world, middle_s, world.clock.now_s()) == pytest.approx(0.01, abs=2e-4)
+    assert transmitted_s(world, middle_s, world.clock.now_s()) == pytest.approx(0.01, abs=2e-5)
     assert not world.masks_between(world.clock.now_s() - 0.01, world.clock.now_s())
 
 
@@ -51,6 +51,21 @@ def test_a_mask_that_comes_before_the_last_has_settled_takes_over() -> None:
     (*_, last) = world.masks_between(0.0, world.clock.now_s())
     assert last.levels is MASKS[2]
     assert last.top == 255
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0, 20.0])
+def test_masks_shorter_than_the_response_go_on_from_where_the_pixels_are(ratio: float) -> None:
+    """The relaxation written out: a mask of length T starts from the level s that the one before has reached."""
+    world, tau_s = World(), 0.01
+    panel, interval_s = Panel(world, "p.out", FaultSet(), response_s=tau_s), ratio * tau_s
+    level = 0.0
+    for mask in MASKS * 2:
+        begin_s, target = world.clock.now_s(), float(mask[0, 0]) / 255
+        panel.set(mask, 255)
+        world.clock.sleep_s(interval_s)
+        expected_s = target * interval_s + (level - target) * tau_s * -np.expm1(-ratio)
+        assert transmitted_s(world, begin_s, begin_s + interval_s) == pytest.approx(expected_s, abs=2e-5)
+        level = target + (level - target) * np.exp(-ratio)
 
 
 @pytest.mark.parametrize(("out", "rises"), [(Out.NONE, 0), (Out.EXPOSURE, 2), (Out.GATE, 2), (Out.MASK, 6)])
