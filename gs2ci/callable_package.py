@@ -22,8 +22,13 @@ class CallablePackage(ModuleType):
 
     @property
     def __signature__(self) -> inspect.Signature:
-        """Get the function's signature, for `help` and completion."""
+        """Get the function's signature, for completion."""
         return inspect.signature(self._function)
+
+    @property
+    def __doc__(self) -> str | None:  # type: ignore[override]
+        """Get the function's docstring, for `help` and for `?` in a notebook."""
+        return inspect.getdoc(self._function)
 
     @property
     def _function(self) -> Any:

@@ -6,12 +6,13 @@
     docs/bundle.schema.json   JSON schema of a calibration bundle's description, from `gs2ci_calibration.bundle`
     docs/findings.md          everything that a reconstruction may find worth telling, from `gs2ci.core.findings`
     docs/idealisations.md     what the twins leave out, from `gs2ci_sims.idealisations`
+    docs/rig-file.md          every key of a bench's rig file, from `gs2ci.rig.config`
 
 `tests/test_made_docs.py` holds the pages to the code.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from gs2ci.batch.rows import Row
 from gs2ci.core.findings import Code, Weight
 from gs2ci.core.storage import layout
 from gs2ci.evaluate.report import Report
+from gs2ci.rig.config import RigTable
 from gs2ci_calibration import bundle
 from gs2ci_sims.idealisations import IDEALISATIONS, Idealisation
 
@@ -46,6 +48,15 @@ better than real devices, and the setting that switches it. `devices = "typical"
 figures of the last column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols,
 errors and faults are not ideal in any case ([faults](faults.md)).
 Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
+"""
+
+_RIG_HEAD = """\
+# The rig file
+
+Every key of the file (TOML) that describes a bench. [docs/rigs](rigs) has files to start from, [the bench](bench.md)
+says how the devices work together. An unknown key is refused, with the nearest known one. A key without a default may
+be left out. Devices by other packages have tables of their own: [plug-ins](plugins.md).
+Made from `gs2ci/rig/config.py` and the drivers' options by `python -m tests.docs`.
 """
 
 
@@ -89,6 +100,76 @@ def as_toml(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} = {as_toml(part)}" for key, part in value.items()) or "its defaults"
     return json.dumps(value)
+
+
+def rig_page() -> str:
+    """Return the page that lists every key of a bench's rig file."""
+    schema = RigTable.model_json_schema()
+    sections = dict.fromkeys(_tables("", schema, schema["$defs"], {}))  # [stage.mount] is one for all kinds of stages
+    return "\n".join((_RIG_HEAD, *sections))
+
+
+def _tables(name: str, node: dict[str, Any], defs: dict[str, Any], defaults: dict[str, Any]) -> Iterator[str]:
+    """Yield a section for a table of a JSON schema, and one for each table in it; one for each kind of a device."""
+    node = _resolved(node, defs)
+    for kind in (*node.get("oneOf", ()), *node.get("anyOf", ())):
+        yield from _tables(name, kind, defs, {})
+    of_any_name = node.get("additionalProperties")
+    if isinstance(of_any_name, dict) and "$ref" in of_any_name:
+        yield from _tables(f"{name}.NAME", of_any_name, defs, {})
+    keys = {key: _resolved(part, defs) for key, part in node.get("properties", {}).items()}
+    inner = {
+        key: list(_tables(f"{name}.{key}".strip("."), part, defs, part.get("default") or {}))
+        for key, part in keys.items()
+    }
+    rows = [
+        f"| `{key}` | {_values(part, defs)} | {_default(defaults.get(key, part.get('default')))} "
+        f"| {part.get('description', '')} |".replace("\n", " ")
+        for key, part in keys.items()
+        if key != "kind" and not inner[key]
+    ]
+    if rows:
+        kind = keys.get("kind", {}).get("const")
+        title = (f"[{name}]" if name else "At the top") + (f', kind = "{kind}"' if kind else "")
+        head = ("| key | values | default | what it is |", "|---|---|---|---|")
+        yield "\n".join((f"## {title}\n", *head, *rows)) + "\n"
+    for sections in inner.values():
+        yield from sections
+
+
+def _resolved(node: dict[str, Any], defs: dict[str, Any]) -> dict[str, Any]:
+    return {**defs[node["$ref"].rpartition("/")[2]], **node} if "$ref" in node else node
+
+
+# Limits beyond which only slips of the keyboard lie: a day, a million.
+_FAR = {86_400, 1_000_000}
+_BOUNDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to", "exclusiveMaximum": "below"}
+_KINDS = {
+    "integer": "whole number",
+    "number": "number",
+    "boolean": "true or false",
+    "string": "text",
+    "object": "a table",
+}
+
+
+def _values(node: dict[str, Any], defs: dict[str, Any]) -> str:
+    """Say in a few words which values a key may have."""
+    kinds = [kind for kind in node.get("anyOf", ()) if kind.get("type") != "null"]
+    if kinds:
+        return " or ".join(_values(_resolved(kind, defs), defs) for kind in kinds)
+    if "enum" in node:
+        return ", ".join(f"`{as_toml(value)}`" for value in node["enum"])
+    if node["type"] == "array":
+        parts = node.get("prefixItems", ())
+        each = _values(_resolved(parts[0] if parts else node["items"], defs), defs)
+        return f"a list of {len(parts)}: {each}" if parts else f"a list: {each}"
+    bounds = [f"{word} {node[key]:g}" for key, word in _BOUNDS.items() if key in node and abs(node[key]) not in _FAR]
+    return " ".join((_KINDS[node["type"]], *bounds))
+
+
+def _default(value: object) -> str:
+    return "" if value is None else f"`{as_toml(value)}`"
 
 
 def row_schema() -> str:
@@ -185,6 +266,7 @@ PAGES = {
     "report.schema.json": report_schema,
     "findings.md": findings_page,
     "idealisations.md": idealisations_page,
+    "rig-file.md": rig_page,
 }
 
 

@@ -108,6 +108,12 @@ def test_a_decision_gives_context_decision_evidence_and_status(page):
     assert headings == ["Context", "Decision", "Evidence", "Status"]
 
 
+@pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.name)
+def test_a_decision_is_short(page):
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert len([line for line in lines if not line.startswith("|")]) <= 60
+
+
 def test_numbered_decisions_have_one_number_each_and_stand_in_the_index():
     numbered = [page.name for page in DECISIONS if page.name[:4].isdigit()]
     assert [int(name[:4]) for name in numbered] == list(range(1, len(numbered) + 1))

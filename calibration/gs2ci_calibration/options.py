@@ -30,7 +30,9 @@ class BoardSpec(ConfigTable):
     rows: Annotated[int, Field(ge=3)] = 5
     """Squares down."""
     square_mm: Positive = 30.0
+    """Side of a square, as measured on the print."""
     marker_mm: Positive = 21.0
+    """Side of a marker, likewise."""
     dictionary: str = "DICT_4X4_50"
     """OpenCV's name of the markers' dictionary."""
 

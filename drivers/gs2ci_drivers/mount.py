@@ -15,7 +15,9 @@ class MountOptions(ConfigTable):
     x: Vector = (1.0, 0.0, 0.0)
     """The camera's motion per mm of the axis, in mm. A calibration of the stage goes before it."""
     y: Vector = (0.0, 1.0, 0.0)
+    """Likewise."""
     z: Vector = (0.0, 0.0, 1.0)
+    """Likewise."""
     error_mm: Annotated[float, Field(gt=0)] | None = None
     """Standard error of the positions that the stage reports, mm. It limits how far a reconstruction moves the poses;
     without it, a reconstruction assumes 1 % of the path."""

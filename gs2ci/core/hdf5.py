@@ -24,6 +24,7 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.limits import DEFLATE_LIMIT, LIMIT_BYTES
 
 TEXT_LIMIT_BYTES: Final = 16 * 2**20
+NOT_OURS: Final = "the file was not written by gs2ci, or is damaged: write it again from its source"
 # Format specification, section III.E: signature, version 1, three zeros, size; then objects of index, count, four
 # zeros and size; object 0 is the free rest.
 _SIGNATURE = b"GCOL\x01\x00\x00\x00"
@@ -134,11 +135,7 @@ class SuspectFile:
 
     def wrong(self, key: str, problem: str, allowed: str = "") -> StorageError:
         """Make the error for a key of this file."""
-        return StorageError(
-            f"{self.path}: key {key!r}: {problem}",
-            allowed=allowed,
-            remedy="the file was not written by gs2ci, or is damaged: write it again from its source",
-        )
+        return StorageError(f"{self.path}: key {key!r}: {problem}", allowed=allowed, remedy=NOT_OURS)
 
     def numbers(self, key: str) -> Any:
         """Get an h5py dataset for its shape and dtype, or None; its values are read through `array`."""

@@ -22,6 +22,10 @@ CFA_PATTERNS: Final = get_args(CfaPattern)
 MEASUREMENT_LIMIT: Final = 1e12
 WEIGHT_RANGE: Final = (1e-6, 1e6)
 OPEN_LEAST: Final = 1e-6
+_WEIGHTS_REMEDY: Final = (
+    "give for each mask the share of its interval during which it was exposed, or leave the weights out if it is the "
+    "same for all"
+)
 FOCAL_RANGE_PX: Final = (1e-3, 1e9)
 PRINCIPAL_POINT_LIMIT_PX: Final = 1e6
 POSITION_LIMIT: Final = 1e12
@@ -224,14 +228,10 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
         object.__setattr__(record, name, taken)
 
 
-def _finite(what: str, array: NDArray[Any]) -> None:
+def _finite(what: str, array: NDArray[Any], remedy: str = "correct them, or leave them out") -> None:
     bad = int(array.size - np.isfinite(array).sum())
     if bad:
-        raise InputError(
-            f"{what} holds {bad} values that are NaN or infinite",
-            allowed="finite numbers",
-            remedy="mend these pixels before import, or import with --bad-pixels median",
-        )
+        raise InputError(f"{what} holds {bad} values that are NaN or infinite", allowed="finite numbers", remedy=remedy)
 
 
 def _shape(what: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:
@@ -267,7 +267,7 @@ def _check_measurement(shot: Shot) -> None:
             if y.ndim == 2
             else "give one image; a stack of images is several shots",
         )
-    _finite("measurement", y)
+    _finite("measurement", y, "mend these pixels, or import the file with --bad-pixels median")
     largest = float(np.abs(y).max(initial=0.0))
     if largest > MEASUREMENT_LIMIT:
         raise InputError(
@@ -288,12 +288,14 @@ def _check_masks(shot: Shot) -> None:
     if masks.ndim != 3 or masks.shape[0] < 1:
         raise InputError(f"masks have shape {list(masks.shape)}", allowed="[N, H, W] with N >= 1")
     _shape("masks", masks.shape, (masks.shape[0], *y.shape[:2]))
-    _finite("masks", masks)
+    _finite("masks", masks, "set every mask to 0 at these pixels: they are then left out")
     if masks.min() < 0 or masks.max() > 1:
         raise InputError(
             f"masks reach from {masks.min():.4g} to {masks.max():.4g}",
             allowed="transmissions in [0, 1]",
-            remedy="import with --mask-scale set to the reading of a fully open mask",
+            remedy="set what lies below 0 to 0, if it is the noise of a calibration"
+            if masks.min() < 0
+            else "import with --mask-scale set to the reading of a fully open mask",
         )
     if not masks.any():
         raise InputError("all masks are zero", remedy="check that the masks were exposed and saved")
@@ -304,22 +306,22 @@ def _check_masks(shot: Shot) -> None:
             remedy="import with --mask-scale set to the reading of a fully open mask",
         )
     _shape("weights", shot.weights.shape, (masks.shape[0],))
-    _finite("weights", shot.weights)
+    _finite("weights", shot.weights, _WEIGHTS_REMEDY)
     if shot.weights.min() < 0 or not shot.weights.any():
         raise InputError(
             f"mask weights {shot.weights.tolist()}",
             allowed="numbers >= 0, not all zero",
-            remedy="see the timing",
+            remedy=_WEIGHTS_REMEDY,
         )
     least, most = WEIGHT_RANGE
     if not least <= shot.weights.max() <= most:
         raise InputError(
             f"the largest mask weight is {shot.weights.max():.3g}",
             allowed=f"{least:g} to {most:g}; 1 for a mask exposed during the whole of its interval",
-            remedy="see the timing",
+            remedy=_WEIGHTS_REMEDY,
         )
     if not shot.lit.any():
-        raise InputError("every mask is closed or has weight zero", remedy="see the timing")
+        raise InputError("every mask is closed or has weight zero", remedy=_WEIGHTS_REMEDY)
 
 
 def _check_optional_parts(shot: Shot) -> None:

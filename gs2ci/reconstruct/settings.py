@@ -36,8 +36,8 @@ class Settings(Bounded):
     """Settings of every stage.
 
     Args:
-        poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
-            "vggt-or-tracks" (`geometry.choose`).
+        poses: Where the initial poses and depth come from, by one of the names that `geometry.choose` knows: "auto",
+            "tracks", "stage", "file:PATH", ...
         proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
         try_orders: Whether short fits compare both orders of depth (near and far exchanged) if tracks leave the order
             open (`attempts`).

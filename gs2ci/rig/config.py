@@ -48,24 +48,37 @@ class CaptureTable(ConfigTable):
     """[capture]: the capture to be taken."""
 
     masks: Count = 8
+    """Masks shown during one exposure."""
     density: Fraction = 0.25
     """Share of open pixels of a random binary mask."""
     seed: Annotated[int, Field(ge=0)] = 0
+    """Of the random masks."""
     pattern_file: str = ""
     """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
+    """Bits of each mask: 1 for binary ones."""
     mask_s: Duration = 0.01
+    """How long each mask is shown."""
     dark_s: Delay = 0.0
+    """Dark time between masks."""
     mode: Literal["per-exposure", "gate", "per-mask"] = "per-exposure"
+    """How modulator and sensor are synchronised (docs/bench.md)."""
     shots: Count = 1
+    """Number of coded exposures, a multiple of `burst`."""
     burst: Count = 1
+    """How many of them are taken in one sweep of the stage, or in one start of the modulator."""
     axis: str = ""
     """Axis that moves during an exposure; "" keeps the camera still."""
     from_mm: float = 0.0
+    """Its position when the first mask of an exposure appears."""
     to_mm: float = 0.0
+    """Its position at the end of the last mask."""
     margin_s: Delay = 0.0
+    """By how much the exposure ends before the last mask does."""
     jitter_s: Delay = 20e-6
+    """The latest start of an exposure after its trigger for which the plan allows."""
     retries: Annotated[int, Field(ge=0)] = 0
+    """How often a shot is repeated if its frame was lost, late, corrupt or stale."""
     continuous: bool = False
     """Take all shots in one run of the modulator, as fast as the devices allow: for a camera at rest. Lost frames are
     named and skipped."""
@@ -83,14 +96,18 @@ class RegistrationTable(ConfigTable):
     row: Annotated[int, Field(ge=-1)] = -1
     """First modulator row that the sensor sees; -1 centres the masks."""
     column: Annotated[int, Field(ge=-1)] = -1
+    """First modulator column, likewise."""
 
 
 class OpticsTable(ConfigTable):
     """[optics]: what is known about lens, scene and light; used for the plan and for scaling."""
 
     focal_px: Positive | None = None
+    """Focal length in sensor pixels; without a calibrated camera it is written into the shot file."""
     nearest_mm: Positive | None = None
+    """Distance of the nearest point of the scene, for the motion in the picture that the plan states."""
     farthest_mm: Positive | None = None
+    """Distance of the farthest point, likewise."""
     full_scale_e_per_s: Positive | None = None
     """Electrons per second in a pixel that sees a white scene through an open mask."""
     full_scale_dn: Positive | None = None
@@ -101,43 +118,67 @@ class TrueSensorTable(ConfigTable):
     """[world.sensor]: true properties of the simulated sensor that differ from [sensor]; at 12 bits."""
 
     full_well_e: Positive | None = None
+    """Electrons that a pixel can hold."""
     electrons_per_dn: Positive | None = None
+    """Electrons per step of the reading."""
     read_noise_e: NotNegative | None = None
+    """Standard deviation of the reading in the dark, electrons."""
     black_level_dn: NotNegative | None = None
+    """Reading without light."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Electrons per photon."""
 
 
 class MechanicsTable(ConfigTable):
     """[world.mechanics.AXIS]: the differences between counted and true position of a simulated axis."""
 
     scale: Positive = 1.0
+    """True distance per counted distance."""
     backlash_mm: NotNegative = 0.0
+    """Lost motion at a reversal."""
     lag_s: NotNegative = 0.0
+    """Delay of the carriage behind the controller."""
     ripple_mm: NotNegative = 0.0
+    """Amplitude of the screw's periodic error."""
     pitch_mm: Positive = 1.0
+    """Its period."""
     reversed_sign: bool = False
+    """Whether the carriage moves the other way."""
     speed_error: Annotated[float, Field(gt=-1, lt=1)] = 0.0
+    """Relative error of its speed."""
     repeatability_mm: NotNegative = 0.0
+    """Standard deviation of where a move truly ends."""
     slip_mm: NotNegative = 0.0
+    """What a move may lose in a slipping coupling, at most."""
     seed: Annotated[int, Field(ge=0)] = 0
+    """Of the draws of repeatability and slip."""
 
 
 class WorldTable(ConfigTable):
     """[world]: the surroundings of simulated devices; required if any port is "simulated"."""
 
     scene: Literal["motorcycle", "planes"] = "motorcycle"
+    """What the camera sees."""
     seed: Annotated[int, Field(ge=0)] = 0
+    """Of the scene "planes", and of the noise."""
     scene_units_per_mm: Positive = 0.01
     """How far the camera moves in the scene per mm of the stage."""
     supersampling: Count = 1
+    """Samples per pixel side with which the scene is rendered."""
     tolerance_dn: Positive = 0.25
     """Allowed difference in total, rms, from a simulation of every effect; it decides which effects are simulated."""
     height: Count = 400
+    """Rows of the picture that the simulated sensor sees, as many as [sensor] reads out."""
     width: Count = 600
+    """Its columns, likewise."""
     noise: bool = True
+    """Whether readings have noise."""
     stage_start_mm: float | None = None
+    """Position of the stage's axes when it is switched on; without it, that of the twin."""
     trigger_latency_s: Delay = 0.0
+    """True delay from a trigger's edge to the exposure."""
     trigger_jitter_s: Delay = 0.0
+    """Standard deviation of that delay."""
     trigger_exposure_offset_s: Offset = 0.0
     """True excess of a triggered exposure over the configured one."""
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
@@ -185,6 +226,7 @@ class RigTable(ConfigTable):
     """A rig file."""
 
     name: str = "rig"
+    """Of the bench, for shots and logs."""
     modulator: Annotated[
         Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions, Field(discriminator="kind")
     ]

@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+import pydoc
 import re
 import subprocess
 import sys
@@ -43,6 +44,14 @@ def test_type_checkers_are_told_the_same_names():
     told = set(re.findall(r"^from (\S+) import (\w+) as \2$", stub, re.MULTILINE))
     assert told == {(target(name).__module__, name) for name in CALLED}
     assert set(re.findall(r'^    "(\w+)",$', stub, re.MULTILINE)) == NAMES
+
+
+@pytest.mark.parametrize("name", CALLED)
+def test_help_describes_the_function_also_of_a_package_that_is_called(name):
+    said = pydoc.render_doc(getattr(gs2ci, name), renderer=pydoc.plaintext)
+    first = inspect.getdoc(target(name)).splitlines()[0]
+    assert first in said
+    assert "Args:" not in target(name).__doc__ or "Args:" in said
 
 
 @pytest.mark.parametrize("name", CALLED)

@@ -26,8 +26,32 @@ def shot():
 
 @pytest.mark.parametrize("weights", [[-0.1, 1], [0, 0]])
 def test_weights_that_no_exposure_has_are_refused(shot, weights):
-    with pytest.raises(InputError, match="mask weights"):
+    with pytest.raises(InputError, match=r"mask weights.*what to do: give for each mask the share of its interval"):
         replace(shot, weights=np.array(weights, np.float32)).check()
+
+
+@pytest.mark.parametrize(
+    ("part", "remedy"),
+    [
+        ("measurement", "--bad-pixels median"),
+        ("masks", "every mask to 0 at these pixels"),
+        ("weights", "share of its interval"),
+        ("intrinsics", "leave them out"),
+    ],
+)
+def test_what_to_do_about_numbers_that_are_not_finite_depends_on_what_holds_them(shot, part, remedy):
+    shot = replace(shot, intrinsics=np.diag([4.0, 4.0, 1.0]))
+    damaged = getattr(shot, part).copy()
+    damaged.flat[0] = np.nan
+    with pytest.raises(InputError, match=f"{part} holds 1 values that are NaN") as refused:
+        replace(shot, **{part: damaged}).check()
+    assert remedy in refused.value.remedy
+
+
+def test_a_mask_that_is_closed_where_it_was_not_finite_is_taken(shot):
+    masks = shot.masks.copy()
+    masks[:, 0, 0] = 0
+    assert not replace(shot, masks=masks).check().usable[0, 0]
 
 
 @pytest.mark.parametrize(
@@ -89,6 +113,15 @@ def test_a_measurement_far_beyond_full_scale_is_refused(shot, sign):
 def test_a_measurement_that_is_no_image_is_refused(shot, shape):
     with pytest.raises(InputError, match="measurement has shape"):
         replace(shot, measurement=np.ones(shape, np.float32), masks=np.ones((2, *shape[:2]), np.float32)).check()
+
+
+@pytest.mark.parametrize(("value", "remedy"), [(-0.01, "set what lies below 0 to 0"), (1.5, "--mask-scale")])
+def test_masks_beyond_their_range_are_refused_with_what_helps(shot, value, remedy):
+    masks = shot.masks.copy()
+    masks[0, 0, 0] = value
+    with pytest.raises(InputError, match="masks reach from") as refused:
+        replace(shot, masks=masks).check()
+    assert remedy in refused.value.remedy
 
 
 def test_masks_that_let_next_to_nothing_through_are_refused(shot):

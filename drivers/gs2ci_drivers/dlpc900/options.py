@@ -23,7 +23,9 @@ class TriggerEdges(ConfigTable):
     inverted: bool = False
     """Whether the active level is low, for sensors that expose while their line is low."""
     rise_us: EdgeDelay = 0
+    """Delay of the rising edge."""
     fall_us: EdgeDelay = 0
+    """Delay of the falling edge; without `inverted`, at least that of the rising one."""
 
     @model_validator(mode="after")
     def _rises_before_it_falls(self) -> Self:

@@ -113,8 +113,10 @@ def read_mat5(path: Path) -> Container:
             at = place.at + count
             if not matrix.name:
                 continue  # MATLAB's own notes on functions and objects
-            if matrix.name in entries or len(entries) >= ENTRY_LIMIT:
-                raise InputError(f"{path}: variable {matrix.name!r} is there twice, or there are too many")
+            if matrix.name in entries:
+                raise InputError(f"{path}: variable {matrix.name!r} is there twice", remedy="save it again")
+            if len(entries) >= ENTRY_LIMIT:
+                raise InputError(f"{path}: too many variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
             entries[matrix.name] = _entry(path, matrix, place)
             places[matrix.name] = place
     return Container(path, entries, lambda key: _load(path, places[key], order))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import Gs2ciError, StorageError
-from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
+from gs2ci.core.hdf5 import NOT_OURS, SuspectFile, check_text_heaps
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
 from gs2ci.core.storage.padding import PaddedFile, stored_end
@@ -103,11 +103,7 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
     except StorageError:
         raise
     except Gs2ciError as error:
-        raise StorageError(
-            f"{path}: {error.problem}",
-            allowed=error.allowed,
-            remedy="the file was not written by gs2ci, or is damaged",
-        ) from error
+        raise StorageError(f"{path}: {error.problem}", allowed=error.allowed, remedy=NOT_OURS) from error
     except Exception as error:
         # HDF5 reports damage as almost any built-in exception; all of them mean the same to the user.
         detail = str(error).splitlines()[0] if str(error) else type(error).__name__

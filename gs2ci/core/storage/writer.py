@@ -158,7 +158,9 @@ class ShotWriter:
             events[-1] = line
             self._flush(file)
         except (OSError, RuntimeError, ValueError) as error:
-            raise StorageError(f"{self.partial}: event {kind!r} cannot be written: {error}") from error
+            raise StorageError(
+                f"{self.partial}: event {kind!r} cannot be written: {error}", remedy="free the disk"
+            ) from error
 
     def finish(self) -> Path:
         """Declare the capture complete and give it its final name, with its manifest.

@@ -314,7 +314,7 @@ class LiveBench:
         """Move an axis by a distance, within its limits, and wait until it rests."""
         stage = self._devices.stage
         if stage is None:
-            raise InputError("this rig has no stage")
+            raise InputError("this rig has no stage", remedy="add a [stage] to the rig file")
         if axis not in stage.info.axes or not abs(float(mm)) <= LARGEST_JOG_MM:
             raise InputError(
                 f"jog {axis!r} by {mm} mm", allowed=f"{', '.join(stage.info.axes)} by at most {LARGEST_JOG_MM:g} mm"

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as npst
 from scipy import io as scipy_io
 
 from gs2ci.core.errors import Gs2ciError, InputError
-from gs2ci.core.foreign import mat73
+from gs2ci.core.foreign import mat5, mat73
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.opening import open_foreign
@@ -254,7 +254,14 @@ def test_two_arrays_of_one_name_are_refused(tmp_path):
     scipy_io.savemat(tmp_path / "a.mat", {"y": np.ones((2, 2))})
     data = (tmp_path / "a.mat").read_bytes()
     (tmp_path / "a.mat").write_bytes(data + data[128:])
-    with pytest.raises(InputError, match="twice"):
+    with pytest.raises(InputError, match="'y' is there twice; what to do: save it again"):
+        open_foreign(tmp_path / "a.mat")
+
+
+def test_a_matlab_file_of_too_many_variables_is_refused(tmp_path, monkeypatch):
+    scipy_io.savemat(tmp_path / "a.mat", {"meas": np.ones((2, 2)), "masks": np.ones((2, 2))})
+    monkeypatch.setattr(mat5, "ENTRY_LIMIT", 1)
+    with pytest.raises(InputError, match="too many variables; allowed: up to 1; what to do: save fewer"):
         open_foreign(tmp_path / "a.mat")
 
 

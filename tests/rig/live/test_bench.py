@@ -203,7 +203,7 @@ def test_a_bench_without_a_stage_says_so(tmp_path, make_live):
     bench = make_live()
     monkey = bench._devices
     object.__setattr__(monkey, "stage", None)
-    with pytest.raises(InputError, match="no stage"):
+    with pytest.raises(InputError, match=r"no stage; what to do: add a \[stage\]"):
         bench.act("jog", axis="x", mm=1.0)
 
 
