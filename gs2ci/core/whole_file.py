@@ -71,7 +71,7 @@ def check_place(path: str | Path) -> None:
         path: Of the file or folder; folders above it may be missing.
 
     Raises:
-        StorageError: It cannot: no permission, a read-only file system, a file in place of a folder, or too long a name.
+        StorageError: It cannot: no permission, a read-only disk, a file in place of a folder, or too long a name.
     """
     above = Path(path).absolute()
     missing = [above.name]

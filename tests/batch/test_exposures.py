@@ -55,7 +55,7 @@ def test_a_name_is_fit_for_a_shell_and_an_address(tmp_path):
 
 def test_a_path_that_is_not_utf_8_is_refused_before_the_work(tmp_path):
     file = file_of(tmp_path / "a.h5").rename(os.fsdecode(os.fsencode(tmp_path) + b"/m\xe4.h5"))
-    with pytest.raises(InputError, match="not UTF-8.*rename"):
+    with pytest.raises(InputError, match=r"not UTF-8.*rename"):
         list_exposures([file], every=True)
 
 
