@@ -309,6 +309,22 @@ def test_an_earlier_export_and_an_empty_folder_are_replaced(run, examples, to):
         gs2ci.export("run", to, "place")
 
 
+@pytest.mark.parametrize("end", [OSError, KeyboardInterrupt])
+def test_an_earlier_export_stays_if_the_new_one_cannot_take_its_place(run, examples, monkeypatch, end):
+    first = contents(gs2ci.export("run", "colmap", "place"))
+    rename = Path.rename
+
+    def refused(self, target):
+        if self.name == "place" and self.parent != Path():
+            raise end("refused")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(end if end is KeyboardInterrupt else StorageError, match="refused"):
+        gs2ci.export("run", "colmap", "place", overwrite=True)
+    assert contents(Path("place")) == first
+
+
 @pytest.mark.parametrize("to", exports.NAMES)
 @pytest.mark.parametrize("place", ["run", "link", "run/views", "run/colmap", "run/scene.ply", "run/report.json"])
 def test_a_run_is_not_replaced_by_its_export(run, examples, to, place):
