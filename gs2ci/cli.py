@@ -8,6 +8,7 @@ import difflib
 import functools
 import importlib
 import inspect
+import io
 import os
 import re
 import shutil
@@ -75,6 +76,9 @@ _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted, 141 unread."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        # A finished work must not end in an error because its path, or ±, is none of the terminal's characters.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         try:
             # In a context of its own, so that a second call in the same process starts clean.

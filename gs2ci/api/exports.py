@@ -307,14 +307,16 @@ def _whole(target: Path, write: _Write) -> Path:
     Raises:
         StorageError: Writing fails.
     """
+    from gs2ci.evaluate.whole_folder import swap_in
+
     try:
         with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.name}.") as scratch:
             made = Path(scratch) / target.name
             write(made)
             if target.is_dir() and not target.is_symlink():
-                # It is deleted with the scratch folder.
-                target.rename(Path(scratch) / "before")
-            made.replace(target)
+                swap_in(made, target, Path(scratch) / "before")
+            else:
+                made.replace(target)
     except OSError as error:
         raise StorageError(
             f"{target} cannot be written: {error}", remedy="check the free space and the permissions"

@@ -47,13 +47,21 @@ def list_exposures(files: Sequence[Path], *, every: bool, index: int = 0) -> lis
         At least one. Each is named by its file, with as many parent folders as make the names distinct, and its index.
 
     Raises:
-        InputError: There is no file, a file holds no exposure, or none of that index.
+        InputError: There is no file, a file holds no exposure, or none of that index, or its path is not UTF-8.
         StorageError: A file cannot be read.
     """
     paths = list(dict.fromkeys(Path(os.path.abspath(file)) for file in files))
     if not paths:
         raise InputError("no shot file to reconstruct", remedy="name at least one, as `gs2ci import` writes it")
     found = []
+    for path in paths:
+        try:
+            str(path).encode()
+        except UnicodeEncodeError as error:
+            raise InputError(
+                f"{path} has a path that is not UTF-8, which no list of runs can hold",
+                remedy="rename the file or its folder",
+            ) from error
     for path, stem in zip(paths, _distinct_names(paths), strict=True):
         count = count_shots(path)
         if not count:

@@ -21,6 +21,8 @@ from gs2ci.api.derived import argument_texts
 Shell = Literal["bash", "zsh", "fish"]
 
 _HEAD: Final = "# Completion of gs2ci, written by `gs2ci completion {of}`. Write it again after an update.\n"
+# A name of several words is one name.
+_FILES_BY_BASH: Final = r"""local IFS=$'\n'; COMPREPLY=($(compgen -f -- "$word"))"""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
         ]
         files = "|".join(name for one in listed if one.files for name in one.names)
         if files:
-            values.append(f'        {files}) COMPREPLY=($(compgen -f -- "$word")); return;;')
+            values.append(f"        {files}) {_FILES_BY_BASH}; return;;")
         words = " ".join(name for one in listed for name in one.names)
         choice = "\n".join(['      case "$before" in', *values, "      esac"]) if values else ""
         cases.append(f"    {command})\n{choice}\n      words='{words}';;".replace("\n\n", "\n"))
@@ -133,7 +135,7 @@ def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
             *cases,
             "  esac",
             '  if [[ "$word" == -* ]]; then COMPREPLY=($(compgen -W "$words" -- "$word"));',
-            '  else COMPREPLY=($(compgen -f -- "$word")); fi',
+            f"  else {_FILES_BY_BASH}; fi",
             "}",
             "complete -o filenames -F _gs2ci gs2ci",
             "",

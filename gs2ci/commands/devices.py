@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci_drivers.acquisition import Devices
@@ -25,8 +26,14 @@ def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) ->
     Args:
         rig: Query the devices of this rig file; by default, look for devices on this computer.
         home: Move the stage of the rig to its reference; the way must be free.
+
+    Raises:
+        InputError: Nothing can be homed, because no rig is given, or it has no stage.
+        DeviceError: A device does not answer.
     """
     console = Console()
+    if home and rig is None:
+        raise InputError("--home without a rig", remedy="gs2ci devices --rig RIG.toml --home")
     with answered(as_text=not json) as answer:
         if rig is None:
             answer(_print_found(console))
@@ -35,7 +42,9 @@ def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) ->
 
         with open_rig(rig) as opened:
             told = _print_devices(console, opened.devices)
-            if home and opened.devices.stage is not None:
+            if home:
+                if opened.devices.stage is None:
+                    raise InputError(f"--home: {rig} names no stage", remedy="add [stage] to it, or leave --home out")
                 positions = opened.home()
                 homed = ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items())
                 console.print(f"homed: {homed}", highlight=False)

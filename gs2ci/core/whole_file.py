@@ -71,19 +71,22 @@ def check_place(path: str | Path) -> None:
         path: Of the file or folder; folders above it may be missing.
 
     Raises:
-        StorageError: It cannot: no permission, a read-only file system, or a file in place of a folder.
+        StorageError: It cannot: no permission, a read-only disk, a file in place of a folder, or too long a name.
     """
-    above = Path(path).absolute().parent
-    while not above.exists() and above != above.parent:
-        above = above.parent
+    above = Path(path).absolute()
+    missing = [above.name]
+    while not os.path.exists(above := above.parent) and above != above.parent:
+        missing.append(above.name)
+    longest = max(missing, key=lambda name: len(os.fsencode(name)))
     try:
-        # Permissions alone are not enough: a file system may be read-only, and for root everything seems allowed.
-        os.rmdir(tempfile.mkdtemp(prefix=".", suffix=".partial", dir=above))
+        # Permissions alone are not enough: a file system may be read-only, and for root everything seems allowed. The
+        # longest new name is part of it: results are made beside their places, under names as much longer.
+        os.rmdir(tempfile.mkdtemp(prefix=f".{longest}.", suffix=".partial", dir=above))
     except OSError as error:
         reason = f"{above}: {reason_of(error)}" if above.is_dir() else f"{above} is not a folder"
         raise StorageError(
             f"{path} cannot be written: {reason}",
-            remedy="check the permissions of that folder, or choose another place with -o",
+            remedy="check the permissions of that folder, or choose another place or a shorter name with -o",
         ) from error
 
 

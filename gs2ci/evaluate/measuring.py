@@ -3,8 +3,8 @@
 Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
 
 The standard error combines the errors of the two depths, each a share of the spread along the ray of the light whose
-median is the depth, and of the places within a pixel. Errors common to all depths are not included: those of the unit
-and of the path.
+median is the depth, and of the places within a pixel, on a surface as slanted as the neighbours say. Errors common to
+all depths are not included: those of the unit and of the path.
 """
 
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.evaluation import FinishedRun
-from gs2ci.evaluate.points import Cameras
+from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 
 # The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
 # surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).
@@ -81,9 +81,10 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         points.append(cameras.in_world(view, ray * depth))
         unsure = depth * _OF_SPREAD * float(run.depth_spread[view, row, column])
         along = cameras.in_world(view, ray * unsure, directions=True)
-        beside = depth * _WITHIN_PIXEL_PX / np.diag(run.intrinsics)[:2]
-        across = [cameras.in_world(view, np.eye(3)[k] * beside[k], directions=True) for k in (0, 1)]
-        spreads.append(np.stack([along, *across]))
+        # How the point moves from one pixel to the next: beside the ray, and along it where the surface is slanted.
+        beside = depth * np.eye(3)[:2] / np.diag(run.intrinsics)[:2, None]
+        moved = _WITHIN_PIXEL_PX * (beside + ray * _slopes(run.depth[view], column, row)[:, None])
+        spreads.append(np.stack([along, *cameras.in_world(view, moved, directions=True)]))
     line = points[1] - points[0]
     length = float(np.linalg.norm(line))
     # If the two points coincide, the line may have any direction: the largest error counts.
@@ -92,6 +93,19 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
     error = float(np.sqrt(sum(variances)))
     return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit)
+
+
+def _slopes(depth: F32, column: int, row: int) -> F64:
+    """Return how depth, [H, W], changes per pixel along columns and rows, [2]; 0 where this is not known.
+
+    A neighbour on another surface, or without a depth, says nothing of this one.
+    """
+    found = np.zeros(2)
+    for k, (place, line) in enumerate(((column, depth[row]), (row, depth[:, column]))):
+        near = line[max(place - 1, 0) : place + 2].astype(np.float64)
+        if (np.abs(near - line[place]) <= SAME_SURFACE * line[place]).all() and len(near) > 1:
+            found[k] = (near[-1] - near[0]) / (len(near) - 1)
+    return found
 
 
 def _pixel(given: Any, width: int, height: int) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from gs2ci.render.ply import named_columns, ply_bytes
 # Below this confidence pixels are left out of the cloud: semi-transparent parts and edges between near and far.
 _LEAST_CONFIDENCE: Final = 0.5
 # Neighbours whose depths differ relatively by more than this lie on different surfaces.
-_SAME_SURFACE: Final = 0.05
+SAME_SURFACE: Final = 0.05
 # Largest number of views that contribute: neighbouring views see the same surfaces.
 _VIEWS: Final = 3
 
@@ -105,7 +105,7 @@ def _normals(seen: F64, depth: F32) -> tuple[F64, Bool]:
     length = np.linalg.norm(product, axis=-1)
     here = depth[inner]
     neighbours = (depth[1:-1, 2:], depth[1:-1, :-2], depth[2:, 1:-1], depth[:-2, 1:-1])
-    alike = [(other > 0) & (np.abs(other - here) <= _SAME_SURFACE * here) for other in neighbours]
+    alike = [(other > 0) & (np.abs(other - here) <= SAME_SURFACE * here) for other in neighbours]
     sound[inner] = (here > 0) & (length > 0) & np.all(alike, axis=0)
     normals[inner] = product / np.where(length > 0, length, 1.0)[..., None]
     return normals, sound

@@ -88,7 +88,7 @@ def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCH
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         yield partial
-        _swap_in(partial, folder)
+        swap_in(partial, folder, folder.parent / f".{folder.name}.{os.getpid()}.old")
     except OSError as error:
         raise StorageError(
             f"{folder} cannot be written: {error}",
@@ -98,18 +98,28 @@ def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCH
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _swap_in(partial: Path, folder: Path) -> None:
-    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
-    replacing = folder.exists()
-    if replacing:
-        folder.rename(old)
+def swap_in(made: Path, place: Path, aside: Path) -> None:
+    """Rename a finished folder to its place; an earlier one there is deleted, or stays after an error or interruption.
+
+    Args:
+        made: The folder.
+        place: Its place.
+        aside: Where the earlier one lies meanwhile, on the same disk.
+
+    Raises:
+        OSError: The disk refuses.
+    """
     try:
-        partial.rename(folder)
-    except OSError:
-        if replacing:
-            old.rename(folder)
+        if place.exists():
+            place.rename(aside)
+        made.rename(place)
+    except BaseException:
+        if aside.exists() and not place.exists():
+            aside.rename(place)
         raise
-    shutil.rmtree(old, ignore_errors=True)
+    finally:
+        if place.exists():
+            shutil.rmtree(aside, ignore_errors=True)
 
 
 def write_pictures(folder: Path, views: F32) -> None:

@@ -21,10 +21,11 @@ from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
 from gs2ci.evaluate.report import GeometrySection
+from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
 from tests.evaluate.reports import GEOMETRY
 
-__all__ = ["tab"]
+__all__ = ["small_files", "tab"]
 
 
 @pytest.fixture
@@ -117,6 +118,15 @@ def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
 def test_a_nexus_file_that_cannot_be_written_is_told(run):
     with pytest.raises(StorageError, match="cannot be written"):
         nexus.write_nexus(Path("nowhere/x.nxs"), run.report, run.views, None, exports._cameras(run))
+
+
+@pytest.mark.parametrize("to", ["gif", "mp4", "nexus", "spz", "colmap", "nerfstudio"])
+def test_a_disk_that_fills_up_is_told_and_leaves_nothing(run, small_files, tmp_path, to):
+    folder = tmp_path / "full"
+    folder.mkdir()
+    with pytest.raises(StorageError, match="cannot be written"):
+        gs2ci.export(run, to, folder / exports.NAMES[to])
+    assert list(folder.iterdir()) == []
 
 
 def test_depth_as_png_and_exr(run):
@@ -297,6 +307,22 @@ def test_an_earlier_export_and_an_empty_folder_are_replaced(run, examples, to):
     assert contents(gs2ci.export("run", to, "place", overwrite=True)) == first
     with pytest.raises(StorageError, match="place exists"):
         gs2ci.export("run", to, "place")
+
+
+@pytest.mark.parametrize("end", [OSError, KeyboardInterrupt])
+def test_an_earlier_export_stays_if_the_new_one_cannot_take_its_place(run, examples, monkeypatch, end):
+    first = contents(gs2ci.export("run", "colmap", "place"))
+    rename = Path.rename
+
+    def refused(self, target):
+        if self.name == "place" and self.parent != Path():
+            raise end("refused")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(end if end is KeyboardInterrupt else StorageError, match="refused"):
+        gs2ci.export("run", "colmap", "place", overwrite=True)
+    assert contents(Path("place")) == first
 
 
 @pytest.mark.parametrize("to", exports.NAMES)

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import h5py
@@ -50,6 +51,12 @@ def test_names_that_differ_in_capitals_alone_are_told_apart_as_some_disks_would_
 def test_a_name_is_fit_for_a_shell_and_an_address(tmp_path):
     (one,) = list_exposures([file_of(tmp_path / "first try (2).h5")], every=True)
     assert one.name == "first_try_2_-000"
+
+
+def test_a_path_that_is_not_utf_8_is_refused_before_the_work(tmp_path):
+    file = file_of(tmp_path / "a.h5").rename(os.fsdecode(os.fsencode(tmp_path) + b"/m\xe4.h5"))
+    with pytest.raises(InputError, match=r"not UTF-8.*rename"):
+        list_exposures([file], every=True)
 
 
 def test_a_file_that_is_named_twice_counts_once(tmp_path, monkeypatch):

@@ -24,7 +24,7 @@ def bash_completes(script, *words):
     code = f"{script}\nCOMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; _gs2ci; printf '%s\\n' \"${{COMPREPLY[@]}}\""
     done = subprocess.run(["bash", "--norc", "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == ""
-    return done.stdout.split()
+    return [line for line in done.stdout.split("\n") if line]
 
 
 def test_bash_completes_commands(scripts):
@@ -42,9 +42,10 @@ def test_bash_completes_values_that_are_fixed(scripts):
 
 def test_bash_completes_files_else(scripts, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "shot.h5").touch()
-    assert bash_completes(scripts["bash"], "gs2ci", "reconstruct", "sh") == ["shot.h5"]
-    assert bash_completes(scripts["bash"], "gs2ci", "reconstruct", "x.h5", "-o", "sh") == ["shot.h5"]
+    for name in ("shot.h5", "my first shot.h5"):
+        (tmp_path / name).touch()
+        assert bash_completes(scripts["bash"], "gs2ci", "reconstruct", name[:2]) == [name]
+        assert bash_completes(scripts["bash"], "gs2ci", "reconstruct", "x.h5", "-o", name[:2]) == [name]
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])

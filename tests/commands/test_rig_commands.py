@@ -147,6 +147,15 @@ def test_devices_says_what_each_can_do_and_homes_only_when_asked(rig, capsys, gs
     assert "homed: x 0.0000 mm" in capsys.readouterr().out
 
 
+def test_what_cannot_be_homed_is_told(rig, capsys, gs2ci):
+    assert gs2ci("devices", "--home") == 2
+    assert "gs2ci devices --rig RIG.toml --home" in capsys.readouterr().err
+    rest = "\n".join(line for line in RIG.splitlines() if not line.startswith(("axis", "from_mm", "to_mm")))
+    rig.write_text(rest.replace('[stage]\nkind = "zaber"\n[stage.mount]\n', ""))
+    assert gs2ci("devices", "--rig", rig, "--home") == 2
+    assert "names no stage" in capsys.readouterr().err
+
+
 def test_devices_without_a_rig_looks_at_this_computer(rig, monkeypatch, capsys, gs2ci):
     monkeypatch.setattr(discovery, "find_devices", lambda: [("sensor", "/dev/video3", "a camera")])
     assert gs2ci("devices") == 0

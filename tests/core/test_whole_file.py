@@ -223,6 +223,14 @@ def test_a_place_where_nothing_can_be_made_is_refused_before_the_work(tmp_path, 
         check_place(tmp_path / "missing" / "run")
 
 
+@pytest.mark.parametrize("name", ["a" * 250, "測" * 82, "a" * 300])
+@pytest.mark.parametrize("place", ["{}", "missing/{}", "{}/run"])
+def test_too_long_a_name_is_refused_before_the_work(tmp_path, name, place):
+    with pytest.raises(StorageError, match=r"cannot be written: .*File name too long; what to do: .* shorter name"):
+        check_place(tmp_path / place.format(name))
+    assert held(tmp_path) == []
+
+
 @pytest.mark.parametrize("content", [b"", b"mine", b"\x89HDF\r\n", b" " * 5000 + b"made by us"])
 def test_only_an_earlier_file_of_the_kind_may_be_replaced(path, content):
     check_earlier(path.with_name("new"), b"made by us", "a table")

@@ -48,6 +48,28 @@ def test_the_standard_error_is_that_of_repeated_measurements(wall):
     assert stated.standard_error == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
+def test_the_places_within_pixels_lie_on_the_surface_as_it_is_slanted(wall, tilt_deg):
+    normal, at_4 = np.array([np.sin(np.radians(tilt_deg)), 0.0, np.cos(np.radians(tilt_deg))]), np.array([0, 0, 4.0])
+    focal, middle = np.diag(wall.intrinsics)[:2], wall.intrinsics[:2, 2]
+
+    def seen(pixels):
+        rays = np.concatenate([(pixels - middle) / focal, np.ones((*pixels.shape[:-1], 1))], axis=-1)
+        return rays * (normal @ at_4 / (rays @ normal))[..., None]
+
+    rows, columns = np.mgrid[:48, :64] + 0.5
+    depth = np.broadcast_to(seen(np.stack([columns, rows], axis=-1))[..., 2], wall.depth.shape)
+    sure = replace(wall, depth=depth.astype(np.float32), depth_spread=np.zeros_like(wall.depth))
+    rng = np.random.default_rng(0)
+    off = []
+    for _ in range(300):
+        ends = np.stack([rng.integers((25, 1), (34, 47)), rng.integers((48, 1), (62, 47))])
+        found = measure(sure, *(tuple(end) for end in ends), 1)
+        one, other = seen(ends + rng.random((2, 2)))
+        off.append((np.linalg.norm(other - one) - found.length) / found.standard_error)
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1, abs=0.12)
+
+
 def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
     depth = wall.depth.copy()
     depth[0, 24, 33] = 8.0

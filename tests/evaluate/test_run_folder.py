@@ -269,6 +269,30 @@ def test_an_earlier_run_is_put_back_when_the_new_one_cannot_take_its_place(tmp_p
     assert names(tmp_path) == {"run"}
 
 
+@pytest.mark.parametrize("end", [KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize("done", [False, True])
+@pytest.mark.parametrize("moved", ["run", "partial"])
+def test_an_interruption_while_the_folders_change_places_leaves_one_whole(tmp_path, monkeypatch, end, done, moved):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "report.json").write_text('{"schema": "gs2ci.report/1"}')
+    rename = Path.rename
+
+    def interrupted(self, target):
+        if not self.name.endswith(moved) or self.name.endswith(".old"):
+            return rename(self, target)
+        monkeypatch.setattr(Path, "rename", rename)
+        if done:
+            rename(self, target)
+        raise end
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(end), whole_folder(folder, overwrite=True) as partial:
+        (partial / "new").touch()
+    assert names(folder) == ({"new"} if done and moved == "partial" else {"report.json"})
+    assert names(tmp_path) == {"run"}
+
+
 def test_a_picture_that_cannot_be_written_is_an_error(tmp_path, make_run, scene, monkeypatch):
     monkeypatch.setattr(cv2, "imwrite", lambda *_: False)
     with pytest.raises(StorageError, match=r"view_000\.png cannot be written"):

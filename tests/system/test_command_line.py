@@ -1,5 +1,6 @@
 """The command line as a user runs it: a foreign file in, a run folder out, and errors that state a remedy."""
 
+import io
 import os
 import signal
 import subprocess
@@ -121,6 +122,15 @@ def test_nobody_hears_of_a_reader_that_has_seen_enough():
         child.stdout.close()
         assert child.stderr.read() == ""
     assert child.returncode == cli.EXIT_UNREAD
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_what_a_terminal_has_no_character_for_is_printed_all_the_same(encoding, monkeypatch):
+    seen = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(seen, encoding=encoding, errors="strict"))
+    monkeypatch.setattr(cli, "_usage", lambda: "m\udce4.ply is written, ± 1\n")
+    assert typed(monkeypatch, "--help") == 0
+    assert seen.getvalue().decode(encoding).startswith("m\\udce4.ply is written, ")
 
 
 @pytest.mark.parametrize("arguments", [["reconstruct", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])

@@ -11,6 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, U8
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.whole_file import write_whole
 
 FRAMES: Final = 48
 FRAMES_PER_S: Final = 24
@@ -64,11 +65,8 @@ def write_film(path: Path, frames: F32) -> Path:
     if path.suffix == ".gif":
         import imageio.v3 as imageio  # noqa: PLC0415  only films need it
 
-        try:
-            imageio.imwrite(path, shown, extension=".gif", duration=1000 / FRAMES_PER_S, loop=0)
-        except OSError as error:
-            raise StorageError(f"{path} cannot be written: {error}", remedy="check the folder and its space") from error
-        return path
+        content = imageio.imwrite("<bytes>", shown, extension=".gif", duration=1000 / FRAMES_PER_S, loop=0)
+        return write_whole(path, content)
     if path.suffix != ".mp4":
         raise InputError(f"a film {path.name}", allowed="a name that ends in .gif or .mp4")
     # Encoders of 4:2:0 video take even sides alone.
@@ -80,4 +78,10 @@ def write_film(path: Path, frames: F32) -> Path:
     for frame in shown:
         writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
     writer.release()
+    # The writer does not say that the disk has refused.
+    if int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)) != len(shown):
+        raise StorageError(
+            f"{path} cannot be written: not all of its {len(shown)} frames are in it",
+            remedy="check the folder and its free space",
+        )
     return path

@@ -3,6 +3,7 @@
 Here: bringing the paths together and onto the page. Not here: the alignment (`gs2ci.evaluate.trajectory`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -49,13 +50,15 @@ class Paths:
         return found
 
 
-def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
+def path_svg(paths: Paths, width: int, *, unit: str, shown: Sequence[int] = ()) -> Markup:
     """Draw paths from above, the cameras looking up the page.
 
     Args:
         paths: The paths.
         width: Width of the drawing, CSS pixels.
         unit: Unit of lengths in the common frame.
+        shown: Indices of the views that the page shows, in its order: their cameras are marked as these are stepped
+            through.
     """
     together = paths.together()
     reference = next(iter(together.values()))
@@ -75,7 +78,7 @@ def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
         return np.asarray(np.round(place + (points - middle) * (scale, -scale), 2), np.float64)
 
     drawn = [
-        _drawn(name, on_page(spots[name]), _wedges(poses, spots[name], axes, size, on_page))
+        _drawn(name, on_page(spots[name]), shown, _wedges(poses, spots[name], axes, size, on_page))
         for name, poses in together.items()
     ]
     bar = _ruler(extent)
@@ -99,8 +102,9 @@ def path_colour(name: str) -> Colour:
     return colours[name]
 
 
-def _drawn(name: str, spots: F64, wedges: list[str]) -> dict[str, Any]:
+def _drawn(name: str, spots: F64, shown: Sequence[int], wedges: list[str]) -> dict[str, Any]:
     recovered = name == "recovered"
+    places = {index: place for place, index in enumerate(shown)} if recovered else {}
     ends = sorted({0, len(spots) - 1}) if recovered else []
     return {
         "colour": path_colour(name),
@@ -108,8 +112,7 @@ def _drawn(name: str, spots: F64, wedges: list[str]) -> dict[str, Any]:
         "dashed": name == "stage",
         "line": "M" + "L".join(f"{x:g},{y:g}" for x, y in spots) if len(spots) > 1 else "",
         "dots": [
-            (float(x), float(y), index if recovered else None, f"{name}, view {index + 1}")
-            for index, (x, y) in enumerate(spots)
+            (float(x), float(y), places.get(index), f"{name}, view {index + 1}") for index, (x, y) in enumerate(spots)
         ],
         "radius": 4 if recovered else 6,
         "wedges": wedges if name != "stage" else [],

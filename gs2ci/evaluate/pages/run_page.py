@@ -4,6 +4,7 @@ Here: its sections and their contents. Not here: the parts of sections (`pieces.
 (`next_steps.py`), reading the folder (`run_evidence.py`).
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -78,7 +79,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
-        PageSection("Camera path", _path(evidence), _path_lead(evidence)),
+        PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
         PageSection("Quality against time", _curve(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
     ]
@@ -270,15 +271,15 @@ def _motion_lead(report: Report) -> str:
     )
 
 
-def _path(evidence: RunEvidence) -> Markup:
+def _path(evidence: RunEvidence, shown: Sequence[int]) -> Markup:
     report = evidence.report
     paths = Paths(evidence.world_to_camera, evidence.true_world_to_camera, evidence.stage_world_to_camera)
     unit = "true units" if paths.true is not None else "stage units" if paths.stage is not None else "scene units"
     names = [name for name in ("recovered", "true", "stage") if getattr(paths, name) is not None]
     drawing = piece(
         "chart_frame",
-        wide=path_svg(paths, 760, unit=unit),
-        narrow=path_svg(paths, 340, unit=unit),
+        wide=path_svg(paths, 760, unit=unit, shown=shown),
+        narrow=path_svg(paths, 340, unit=unit, shown=shown),
         legend=[(name, path_colour(name), "dashed" if name == "stage" else "line") for name in names],
         caption="Seen from above; the cameras look up the page.",
     )

@@ -34,7 +34,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import on_modulator
 from gs2ci.rig.recording import prepare, record, saturation_of
 from gs2ci_drivers.acquisition import Devices
-from gs2ci_drivers.failures import DriverError, FrameError
+from gs2ci_drivers.failures import DriverError, FrameError, FrameLostError, OutOfRangeError
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 
@@ -46,6 +46,8 @@ STEP_S: Final = 0.5
 READ_S: Final = 1.0
 """How long a picture is waited for beyond its exposure."""
 PICTURES_PER_S: Final = 15.0
+MOVE_LOOK_S: Final = 0.05
+"""How often a moving stage is asked whether it rests, and whether it is to stop."""
 LARGEST_JOG_MM: Final = 10.0
 DECODE_ITERATIONS: Final = 20
 FIRST_EXPOSURE_S: Final = 0.01
@@ -82,6 +84,7 @@ class LiveBench:
         self._rig = rig
         self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._ended = threading.Event()
+        self._stop_moving = threading.Event()  # set while a request to disarm waits
         self._lock = threading.Lock()
         self._view = LiveView()
         self._notes: list[str] = []
@@ -109,6 +112,7 @@ class LiveBench:
             *([f"the modulator shows {self._shown}"] if self._turn else []),
             *(["the camera streams"] if self._camera_on else []),
             *(["the stage moves"] if self._moving else []),
+            *(["one exposure is taken"] if self._taking else []),
         ]
 
     def view(self) -> LiveView:
@@ -165,7 +169,7 @@ class LiveBench:
             "exposure": self._exposure,
             "jog": self._jog,
             "take": self._take,
-            "disarm": self._disarm,
+            "disarm": self._disarm_all,
         }
         if action not in known:
             raise InputError(f"action {action!r}", allowed=", ".join(known))
@@ -174,13 +178,15 @@ class LiveBench:
         def do() -> None:
             try:
                 known[action](**given)
-            except (TypeError, ValueError) as error:  # no such argument, or no number
+            except (TypeError, ValueError, OverflowError) as error:  # no such argument, or no number
                 raise InputError(f"{action} with {given}", allowed=str(error)) from error
 
         with self._lock:  # what is asked before the end is refused there, and nothing is asked after it
             if self._ended.is_set() or self._thread is None:
                 raise InputError("the bench is closed", remedy="start `gs2ci live` again")
             self._asked.put((do, done))
+            if action == "disarm":
+                self._stop_moving.set()
         done.result()
 
     def _serve(self) -> None:
@@ -217,7 +223,7 @@ class LiveBench:
             action()
         except Exception as error:
             self._note(str(error) or type(error).__name__)
-            if not isinstance(error, InputError):
+            if not isinstance(error, InputError | OutOfRangeError):  # these are refused before anything changes
                 self._disarm()
             self._publish()
             done.set_exception(error)
@@ -258,8 +264,8 @@ class LiveBench:
         modulator = self._devices.modulator
         if what not in ("dark", "open", "mask", "sequence"):
             raise InputError(f"show {what!r}", allowed="dark, open, mask, sequence")
-        if what == "mask" and not 0 <= int(index) < len(self._codes):
-            raise InputError(f"mask {index}", allowed=f"0 to {len(self._codes) - 1}")
+        if what == "mask" and index not in range(len(self._codes)):
+            raise InputError(f"mask {index + 1:g}", allowed=f"1 to {len(self._codes)}, as the page counts them")
         modulator.disarm()
         self._turn.clear()
         self._shown, self._mask, self._residual = "dark", None, None
@@ -311,7 +317,7 @@ class LiveBench:
             self._start()
 
     def _jog(self, *, axis: str, mm: float) -> None:
-        """Move an axis by a distance, within its limits, and wait until it rests."""
+        """Move an axis by a distance, within its limits, and wait until it rests; a request to disarm stops it."""
         stage = self._devices.stage
         if stage is None:
             raise InputError("this rig has no stage", remedy="add a [stage] to the rig file")
@@ -319,10 +325,19 @@ class LiveBench:
             raise InputError(
                 f"jog {axis!r} by {mm} mm", allowed=f"{', '.join(stage.info.axes)} by at most {LARGEST_JOG_MM:g} mm"
             )
-        target_mm = stage.positions_mm()[axis] + float(mm)
+        target_mm = {axis: stage.positions_mm()[axis] + float(mm)}
+        clock = self._devices.clock
+        until_s = clock.now_s() + 1.0 + 2.0 * stage.move_time_s(target_mm)
+        stage.begin_move(target_mm)
         self._moving = True
         try:
-            stage.move_to({axis: target_mm})
+            while stage.status().moving and clock.now_s() < until_s:
+                if self._stop_moving.is_set() or self._ended.is_set():
+                    stage.stop()
+                    return
+                self._publish()
+                clock.sleep_s(MOVE_LOOK_S)
+            stage.wait_idle(MOVE_LOOK_S)
         finally:
             self._moving = False
 
@@ -338,6 +353,7 @@ class LiveBench:
         capture = table.capture.model_copy(update={"shots": 1, "burst": 1, "continuous": False})
         rig = replace(self._rig, table=table.model_copy(update={"capture": capture}))
         self._taking = True
+        self._publish()
         try:
             with tempfile.TemporaryDirectory(prefix="gs2ci-live-") as folder:
                 out = Path(folder) / "shot.h5"
@@ -363,6 +379,11 @@ class LiveBench:
             "seconds": took_s,
         }
 
+    def _disarm_all(self) -> None:
+        """Stop all devices, as requested."""
+        self._stop_moving.clear()
+        self._disarm()
+
     def _disarm(self) -> None:
         """Stop all devices in any state, even if one of them raises an error."""
         steps: list[Callable[[], object]] = [self._devices.modulator.disarm, self._devices.sensor.stop]
@@ -382,8 +403,12 @@ class LiveBench:
         if not self._camera_on:
             return
         sensor, black_dn = self._devices.sensor, self._rig.table.sensor.black_level_dn
-        pixels = sensor.read(self._exposure_s + sensor.settings.readout_s + READ_S).pixels
-        sensor.discard()  # so that the next picture is taken with the present settings
+        wait_s = self._exposure_s + sensor.settings.readout_s + READ_S
+        sensor.discard()  # so that the picture is taken with the present settings
+        try:
+            pixels = sensor.read(wait_s).pixels
+        except FrameLostError:  # nobody reads between two pictures; the frame after the gap comes with the next call
+            pixels = sensor.read(wait_s).pixels
         top = sensor.settings.format.top
         saturation_dn = saturation_of(self._rig.table, top)
         self._figures = asdict(figures_of(pixels, top, saturation_dn, black_dn)) | {"top_dn": top}

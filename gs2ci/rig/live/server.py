@@ -18,7 +18,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any, Final
 
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import Gs2ciError, InputError, reason_with_file
+from gs2ci.core.json_text import parse_json
 from gs2ci.rig.live.bench import LiveBench
 
 LAPSE_S: Final = 4.0
@@ -108,6 +109,8 @@ class LiveServer:
             self._bench.act(str(request.get("action", "")), **given)
         except Gs2ciError as error:
             return HTTPStatus.BAD_REQUEST, {"error": str(error)}
+        except Exception as error:  # the bench has disarmed everything, and the page says why
+            return HTTPStatus.INTERNAL_SERVER_ERROR, {"error": reason_with_file(error) or type(error).__name__}
         return HTTPStatus.OK, {}
 
     def state(self, token: str) -> dict[str, Any]:
@@ -220,7 +223,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._tell(HTTPStatus.OK, {})
             return
         try:
-            request = json.loads(body)
+            request = parse_json(body.decode())
         except ValueError:
             request = None
         if self.path != "/act" or not isinstance(request, dict):

@@ -179,7 +179,11 @@ def test_many_views_are_thinned_and_it_says_so(tmp_path, make_run, scene, write_
     folder = write_quickly(tmp_path / "run", *make_run(count=24, size=(12, 16)), scene)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "16 of 24 views are shown here." in page
-    assert 'data-names="1 3 ' in page
+    (names,) = re.findall(r'data-names="([\d ]+)"', page)
+    assert names.startswith("1 3 ")
+    # The camera that is marked while a view is shown is that view's.
+    marked = re.findall(r'data-index="(\d+)"><title>recovered, view (\d+)<', page)
+    assert marked == 2 * [(str(place), name) for place, name in enumerate(names.split())]
 
 
 def test_mono_measurements_have_a_page_too(tmp_path, make_run, scene, write_quickly):

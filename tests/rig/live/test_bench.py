@@ -152,11 +152,66 @@ def test_the_stage_is_jogged_within_its_limits(make_live):
         bench.act("jog", axis="x", mm=11.0)
     with pytest.raises(InputError, match="jog 'y'"):
         bench.act("jog", axis="y", mm=1.0)
+    bench.act("camera", on=True)
     for _ in range(int(bench.view().state["axes"]["x"]["mm"] // 10)):
         bench.act("jog", axis="x", mm=-10.0)
     with pytest.raises(OutOfRangeError, match="allowed"):
         bench.act("jog", axis="x", mm=-10.0)
-    assert any("allowed" in note for note in bench.view().state["notes"])
+    assert bench.armed == ["the camera streams"]  # a refused step changes nothing
+    pictures(bench)
+    # That nobody read the camera meanwhile is no loss to tell of.
+    assert all("allowed" in note for note in bench.view().state["notes"])
+
+
+def told_while(bench, action, **given):
+    """Press a button; return what the page may have said was armed meanwhile, each once."""
+    done, told = threading.Event(), []
+
+    def press():
+        try:
+            bench.act(action, **given)
+        finally:
+            done.set()
+
+    before = bench.view().state["armed"]
+    pressing = threading.Thread(target=press)
+    pressing.start()
+    while not done.wait(0.001):
+        if (armed := bench.view().state["armed"]) not in (before, *told):
+            told.append(armed)
+    pressing.join()
+    return told
+
+
+def test_what_moves_or_is_taken_is_told_meanwhile(make_live, monkeypatch):
+    bench = make_live()
+    sleep = bench._devices.clock.sleep_s
+    monkeypatch.setattr(bench._devices.clock, "sleep_s", lambda seconds: (time.sleep(0.005), sleep(seconds)))
+    assert told_while(bench, "jog", axis="x", mm=5.0) == [["the stage moves"]]
+    bench.act("camera", on=True)
+    assert ["one exposure is taken"] in told_while(bench, "take")
+    assert bench.view().state["armed"] == []
+    assert not bench.view().state["taking"]
+
+
+@pytest.mark.parametrize("end", [lambda bench: bench.act("disarm"), lambda bench: bench.close()])
+def test_a_moving_stage_is_stopped(make_live, monkeypatch, end):
+    bench = make_live()
+    sleep = bench._devices.clock.sleep_s
+    monkeypatch.setattr(bench._devices.clock, "sleep_s", lambda seconds: (time.sleep(0.005), sleep(seconds)))
+    clock, stage = bench._rig.bench.world.clock, bench._rig.bench.stage
+    begun_mm = stage.positions_mm_at(clock.now_s())["x"]
+    moving = threading.Thread(target=bench.act, args=("jog",), kwargs={"axis": "x", "mm": 10.0})
+    moving.start()
+    wait_for(bench, lambda view: view.state["armed"] == ["the stage moves"])
+    end(bench)
+    moving.join()
+    assert bench.armed == []
+    now_s = clock.now_s()
+    rests_mm = stage.positions_mm_at(now_s)["x"]
+    assert begun_mm < rests_mm < begun_mm + 9.0
+    clock.sleep_s(1.0)
+    assert stage.positions_mm_at(clock.now_s())["x"] == rests_mm
 
 
 def test_one_exposure_is_taken_and_decoded(make_live):
@@ -187,7 +242,7 @@ def test_without_what_decodes_it_says_what_to_install(make_live, monkeypatch):
     [
         ("explode", {}, "camera, show, exposure, jog, take, disarm"),
         ("show", {"what": "cat"}, "dark, open, mask, sequence"),
-        ("show", {"what": "mask", "index": 4}, "0 to 3"),
+        ("show", {"what": "mask", "index": 4}, "mask 5; allowed: 1 to 4"),
         ("exposure", {"seconds": 1e9}, "an exposure of"),
         ("camera", {"off": True}, "camera with"),
     ],

@@ -2,6 +2,7 @@
 
 import json
 import socket
+import tempfile
 import time
 import urllib.error
 import urllib.request
@@ -70,14 +71,31 @@ def test_a_holder_that_falls_silent_is_forgotten_and_everything_is_disarmed(serv
 def test_what_cannot_be_is_answered_with_what_can(served):
     _, server = served
     status, told = press(server, "a", action="show", what="mask", index=99)
-    assert (status, "0 to 3" in told["error"]) == (400, True)
-    assert press(server, "a", action="show", what="mask", index="x")[0] == 400
-    for path, body in (("/act", b"no json"), ("/act", b"[]"), ("/other", b"{}")):
+    assert (status, "mask 100; allowed: 1 to 4" in told["error"]) == (400, True)
+    for index in ("x", None, 0.5, -1, float("inf")):
+        assert press(server, "a", action="show", what="mask", index=index)[0] == 400
+    for path, body in (
+        ("/act", b"no json"),
+        ("/act", b"[]"),
+        ("/other", b"{}"),
+        ("/act", b"[" * 4000),
+        ("/act", b"\xff"),
+    ):
         assert ask(server, path, body=body, token="a")[0] == 400
     assert ask(server, "/act", body=b"x" * 5000, token="a")[0] == 413
     assert ask(server, "/picture.png")[0] == 404  # none was taken
     assert ask(server, "/view/0.png")[0] == 404
     assert ask(server, "/../secret")[0] == 404
+
+
+def test_an_action_that_no_device_refused_is_answered_as_well(served, monkeypatch, tmp_path, capsys):
+    bench, server = served
+    press(server, "a", action="camera", on=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    status, told = press(server, "a", action="take")
+    assert (status, "No such file" in told["error"]) == (500, True)
+    assert bench.armed == []
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_another_hosts_name_is_refused_and_the_page_may_load_nothing_from_elsewhere(served):
