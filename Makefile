@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+KERNELS := $(VENV)/.compiled
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs), and so do
 # OpenBLAS's threads over matrices too small to share (docs/decisions/0107-openblas-has-one-thread.md).
 export OMP_WAIT_POLICY := PASSIVE
@@ -10,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test test-as stability kernel check wheel docs benchmarks clean
+.PHONY: help install environment demo test test-as stability kernel check wheel docs benchmarks clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
@@ -24,11 +25,17 @@ help:
 	@echo "make benchmarks  the measured figures: rasteriser against torch, bundle adjustments against each other"
 	@echo "make clean  remove .venv, caches and runs"
 
-install: $(STAMP)
+install: $(KERNELS)
+
+# Without the kernels, which `check`, `wheel` and `docs` do not call: `make -j3 install check wheel` does all at once.
+environment: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(KERNELS): $(STAMP)
 	$(BIN)/gs2ci compile
 	@touch $@
 
@@ -51,17 +58,17 @@ stability: install
 kernel: install
 	GS2CI_KERNEL_RIG="$(RIG)" $(BIN)/pytest -v tests/kernel
 
-check: install
+check: environment
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 # WHEEL=--quick borrows the installed packages instead of fetching them for the second environment.
-wheel: install
+wheel: environment
 	$(BIN)/python -m tests.wheel $(WHEEL)
 
-docs: install
+docs: environment
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 

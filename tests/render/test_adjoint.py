@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.render.adjoint import accumulate, coded_with_pull
+from gs2ci.render.adjoint import accumulate, coded_with_pull, pull_back
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.screen import ScreenStatistics
@@ -74,3 +74,15 @@ def test_a_rendering_is_differentiated_once(make, weights):
     assert backend.idle_workspaces == 1
     with pytest.raises(RuntimeError, match="differentiated twice"):
         pull(weights.numpy())
+
+
+def test_gradients_are_pulled_back_to_the_bit_as_torch_does():
+    draw = torch.Generator().manual_seed(0)
+    start, *gradients = (torch.randn(200, 3, generator=draw) for _ in range(3))
+
+    def by(backward):
+        leaf = start.clone().requires_grad_()
+        backward([leaf.exp(), (leaf.double() @ start.T.double()).float() @ start], gradients)
+        return leaf.grad
+
+    assert torch.equal(by(pull_back), by(torch.autograd.backward))

@@ -13,7 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import Pull, coded_with_pull
+from gs2ci.render.adjoint import Pull, coded_with_pull, pull_back
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -131,7 +131,7 @@ class ShotRenderer:
             by_moments = pull(self._to_colours(gradient))
             if self._mask_moments is None:
                 return by_moments
-            moments.backward(torch.from_numpy(by_moments).to(moments.dtype))  # type: ignore[no-untyped-call]
+            pull_back([moments], [torch.from_numpy(by_moments)])
             assert own.grad is not None
             found: F32 = own.grad.float().numpy()
             return found

@@ -40,6 +40,7 @@ from gs2ci.reconstruct.geometry.plane_evidence import Readings, found_planes, wi
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.render.adjoint import pull_back
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import MaskSet
@@ -172,8 +173,9 @@ class Surfaces:
             there = scene.at(float(renderer.times[self.views[k]]))
         still = there.map(lambda tensor: tensor.detach())
         distance = self._draw(renderer, still, pose, k, weight)
-        drawn = [pair for pair in zip(_all(there), _all(still), strict=True) if pair[1].grad is not None]
-        torch.autograd.backward([mine for mine, _ in drawn], [other.grad for _, other in drawn])
+        pairs = zip(_all(there), _all(still), strict=True)
+        drawn = [(mine, other.grad) for mine, other in pairs if other.grad is not None]
+        pull_back([mine for mine, _ in drawn], [gradient for _, gradient in drawn])
         return distance
 
     def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float:

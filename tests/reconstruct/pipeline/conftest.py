@@ -6,11 +6,11 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from tests.reconstruct.pipeline.boards import SHORT, expose, wall_with_a_board
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def shot():
     return expose(wall_with_a_board())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def found_soon(shot):
     return reconstruct(shot, SHORT)
