@@ -13,9 +13,10 @@ from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
 from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
 
-# Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which patches are
-# compared; in the other rows pictures vary little, so that noise is easier to separate.
-_OPPONENT: Final = np.linalg.qr(np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]], np.float64).T)[0].T.astype(np.float32)
+# Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which motion is found and
+# patches are compared (a decomposition would leave its sign open, and no flow is found in a picture that is negative);
+# in the other rows pictures vary little, so that noise is easier to separate.
+_OPPONENT: Final = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])).astype(np.float32)
 
 # How far a pixel without a patch may lag behind the given views, in standard deviations of their noise: so far their
 # noise alone goes.
