@@ -75,7 +75,8 @@ class TrajectoryErrors:
     Args:
         ate: Absolute trajectory error: root mean square distance of the camera centres, in the unit of the true
             path, the smallest for any similarity; for a reversed path, under the alignment by orientations.
-        nate: `ate` divided by the diagonal of the true path's bounding box.
+        nate: `ate` divided by the diagonal of the true path's bounding box; None for two views as well, on which a
+            similarity always fits.
         translation_mean: Mean distance of the camera centres under the similarity of `ate`, in the unit of the true
             path.
         rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation; for a
@@ -157,7 +158,7 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
     rpe_t, rpe_r_deg = _relative_pose_errors(aligned, truth)
     return TrajectoryErrors(
         ate=ate,
-        nate=None if _stands_still(target) else ate / diagonal,
+        nate=None if len(target) < 3 or _stands_still(target) else ate / diagonal,
         translation_mean=mean,
         rotation_deg=turned_deg if alignment.turned_over_deg is None else alignment.turned_over_deg,
         rpe_t=rpe_t,

@@ -155,6 +155,7 @@ def test_two_views_always_fit_but_their_orientations_tell():
     turned = poses(straight_centers(2), Rotation.from_rotvec([[0, 0.1, 0], [0, -0.1, 0]]))
     errors = trajectory_errors(turned, poses(straight_centers(2)))
     assert errors.ate == pytest.approx(0, abs=1e-12)
+    assert errors.nate is None
     assert errors.rotation_deg == pytest.approx(np.degrees(0.1))
     assert errors.rpe_r_deg == pytest.approx(np.degrees(0.2))
 
