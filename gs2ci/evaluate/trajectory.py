@@ -20,6 +20,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import check_rigid
 
 Free = Literal["nothing", "roll", "rotation"]
 
@@ -141,12 +142,13 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
         truth: The same shape.
 
     Raises:
-        InputError: The shapes differ, there is no pose, or a number is not finite.
+        InputError: The shapes differ, there is no pose, a number is not finite, or true poses are no rigid motions.
 
     The conventions are those of evo (Grupp 2017): ATE is the translation part of the absolute pose error after
     similarity alignment, RPE compares the motions between consecutive views.
     """
     alignment = align(estimate, truth)
+    check_rigid("true poses", truth)
     aligned = alignment.apply(estimate)
     centers, target = _centers(estimate), _centers(truth)
     fit = _fit_positions(centers, target)

@@ -55,6 +55,13 @@ def test_arguments_of_another_kind_are_refused_by_their_type():
         gs2ci.reconstruct(shot, focal_px="few")
 
 
+def test_true_poses_that_are_no_rigid_motions_are_refused_before_the_fit():
+    scaled = np.tile(np.diag([2.0, 2, 2, 1]), (4, 1, 1))
+    shot = gs2ci.Shot(np.ones((6, 8, 1)), np.ones((4, 6, 8)), truth=gs2ci.Truth(world_to_camera=scaled)).check()
+    with pytest.raises(gs2ci.InputError, match="true poses are no rigid motions"):
+        gs2ci.reconstruct(shot, progress=gs2ci.Silent())
+
+
 def test_what_is_no_path_is_refused_wherever_one_is_expected(examples):
     array = np.ones((6, 8))
     for call in (
