@@ -357,17 +357,22 @@ def _check_optional_parts(shot: Shot) -> None:
         _shape("saturated", shot.saturated.shape, (height, width))
 
 
+def are_rigid(poses: F64) -> bool:
+    """Tell whether poses, [N, 4, 4], are rigid motions of a reasonable size."""
+    rotations = poses[:, :3, :3]
+    turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
+    )
+    return bool(turned and np.allclose(poses[:, 3], (0, 0, 0, 1)) and (np.linalg.det(rotations) > 0).all())
+
+
 def check_rigid(what: str, poses: F64) -> None:
     """Check that poses, [N, 4, 4], are rigid motions of a reasonable size.
 
     Raises:
         InputError: They scale, mirror, or are too far away.
     """
-    rotations = poses[:, :3, :3]
-    turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
-        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
-    )
-    if not turned or not np.allclose(poses[:, 3], (0, 0, 0, 1)) or (np.linalg.det(rotations) <= 0).any():
+    if not are_rigid(poses):
         raise InputError(
             f"{what} are no rigid motions",
             allowed=f"[[R, t], [0 0 0 1]] with rotations R and |t| up to {POSITION_LIMIT:g}",
