@@ -74,9 +74,16 @@ def test_what_is_no_path_is_refused_wherever_one_is_expected(examples):
         lambda: gs2ci.open_run("run").save(array),
         lambda: gs2ci.measure(array, (1, 1), (2, 2)),
         lambda: gs2ci.evaluate(array, "shot.h5"),
+        lambda: gs2ci.evaluate("run", "shot.h5", novel=array),
     ):
         with pytest.raises(gs2ci.InputError, match="ndarray where a path is expected"):
             call()
+
+
+def test_true_depth_that_is_no_numbers_is_refused(examples):
+    for other in ([["near", "far"]], np.ones((4, 24, 32)) * 1j, np.ones((4, 24, 32), bool), 3.0):
+        with pytest.raises(gs2ci.InputError, match=r"depth holds no depth but .*allowed: real numbers of shape"):
+            gs2ci.evaluate("run", "shot.h5", depth=other)
 
 
 def test_what_is_no_shot_is_not_saved(examples):
