@@ -13,7 +13,7 @@ from gs2ci.api.options import check_choice, check_whole
 from gs2ci.core.arrays import F32
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import Shot
+from gs2ci.core.records import Shot, check_rigid
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.choices import (
     FirstLookName,
@@ -157,7 +157,13 @@ def with_focal(focal_px: float | None, shot: Shot) -> Shot:
 
 
 def score_against_truth(shot: Shot) -> Score | None:
-    """Return the mean PSNR as a function of views, or None where the truth is not known."""
+    """Return the mean PSNR as a function of views, or None where the truth is not known.
+
+    Raises:
+        InputError: True poses are no rigid motions, by which the path could not be scored at the end.
+    """
+    if shot.truth.world_to_camera is not None:
+        check_rigid("true poses", shot.truth.world_to_camera)
     truth = shot.truth.views
     if truth is None:
         return None

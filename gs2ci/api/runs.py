@@ -287,7 +287,7 @@ def open_run(folder: str | Path) -> Run:
     channels = found.report.channels
     try:
         others = {name: np.load(folder / f"{name}.npy") for name in ("decode", "scene_views")}
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # as in `read_run`
         raise StorageError(
             f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
         ) from error

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # Larger than for any sensor; their squares and quotients remain finite.
 READ_NOISE_RANGE: Final = (1e-9, 1e3)
 ELECTRONS_RANGE: Final = (1e-3, 1e12)
+_NOVEL_REMEDY: Final = "save them with np.savez(path, views=..., world_to_camera=...)"
 
 
 def evaluate(
@@ -73,7 +74,7 @@ def evaluate(
     evidence = evaluation.ReferenceData(
         measured,
         None if depth is None else _depth(depth),
-        None if novel is None else read_novel_views(Path(novel)),
+        None if novel is None else read_novel_views(as_path(novel, of="a file of novel views", remedy=_NOVEL_REMEDY)),
         noise,
         None if lpips is None else perceptual.load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
     )
@@ -157,6 +158,9 @@ def _depth(given: Any) -> F32:
     where = given if isinstance(given, str | Path) else "depth"
     held = given.detach().cpu() if hasattr(given, "detach") else given
     depth = load_single(Path(given)).values if isinstance(given, str | Path) else np.asarray(held)
-    if depth.ndim not in (2, 3):
-        raise InputError(f"{where} holds no depth but shape {list(depth.shape)}", allowed="a .npy file of [N, H, W]")
+    if depth.ndim not in (2, 3) or depth.dtype.kind not in "uif":
+        raise InputError(
+            f"{where} holds no depth but {depth.dtype} of shape {list(depth.shape)}",
+            allowed="real numbers of shape [N, H, W], or their .npy file",
+        )
     return depth.astype(np.float32)

@@ -185,13 +185,16 @@ class SuspectFile:
         """Read an attribute of a dataset or group; None if it has none of that name.
 
         Raises:
-            StorageError: It is no single value, or a text that is too long.
+            StorageError: It is no single number or text, or a text that is too long.
         """
         if name not in node.attrs:
             return None
         attribute = node.attrs.get_id(name)
         if attribute.shape != () or attribute.dtype.itemsize > TEXT_LIMIT_BYTES:
             raise self.wrong(key, f"attribute {name} is no single value")
+        # A text of a damaged type is a list of variable length, at which the library ends the process (HDF5 2.0.0).
+        if attribute.dtype.kind not in "buif" and h5py.check_string_dtype(attribute.dtype) is None:
+            raise self.wrong(key, f"attribute {name} is {attribute.dtype}", "a number or a text")
         value: object = node.attrs[name]
         return value
 

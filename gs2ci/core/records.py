@@ -145,10 +145,12 @@ class Shot:
         """Get the number of colour channels of a recovered view: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])
 
-    def _repr_png_(self) -> bytes:
-        """Show the measurement, the first mask and, if known, the middle true view."""
+    def _repr_png_(self) -> bytes | None:
+        """Show the measurement, the first mask and, if known, the middle true view; nothing of what is no shot."""
         from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
+        if self._fault() is not None:
+            return None
         brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
         shown: list[NDArray[Any]] = [self.measurement / brightest, self.masks[0]]
         if self.truth.views is not None:
@@ -158,6 +160,9 @@ class Shot:
     def _repr_html_(self) -> str:
         from gs2ci.core.notebook import card  # noqa: PLC0415  as above
 
+        fault = self._fault()
+        if fault is not None:
+            return card(f"{self.name}: cannot be used", [("why", fault)])
         height, width = self.size
         colours = f"{self.cfa} mosaic" if self.cfa else "RGB" if self.channels == 3 else "mono"
         known = [
@@ -180,6 +185,14 @@ class Shot:
         ]
         shown = "measurement, first mask" + (", middle true view" if self.truth.views is not None else "")
         return card(self.name, facts, self._repr_png_(), caption=shown)
+
+    def _fault(self) -> InputError | None:
+        """Return why this cannot be used; None if it can."""
+        try:
+            self.check()
+        except InputError as error:
+            return error
+        return None
 
     def check(self) -> "Shot":
         """Return self if all parts fit together.
@@ -359,17 +372,22 @@ def _check_optional_parts(shot: Shot) -> None:
         _shape("saturated", shot.saturated.shape, (height, width))
 
 
+def are_rigid(poses: F64) -> bool:
+    """Tell whether poses, [N, 4, 4], are rigid motions of a reasonable size."""
+    rotations = poses[:, :3, :3]
+    turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
+    )
+    return bool(turned and np.allclose(poses[:, 3], (0, 0, 0, 1)) and (np.linalg.det(rotations) > 0).all())
+
+
 def check_rigid(what: str, poses: F64) -> None:
     """Check that poses, [N, 4, 4], are rigid motions of a reasonable size.
 
     Raises:
         InputError: They scale, mirror, or are too far away.
     """
-    rotations = poses[:, :3, :3]
-    turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
-        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
-    )
-    if not turned or not np.allclose(poses[:, 3], (0, 0, 0, 1)) or (np.linalg.det(rotations) <= 0).any():
+    if not are_rigid(poses):
         raise InputError(
             f"{what} are no rigid motions",
             allowed=f"[[R, t], [0 0 0 1]] with rotations R and |t| up to {POSITION_LIMIT:g}",

@@ -36,7 +36,8 @@ class DepthErrors:
         rank: Rank correlation (Spearman) of estimated and true depth; negative if near and far are exchanged; None if
             either depth is constant.
         median_px: Median error of the disparity between neighbouring views, px, after the affine fit of inverse depths
-            with the smallest sum of absolute errors; None if the parallax is not known.
+            with the smallest sum of absolute errors that does not exchange near and far; None if the parallax is not
+            known, or if the true depth is constant, which the fit always meets.
         far_off_share: Share of the pixels whose disparity error, after the same fit, exceeds `FAR_OFF_PX`.
     """
 
@@ -91,7 +92,7 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
     error = scale * found - true
     ratio = np.maximum(scale * found / true, true / (scale * found))
     varied = np.ptp(true) > 0 and np.ptp(found) > 0
-    off_px = None if parallax is None else parallax * inverse_depth_errors(found, true)
+    off_px = None if parallax is None or not np.ptp(true) else parallax * inverse_depth_errors(found, true)
     return DepthErrors(
         scale=scale,
         abs_rel=float(np.mean(np.abs(error) / true)),
@@ -106,12 +107,15 @@ def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> De
 
 
 def inverse_depth_errors(found: F64, true: F64) -> F64:
-    """Return |a / found + b − 1 / true| for the affine fit that minimises their sum, for depths [P] above 0, [P].
+    """Return |a / found + b − 1 / true| for the affine fit with a ≥ 0 that minimises their sum, for depths [P], [P].
+
+    With a below 0, depth that has near and far exchanged would have no error.
 
     A small rotation of the cameras can be exchanged for a part of their translation, which adds a constant to inverse
     depth. With a scale alone, that would count as an error of depth; the errors of the path already include it.
     """
-    design, wanted = np.stack([1 / found, np.ones_like(found)], axis=1), 1 / true
+    # In units of its median, so that both columns are of one size whatever the unit of the estimate is.
+    design, wanted = np.stack([np.median(found) / found, np.ones_like(found)], axis=1), 1 / true
     level = max(_LEVEL_SHARE * float(np.ptp(wanted)), np.finfo(np.float64).tiny)
     weights = np.ones_like(wanted)
     errors = np.zeros_like(wanted)
@@ -120,7 +124,7 @@ def inverse_depth_errors(found: F64, true: F64) -> F64:
         fit, *_ = np.linalg.lstsq(design * root[:, None], wanted * root, rcond=None)
         errors = np.abs(design @ fit - wanted)
         weights = 1 / np.maximum(errors, level)
-    return errors
+    return errors if fit[0] >= 0 else np.abs(wanted - np.median(wanted))
 
 
 def parallax_of(world_to_camera: F64, intrinsics: F64) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError, StorageError, reason_with_file
+from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.lens import COEFFICIENTS
@@ -112,7 +112,9 @@ def read_run(folder: Path) -> FinishedRun:
             registered=read_shot(registered) if registered.is_file() else None,
             exposed=np.load(exposed) if exposed.is_file() else None,
         )
-    except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:
+    except Gs2ciError:
+        raise
+    except Exception as error:  # as in `read_evidence`
         raise StorageError(
             f"{folder} is no whole run: {reason_with_file(error)}", remedy="reconstruct again with --overwrite"
         ) from error

@@ -4,7 +4,8 @@ Here: the times, the interpolated poses, the pictures, and a scene file of each 
 a moving scene (`gs2ci.reconstruct.moving`), the views under the masks (`run_folder`).
 """
 
-from typing import Final
+from numbers import Integral
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -31,10 +32,11 @@ def moments(count: int) -> F64:
     """Return `count` times, equally spaced from the first mask's, −1, to the last's, 1.
 
     Raises:
-        InputError: Fewer than two, or too many.
+        InputError: Fewer than two, or too many, or no whole number.
     """
-    if not 2 <= count <= MOST_MOMENTS:
-        raise InputError(f"{count} moments", allowed=f"2 to {MOST_MOMENTS}")
+    given: Any = count  # in Python it may be of any kind
+    if not isinstance(given, Integral) or not 2 <= count <= MOST_MOMENTS:
+        raise InputError(f"{count} moments", allowed=f"a whole number from 2 to {MOST_MOMENTS}")
     times: F64 = np.linspace(-1.0, 1.0, count)
     return times
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import check_rigid
 
 Free = Literal["nothing", "roll", "rotation"]
 
@@ -75,7 +76,8 @@ class TrajectoryErrors:
     Args:
         ate: Absolute trajectory error: root mean square distance of the camera centres, in the unit of the true
             path, the smallest for any similarity; for a reversed path, under the alignment by orientations.
-        nate: `ate` divided by the diagonal of the true path's bounding box.
+        nate: `ate` divided by the diagonal of the true path's bounding box; None for two views as well, on which a
+            similarity always fits.
         translation_mean: Mean distance of the camera centres under the similarity of `ate`, in the unit of the true
             path.
         rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation; for a
@@ -140,12 +142,13 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
         truth: The same shape.
 
     Raises:
-        InputError: The shapes differ, there is no pose, or a number is not finite.
+        InputError: The shapes differ, there is no pose, a number is not finite, or true poses are no rigid motions.
 
     The conventions are those of evo (Grupp 2017): ATE is the translation part of the absolute pose error after
     similarity alignment, RPE compares the motions between consecutive views.
     """
     alignment = align(estimate, truth)
+    check_rigid("true poses", truth)
     aligned = alignment.apply(estimate)
     centers, target = _centers(estimate), _centers(truth)
     fit = _fit_positions(centers, target)
@@ -157,7 +160,7 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
     rpe_t, rpe_r_deg = _relative_pose_errors(aligned, truth)
     return TrajectoryErrors(
         ate=ate,
-        nate=None if _stands_still(target) else ate / diagonal,
+        nate=None if len(target) < 3 or _stands_still(target) else ate / diagonal,
         translation_mean=mean,
         rotation_deg=turned_deg if alignment.turned_over_deg is None else alignment.turned_over_deg,
         rpe_t=rpe_t,

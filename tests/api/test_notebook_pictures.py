@@ -50,6 +50,30 @@ def page(record):
     return record._repr_html_()
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"measurement": np.ones((6, 8))},
+        {"measurement": np.ones((6, 8, 4))},
+        {"masks": np.ones((6, 8))},
+        {"masks": np.ones((0, 6, 8))},
+        {"weights": []},
+        {"intrinsics": [9.0, 9.0, 4.0, 3.0]},
+        {"truth": gs2ci.Truth(views=np.ones((2, 3)))},
+        {"truth": None},
+        {"name": None},
+    ],
+)
+def test_what_is_no_shot_yet_says_why_in_a_notebook(parts):
+    shot = gs2ci.Shot(**{"measurement": np.ones((6, 8, 1)), "masks": np.ones((4, 6, 8)), **parts})
+    with pytest.raises(gs2ci.InputError) as refused:
+        shot.check()
+    told = page(shot)
+    assert "cannot be used" in told
+    assert refused.value.problem.replace("'", "&#x27;") in told
+    assert shot._repr_png_() is None
+
+
 def test_a_shot_shows_what_was_measured_and_by_which_masks(examples):
     shot = gs2ci.load("shot.h5")
     told = page(replace(shot, name="<script>alert(1)</script>"))

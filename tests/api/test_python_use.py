@@ -55,6 +55,13 @@ def test_arguments_of_another_kind_are_refused_by_their_type():
         gs2ci.reconstruct(shot, focal_px="few")
 
 
+def test_true_poses_that_are_no_rigid_motions_are_refused_before_the_fit():
+    scaled = np.tile(np.diag([2.0, 2, 2, 1]), (4, 1, 1))
+    shot = gs2ci.Shot(np.ones((6, 8, 1)), np.ones((4, 6, 8)), truth=gs2ci.Truth(world_to_camera=scaled)).check()
+    with pytest.raises(gs2ci.InputError, match="true poses are no rigid motions"):
+        gs2ci.reconstruct(shot, progress=gs2ci.Silent())
+
+
 def test_what_is_no_path_is_refused_wherever_one_is_expected(examples):
     array = np.ones((6, 8))
     for call in (
@@ -67,9 +74,16 @@ def test_what_is_no_path_is_refused_wherever_one_is_expected(examples):
         lambda: gs2ci.open_run("run").save(array),
         lambda: gs2ci.measure(array, (1, 1), (2, 2)),
         lambda: gs2ci.evaluate(array, "shot.h5"),
+        lambda: gs2ci.evaluate("run", "shot.h5", novel=array),
     ):
         with pytest.raises(gs2ci.InputError, match="ndarray where a path is expected"):
             call()
+
+
+def test_true_depth_that_is_no_numbers_is_refused(examples):
+    for other in ([["near", "far"]], np.ones((4, 24, 32)) * 1j, np.ones((4, 24, 32), bool), 3.0):
+        with pytest.raises(gs2ci.InputError, match=r"depth holds no depth but .*allowed: real numbers of shape"):
+            gs2ci.evaluate("run", "shot.h5", depth=other)
 
 
 def test_what_is_no_shot_is_not_saved(examples):

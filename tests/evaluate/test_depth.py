@@ -80,7 +80,33 @@ def test_rank_is_negative_where_near_and_far_are_exchanged_and_open_on_a_plane()
     assert depth_errors(4 - ramp(), ramp()).rank == pytest.approx(-1)
     plane = np.full((1, 3, 4), 2, np.float32)
     assert depth_errors(plane, plane, parallax=5.0).rank is None
-    assert depth_errors(plane, plane, parallax=5.0).far_off_share == 0
+
+
+def test_a_plane_that_any_affine_fit_meets_has_no_error_in_px():
+    plane = np.full((1, 3, 4), 2, np.float32)
+    for estimate in (plane, ramp(1, 3, 4)):
+        found = depth_errors(estimate, plane, parallax=5.0)
+        assert found.median_px is found.far_off_share is None
+    assert depth_errors(plane, ramp(1, 3, 4), parallax=20.0).far_off_share > 0.5
+
+
+def test_depth_with_near_and_far_exchanged_is_as_far_off_as_none():
+    truth = ramp()
+    found = depth_errors((1 / (1.2 - 1 / truth)).astype(np.float32), truth, parallax=20.0)
+    none = 20.0 * np.abs(1 / truth - np.median(1 / truth))
+    assert found.rank == pytest.approx(-1)
+    assert found.median_px == pytest.approx(np.median(none))
+    assert found.far_off_share == pytest.approx(np.mean(none > FAR_OFF_PX))
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-3, 1e9, 1e15])
+def test_errors_in_px_are_the_same_in_any_unit_of_the_estimate(unit):
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(1, 4, (1, 40, 50)).astype(np.float32)
+    estimate = (1 / (0.9 / truth + rng.normal(0, 0.005, truth.shape))).astype(np.float32)
+    own, other = (depth_errors(u * estimate, truth, parallax=20.0) for u in (np.float32(1), np.float32(unit)))
+    assert own.median_px > 0.03
+    assert other.median_px == pytest.approx(own.median_px, rel=1e-4)
 
 
 def test_without_the_path_there_are_no_errors_in_px():

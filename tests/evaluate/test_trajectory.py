@@ -155,6 +155,7 @@ def test_two_views_always_fit_but_their_orientations_tell():
     turned = poses(straight_centers(2), Rotation.from_rotvec([[0, 0.1, 0], [0, -0.1, 0]]))
     errors = trajectory_errors(turned, poses(straight_centers(2)))
     assert errors.ate == pytest.approx(0, abs=1e-12)
+    assert errors.nate is None
     assert errors.rotation_deg == pytest.approx(np.degrees(0.1))
     assert errors.rpe_r_deg == pytest.approx(np.degrees(0.2))
 
@@ -253,3 +254,11 @@ def test_a_path_that_is_not_finite_is_refused():
     path[3, 0, 3] = np.nan
     with pytest.raises(InputError, match="NaN"):
         trajectory_errors(path, bent_path())
+
+
+@pytest.mark.parametrize("factors", [(2, 2, 2), (-1, 1, 1), (0, 0, 0)])
+def test_errors_against_poses_that_scale_or_mirror_are_refused(factors):
+    truth = bent_path()
+    truth[:, :3, :3] *= np.array(factors)[:, None]
+    with pytest.raises(InputError, match="true poses are no rigid motions"):
+        trajectory_errors(bent_path(), truth)

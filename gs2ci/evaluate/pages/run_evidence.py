@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64, U8
 from gs2ci.core.errors import Gs2ciError, InputError, StorageError, reason_with_file
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import Shot
+from gs2ci.core.records import Shot, are_rigid
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import media_type, to_eight_bit
 from gs2ci.evaluate.report import MOTION_PICTURE_NAME, Report, read_report
@@ -45,8 +45,8 @@ class RunEvidence:
         motion_picture: The bytes of `motion.png`; None if nothing moves.
         measurement: For display, [H, W, 1 or 3]; None in a folder without `given.npz`, as the fields below.
         true_views: For display, [N, H, W, 1 or 3].
-        true_world_to_camera: [N, 4, 4].
-        stage_world_to_camera: [N, 4, 4].
+        true_world_to_camera: [N, 4, 4]; None as well if they are no rigid motions.
+        stage_world_to_camera: Likewise.
     """
 
     report: Report
@@ -88,7 +88,8 @@ def read_evidence(folder: Path) -> RunEvidence:
         return _read(folder, report)
     except Gs2ciError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
+    except Exception as error:
+        # Damage raises almost any exception: numpy's headers are Python, and archives bring errors of their own.
         raise StorageError(
             f"{folder} cannot be read as a run: {reason_with_file(error)}",
             allowed="a folder that `gs2ci reconstruct` wrote, whole",
@@ -176,7 +177,9 @@ def _given(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:
                 found[name] = _pictures(path, name, arrays[name], wanted)
         for name in ("true_world_to_camera", "stage_world_to_camera"):
             if name in arrays:
-                found[name] = _poses(path, arrays[name], shape[0])
+                poses = _poses(path, arrays[name], shape[0])
+                # The geometry uses none of a stage that are no rigid motions, and there are no cameras to draw.
+                found[name] = poses if are_rigid(poses) else None
     return found
 
 

@@ -230,6 +230,26 @@ def test_a_text_heap_that_would_be_walked_for_ever_is_refused(path):
     assert "damaged text storage" in done.stdout
 
 
+@pytest.mark.parametrize("kind", [0x53, 0x02, 0x00])
+def test_an_attribute_whose_text_is_damaged_into_a_list_is_refused(path, kind):
+    # HDF5 ends the process by a segmentation fault when it reads such a list.
+    data = bytearray(path.read_bytes())
+    text = data.index(b"\x19\x01\x01\x00\x10", data.index(b"schema\0"))
+    data[text + 1] = kind
+    path.write_bytes(data)
+    script = (
+        "import sys; from pathlib import Path; from gs2ci.core.storage import read_shot\n"
+        "try: read_shot(Path(sys.argv[1]))\n"
+        "except Exception as error: print(type(error).__name__, error)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=HANG_S, check=False
+    )
+    assert done.returncode == 0
+    assert "StorageError" in done.stdout
+    assert "attribute schema is object; allowed: a number or a text" in done.stdout
+
+
 def test_recovery_skips_rows_that_cannot_be_read_and_says_so(tmp_path, make_shot):
     first = make_shot()
     path = write_shots(tmp_path / "shot.h5", [first, make_shot(measurement=first.measurement * 2)])

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.api.runs import open_run
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.pages import run_evidence as module
 from gs2ci.evaluate.pages.run_evidence import check_same_shot, read_evidence, write_given
+from gs2ci.evaluate.pages.run_page import write_run_page
 
 
 def test_what_was_written_reads_back(whole_run, make_run):
@@ -113,6 +115,33 @@ def test_pickled_objects_are_never_loaded(own_run):
 def test_given_parts_that_do_not_fit_are_refused(own_run, name, array):
     np.savez(own_run / "given.npz", **{name: array})
     with pytest.raises(StorageError, match=r"given\.npz"):
+        read_evidence(own_run)
+
+
+@pytest.mark.parametrize("name", ["true_world_to_camera", "stage_world_to_camera"])
+@pytest.mark.parametrize("poses", [np.zeros((8, 4, 4)), np.tile(np.diag([2.0, 2, 2, 1]), (8, 1, 1))])
+def test_poses_that_are_no_rigid_motions_are_not_drawn(own_run, name, poses):
+    # The geometry had refused those of a stage and found a path without them; a singular matrix then ended the page.
+    np.savez(own_run / "given.npz", **{name: poses})
+    assert getattr(read_evidence(own_run), name) is None
+    assert "<svg" in write_run_page(own_run).read_text()
+
+
+@pytest.mark.parametrize("name", ["views.npy", "decode.npy", "depth.npy"])
+def test_a_damaged_header_is_one_typed_error_whatever_numpy_raises(own_run, name):
+    content = (own_run / name).read_bytes()
+    # An open bracket: numpy's tokeniser raises an error that is none of ValueError, OSError and EOFError.
+    (own_run / name).write_bytes(content.replace(b"), }", b" , ("))
+    for read in (read_evidence, open_run):
+        with pytest.raises(StorageError, match=r"(is no whole|be read as a) run"):
+            read(own_run)
+
+
+def test_a_damaged_archive_is_one_typed_error(own_run):
+    content = bytearray((own_run / "given.npz").read_bytes())
+    content[60:90] = bytes([255]) * 30
+    (own_run / "given.npz").write_bytes(bytes(content))
+    with pytest.raises(StorageError, match="cannot be read as a run"):
         read_evidence(own_run)
 
 
