@@ -16,21 +16,21 @@ from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.fit import perceptual
 from gs2ci.render.gaussians import Gaussians
 
-SIZE = (12, 16)
+SIZE, VIEWS = (12, 16), 3
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """A folder with a shot file and the run folder of a grey wall that was recovered nearly right."""
     folder = tmp_path_factory.mktemp("written")
-    grey = np.full((2, *SIZE, 3), 0.5, np.float32)
-    masks = np.ones((2, *SIZE), np.float32)
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    poses[1, 0, 3] = 0.1
-    shot = Shot(2 * grey[0], masks, np.ones(2, np.float32), truth=Truth(grey, poses))
+    grey = np.full((VIEWS, *SIZE, 3), 0.5, np.float32)
+    masks = np.ones((VIEWS, *SIZE), np.float32)
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = 0.1 * np.arange(VIEWS)
+    shot = Shot(VIEWS * grey[0], masks, np.ones(VIEWS, np.float32), truth=Truth(grey, poses))
     result = RunResult(
         views=grey + np.float32(0.01), scene_views=grey, depth=grey[..., 0], world_to_camera=poses,
-        intrinsics=np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]]), decode=grey, predicted_measurement=2 * grey[0],
+        intrinsics=np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]]), decode=grey, predicted_measurement=VIEWS * grey[0],
         curve=(), stopped=finding(Code.FIT_STALLED, best=1),
         seconds=dict.fromkeys(("total", "decode", "geometry", "fit"), 1.0),
         gaussians=1, notes=(), settings={}, seed=0, verdict="refined", heldout_rms=dict.fromkeys(VERDICTS),
@@ -51,10 +51,10 @@ def finished(written, tmp_path):
 
 def test_all_figures_are_printed_and_written(finished, tmp_path, capsys):
     shot, folder = finished
-    np.save(tmp_path / "depth.npy", np.full((2, *SIZE), 3.0))
+    np.save(tmp_path / "depth.npy", np.full((VIEWS, *SIZE), 3.0))
     np.savez(tmp_path / "novel.npz", views=np.zeros((1, *SIZE, 3)), world_to_camera=np.eye(4)[None])
     written = evaluate.run(
-        folder, shot, depth=tmp_path / "depth.npy", novel=tmp_path / "novel.npz", read_noise=0.02, electrons=1e9
+        folder, shot, depth=tmp_path / "depth.npy", novel=tmp_path / "novel.npz", read_noise=0.01 * VIEWS, electrons=1e9
     )
     assert written == folder / "evaluation.json"
     found = json.loads(written.read_text())
@@ -75,7 +75,7 @@ def test_the_result_goes_where_it_is_asked_to(finished, tmp_path):
 @pytest.mark.parametrize("name", ["shot.h5", "depth.npy", "run/report.json", "run/scene.ply", "run", "link"])
 def test_inputs_and_files_of_others_are_not_replaced(finished, tmp_path, name):
     shot, folder = finished
-    np.save(tmp_path / "depth.npy", np.full((2, *SIZE), 3.0))
+    np.save(tmp_path / "depth.npy", np.full((VIEWS, *SIZE), 3.0))
     (tmp_path / "link").symlink_to(shot)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     with pytest.raises(StorageError, match=rf"{name} exists and is not an evaluation of gs2ci.*choose another place"):
@@ -146,9 +146,9 @@ def test_a_shot_of_another_measurement_is_refused_and_nothing_is_written(finishe
 
 def test_other_masks_or_another_scale_of_the_same_measurement_are_said(finished, tmp_path, capsys):
     shot, folder = finished
-    evaluate.run(folder, changed(tmp_path, shot, masks=np.full((2, *SIZE), 0.5, np.float32)))
+    evaluate.run(folder, changed(tmp_path, shot, masks=np.full((VIEWS, *SIZE), 0.5, np.float32)))
     assert "masks are not those of the reconstruction" in capsys.readouterr().out
-    evaluate.run(folder, changed(tmp_path, shot, measurement=np.full((*SIZE, 3), 1.5, np.float32)))
+    evaluate.run(folder, changed(tmp_path, shot, measurement=np.full((*SIZE, 3), 1.5 * VIEWS * 0.5, np.float32)))
     assert "readings are 1.5 times those" in capsys.readouterr().out
 
 
