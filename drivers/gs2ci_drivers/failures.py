@@ -23,13 +23,17 @@
             ├── FrameStaleError      the frame is older than its trigger
             └── ExtraFrameError      more frames than triggers were sent
 
-Here: the classes. Not here: how they are handled (`gs2ci_drivers.acquisition`).
+Here: the classes, and the command that remedies for a lost reference name. Not here: how they are handled
+(`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Sequence
-from typing import Self
+from typing import Final, Self
 
 from gs2ci.core.errors import DeviceError
+
+# What remedies name where a stage does not know where it is.
+HOME_COMMAND: Final = "gs2ci devices --rig RIG.toml --home"
 
 
 class DriverError(DeviceError):

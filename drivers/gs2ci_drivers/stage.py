@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from math import copysign, isfinite
 
 from gs2ci_drivers.device import Device
-from gs2ci_drivers.failures import DriverError, OutOfRangeError, ReferenceLostError, WrongStateError
+from gs2ci_drivers.failures import HOME_COMMAND, DriverError, OutOfRangeError, ReferenceLostError, WrongStateError
 
 RAMP_MARGIN = 1.1
 """The run-up is this much longer than v²/2a says: drivers round accelerations and settle at the end of a ramp."""
@@ -175,7 +175,7 @@ class Stage(Device[StageInfo, StageStatus]):
                 self.name,
                 f"move to {quantised}",
                 ["no reference position"],
-                remedy="home the stage: `gs2ci devices --home` (it will move to its reference switch)",
+                remedy=f"home the stage: `{HOME_COMMAND}` (it will move to its reference switch)",
             )
         self._do_begin_move(quantised, speed)
         return quantised
@@ -188,7 +188,7 @@ class Stage(Device[StageInfo, StageStatus]):
         Args:
             targets_mm: Target of each axis to be moved.
             speed_mm_s: Speed; None takes the axis's highest.
-            timeout_s: Deadline; None takes twice the computed time and a second.
+            timeout_s: Deadline; None takes `move_timeout_s`.
 
         Raises:
             OutOfRangeError, ReferenceLostError, RefusedError, LinkError: As `begin_move`.
@@ -196,7 +196,7 @@ class Stage(Device[StageInfo, StageStatus]):
             NoAnswerError: It did not arrive in time.
         """
         if timeout_s is None:
-            timeout_s = 1.0 + 2.0 * self.move_time_s(targets_mm, speed_mm_s)
+            timeout_s = self.move_timeout_s(targets_mm, speed_mm_s)
         self.begin_move(targets_mm, speed_mm_s=speed_mm_s)
         return self.wait_idle(timeout_s)
 
@@ -285,6 +285,14 @@ class Stage(Device[StageInfo, StageStatus]):
             ),
             default=0.0,
         )
+
+    def move_timeout_s(self, targets_mm: Mapping[str, float], speed_mm_s: float | None = None) -> float:
+        """Return after how long such a move counts as failed: twice its computed time and a second.
+
+        Raises:
+            OutOfRangeError, LinkError: As `move_time_s`.
+        """
+        return 1.0 + 2.0 * self.move_time_s(targets_mm, speed_mm_s)
 
     def _axis(self, name: str) -> AxisInfo:
         if name not in self.info.axes:

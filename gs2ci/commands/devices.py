@@ -33,7 +33,9 @@ def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) ->
     """
     console = Console()
     if home and rig is None:
-        raise InputError("--home without a rig", remedy="gs2ci devices --rig RIG.toml --home")
+        from gs2ci_drivers.failures import HOME_COMMAND
+
+        raise InputError("--home without a rig", remedy=HOME_COMMAND)
     with answered(as_text=not json) as answer:
         if rig is None:
             answer(_print_found(console))

@@ -147,10 +147,11 @@ class Shot:
 
     def _repr_png_(self) -> bytes | None:
         """Show the measurement, the first mask and, if known, the middle true view; nothing of what is no shot."""
+        return None if self._fault() is not None else self._drawn()
+
+    def _drawn(self) -> bytes:
         from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn only when shown
 
-        if self._fault() is not None:
-            return None
         brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
         shown: list[NDArray[Any]] = [self.measurement / brightest, self.masks[0]]
         if self.truth.views is not None:
@@ -184,7 +185,7 @@ class Shot:
             ("known truth", ", ".join(known) or "none"),
         ]
         shown = "measurement, first mask" + (", middle true view" if self.truth.views is not None else "")
-        return card(self.name, facts, self._repr_png_(), caption=shown)
+        return card(self.name, facts, self._drawn(), caption=shown)
 
     def _fault(self) -> InputError | None:
         """Return why this cannot be used; None if it can."""

@@ -23,6 +23,7 @@ from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.failures import HOME_COMMAND
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.gentl import find_producers
@@ -313,7 +314,7 @@ def _stage(devices: Devices) -> Iterator[BenchFinding]:
         "stage reference",
         "ok" if status.referenced else "bad",
         "its position is known" if status.referenced else "its position is unknown",
-        "" if status.referenced else "home it with `gs2ci devices --home` when nothing is in its way",
+        "" if status.referenced else f"home it with `{HOME_COMMAND}` when nothing is in its way",
     )
     if status.faults or status.warnings:
         yield BenchFinding(

@@ -16,6 +16,7 @@ from math import hypot
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import (
+    HOME_COMMAND,
     BadReplyError,
     MoveFailedError,
     NoAnswerError,
@@ -218,7 +219,7 @@ class GrblStage(Stage):
                     self.name,
                     asked,
                     ["the controller restarted"],
-                    remedy="home the stage: `gs2ci devices --home`",
+                    remedy=f"home the stage: `{HOME_COMMAND}`",
                 )
             if status.state == "Idle":
                 return status

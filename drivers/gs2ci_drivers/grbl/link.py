@@ -10,7 +10,14 @@ Here: the exchange. Not here: what a stage does with it (`driver`).
 from contextlib import suppress
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.failures import BadReplyError, MoveFailedError, NoAnswerError, ReferenceLostError, RefusedError
+from gs2ci_drivers.failures import (
+    HOME_COMMAND,
+    BadReplyError,
+    MoveFailedError,
+    NoAnswerError,
+    ReferenceLostError,
+    RefusedError,
+)
 from gs2ci_drivers.grbl.packets import (
     ALARMS,
     ERRORS,
@@ -131,7 +138,7 @@ class GrblLink:
                 raise self.alarm_error(line)
             if is_banner(text):
                 raise ReferenceLostError(
-                    self._name, line, ["the controller restarted"], remedy="home the stage: `gs2ci devices --home`"
+                    self._name, line, ["the controller restarted"], remedy=f"home the stage: `{HOME_COMMAND}`"
                 )
             before.append(text)
 
@@ -163,7 +170,7 @@ class GrblLink:
             self._name,
             asked,
             [f"ALARM:{'?' if number is None else number} ({meaning})"],
-            remedy="remove the obstacle, then home the stage: `gs2ci devices --home`",
+            remedy=f"remove the obstacle, then home the stage: `{HOME_COMMAND}`",
         )
 
     def _reset_once(self) -> None:
@@ -204,7 +211,7 @@ class GrblLink:
 
 def _remedy(error: int) -> str:
     if error == 9:
-        return "home the stage: `gs2ci devices --home`"
+        return f"home the stage: `{HOME_COMMAND}`"
     if error == 15:
         return "keep the target, with the sweep's run-up, inside the machine's travel ($130-$132)"
     return "see the controller's settings with $$"

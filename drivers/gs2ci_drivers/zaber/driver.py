@@ -13,6 +13,7 @@ from contextlib import suppress
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import (
+    HOME_COMMAND,
     BadReplyError,
     DriverError,
     MoveFailedError,
@@ -227,7 +228,7 @@ class ZaberStage(Stage):
         lost = [describe(flag) for flag in flags if flag in UNREFERENCED]
         if lost:
             raise ReferenceLostError(
-                self.name, asked, lost, remedy="the stage lost power: home it with `gs2ci devices --home`"
+                self.name, asked, lost, remedy=f"the stage lost power: home it with `{HOME_COMMAND}`"
             )
 
     def _set_speed(self, axis: str, data: int) -> None:

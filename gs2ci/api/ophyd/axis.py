@@ -54,7 +54,7 @@ class _AxisLogic(MovableLogic[float], FlyableLogic[FlyMotorInfo, Sweep]):
             return
         limit_s = timeout()
         if limit_s is None:
-            limit_s = 1.0 + 2.0 * await self.call(self.carrier.move_time_s, {self.axis: new_position})
+            limit_s = await self.call(self.carrier.move_timeout_s, {self.axis: new_position})
         await self.setpoint.set(new_position)
         try:
             await self.call(self.carrier.begin_move, {self.axis: new_position})

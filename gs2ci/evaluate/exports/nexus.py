@@ -44,7 +44,7 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
     """
     given = report.provenance.get("metadata")
     metadata: Mapping[str, Any] = given if isinstance(given, dict) else {}
-    # In memory, because of a disk that refuses HDF5 tells by many errors of many kinds.
+    # In memory: HDF5 reports a disk that refuses by errors of many kinds.
     with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
         file.attrs["NX_class"] = "NXroot"
         file.attrs["default"] = "entry"

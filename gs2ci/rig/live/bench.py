@@ -327,7 +327,7 @@ class LiveBench:
             )
         target_mm = {axis: stage.positions_mm()[axis] + float(mm)}
         clock = self._devices.clock
-        until_s = clock.now_s() + 1.0 + 2.0 * stage.move_time_s(target_mm)
+        until_s = clock.now_s() + stage.move_timeout_s(target_mm)
         stage.begin_move(target_mm)
         self._moving = True
         try:

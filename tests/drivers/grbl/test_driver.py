@@ -157,7 +157,9 @@ def test_homing_without_a_switch_ends_in_its_alarm_and_can_be_repeated():
 
 def hit_a_limit(twin, stage):
     twin.faults.inject("grbl.hard_limit")
-    with pytest.raises(MoveFailedError, match=r"move to .*ALARM:1 \(hard limit hit.*gs2ci devices --home"):
+    with pytest.raises(
+        MoveFailedError, match=r"move to .*ALARM:1 \(hard limit hit.*gs2ci devices --rig RIG.toml --home"
+    ):
         stage.move_to({"x": -20.0})
 
 
