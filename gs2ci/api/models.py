@@ -170,7 +170,11 @@ def _vggt(weights: Path, output: Path, views: int) -> ExportedModel:
 
 
 def _open(name: ModelName, path: Path) -> Any:
-    """Load a file as the kind of model that its name stands for."""
+    """Load a file as the kind of model that its name stands for.
+
+    Raises:
+        InputError: It is of another kind.
+    """
     from gs2ci.reconstruct.learned.lpips import Lpips
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
     from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
@@ -187,4 +191,11 @@ def _open(name: ModelName, path: Path) -> Any:
         "fastdvdnet": OnnxVideoDenoiser,
         "video-decoder": OnnxVideoDecoder,
     }
-    return kinds[name](path)
+    model = kinds[name](path)
+    if name == "ffdnet-colour" and model.channels == 1:
+        raise InputError(
+            f"{path} is a grey denoiser",
+            allowed="one that takes three colours at once",
+            remedy="export the colour weights, or add it under the name ffdnet",
+        )
+    return model

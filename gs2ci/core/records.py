@@ -36,7 +36,8 @@ ROTATION_TOLERANCE: Final = 1e-3
 SKEW_LIMIT: Final = 1e-3
 
 
-@dataclass(frozen=True)
+# Without a comparison by content (eq=False): numpy gives no single answer to whether two arrays are equal.
+@dataclass(frozen=True, eq=False)
 class Truth:
     """The truth of a shot, from simulation or a reference; any part may be missing.
 
@@ -62,7 +63,7 @@ class Truth:
         _take_over(self, views=np.float32, world_to_camera=np.float64, depth=np.float32)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shot:
     """One coded measurement with its calibrated masks: Y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ + Z (paper, eq. 1).
 

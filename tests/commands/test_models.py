@@ -138,3 +138,14 @@ def test_vggt_without_its_authors_package_says_what_to_install(tmp_path):
     with pytest.raises(InputError, match="needs the package vggt"):
         run("export-vggt", (tmp_path / "model.pt",), output=tmp_path / "vggt.onnx")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_grey_denoiser_does_not_get_the_name_of_a_coloured_one(tmp_path, weights, monkeypatch):
+    monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
+    grey = run("export-ffdnet", (weights,), output=tmp_path / "ffdnet.onnx")
+    with pytest.raises(InputError, match="is a grey denoiser") as caught:
+        run("add", ("ffdnet-colour", grey))
+    assert "under the name ffdnet" in caught.value.remedy
+    assert models_api.list_models() == []
+    run("add", ("ffdnet", grey))
+    assert [model.name for model in models_api.list_models()] == ["ffdnet"]

@@ -276,3 +276,10 @@ def test_masked_numbers_are_refused_as_they_would_be_taken_for_readings(shot):
         with pytest.raises(InputError, match=r"measurement of a shot is MaskedArray.*some of its numbers are masked"):
             replace(shot, measurement=array)
     assert type(replace(shot, measurement=np.ma.array(shot.measurement)).measurement) is np.ndarray
+
+
+def test_shots_are_compared_as_objects(shot):
+    """A comparison of arrays has no single answer, and a shot in a set or a dictionary needs a hash."""
+    assert shot == shot  # noqa: PLR0124
+    assert shot != replace(shot)
+    assert {shot: 1, shot.truth: 2}[shot] == 1

@@ -7,6 +7,7 @@ what is inside the file. `check_manifest` is re-exported.
 import fcntl
 import hashlib
 import json
+import math
 import os
 import shutil
 from pathlib import Path
@@ -99,11 +100,12 @@ def check_room(path: Path, wanted_bytes: int) -> None:
     Raises:
         StorageError: It has too little.
     """
-    free_bytes = shutil.disk_usage(path.parent).free
-    if free_bytes < wanted_bytes + SPARE_BYTES:
+    free_bytes, least_bytes = shutil.disk_usage(path.parent).free, wanted_bytes + SPARE_BYTES
+    if free_bytes < least_bytes:
+        # Rounded apart, or a little too little would read like enough.
         raise StorageError(
-            f"{path}: the disk has {free_bytes / 1e6:.1f} MB free",
-            allowed=f"{(wanted_bytes + SPARE_BYTES) / 1e6:.1f} MB or more",
+            f"{path}: the disk has {math.floor(free_bytes / 1e5) / 10:.1f} MB free",
+            allowed=f"{math.ceil(least_bytes / 1e5) / 10:.1f} MB or more",
             remedy="free the disk or choose another folder",
         )
 

@@ -31,6 +31,9 @@ class OnnxDenoiser:
     Args:
         path: The file.
 
+    Attributes:
+        channels: Number of colours that it denoises at once; None if it leaves them open.
+
     Raises:
         InputError: No such file, a file that ONNX Runtime refuses (damaged, of an unknown operator set), or inputs and
             outputs other than those of a denoiser.
@@ -48,7 +51,7 @@ class OnnxDenoiser:
         channels = fixed_side(self._image.shape[1])
         if channels not in (None, 1, 3):
             raise self._refusal()
-        self._channels = channels
+        self.channels = channels
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise a stack, [N, C, H, W].
@@ -60,14 +63,14 @@ class OnnxDenoiser:
             NumericsError: The model failed on this image, changed its shape, or returned NaN or infinity.
         """
         n, c, height, width = views.shape
-        if self._channels == 1:
+        if self.channels == 1:
             images = views.reshape(n * c, 1, height, width)
-        elif self._channels == 3 and c == 1:
+        elif self.channels == 3 and c == 1:
             images = np.repeat(views, 3, axis=1)
         else:
             images = views
         denoised = self._denoise(images, sigma)
-        if self._channels == 3 and c == 1:
+        if self.channels == 3 and c == 1:
             denoised = denoised.mean(axis=1, keepdims=True)
         return denoised.reshape(views.shape)
 

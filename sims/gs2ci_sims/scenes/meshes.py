@@ -200,17 +200,36 @@ def mesh_from_file(path: Path) -> TexturedMesh:
     Transparency is left out.
 
     Raises:
-        InputError: trimesh is not installed, the file cannot be read, or holds no triangles.
+        InputError: trimesh is not installed, the file cannot be read, a file that it names (materials, a texture) is
+            missing, or it holds no triangles.
     """
     if find_spec("trimesh") is None:
         raise InputError(f"the mesh file {path} without trimesh", remedy="pip install 'gs2ci[mesh]'")
     if not path.is_file():
         raise InputError(f"no file {path}", allowed="an OBJ, GLB, PLY or STL file")
     trimesh = import_module("trimesh")
+    beside = trimesh.resolvers.FilePathResolver(path)
+    read, missing = beside.get, []
+
+    def noted(name: str) -> bytes:
+        try:
+            found: bytes = read(name)
+        except (OSError, ValueError):
+            missing.append(name)
+            raise
+        return found
+
+    # trimesh goes on without materials and textures that it does not find.
+    beside.get = noted
     try:
-        scene = trimesh.load_scene(path)
+        scene = trimesh.load_scene(path, resolver=beside)
     except Exception as error:  # whatever a parser of foreign files may raise
         raise InputError(f"{path} cannot be read as a mesh: {error}", allowed="OBJ, GLB, PLY or STL") from error
+    if missing:
+        raise InputError(
+            f"{path} names {missing[0]}, which is not there",
+            remedy="put it beside the mesh, or remove its line (mtllib, map_Kd) to render the mesh without it",
+        )
     # Not `Scene.dump`, whose copies have no colours of corners beside a material.
     placed = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
     parts = [(scene.geometry[name], pose) for pose, name in placed]

@@ -245,6 +245,21 @@ def test_a_grey_texture_of_sixteen_bits_keeps_its_greys(tmp_path):
     assert view_of(tmp_path / "quad.obj")[12, 16] == pytest.approx([0.503] * 3, abs=1e-3)
 
 
+@pytest.mark.parametrize("material", ["", "newmtl paint\nmap_Kd paint.png\n"], ids=["materials", "texture"])
+def test_a_mesh_without_the_materials_or_the_texture_that_it_names_is_refused(tmp_path, material):
+    """The reader of meshes goes on without them, and the mesh would be grey."""
+    pytest.importorskip("trimesh")
+    (tmp_path / "quad.obj").write_text(OBJ)
+    if material:
+        (tmp_path / "quad.mtl").write_text(material)
+    missing = "paint.png" if material else "quad.mtl"
+    with pytest.raises(InputError, match=f"names {missing}, which is not there") as caught:
+        mesh_from_file(tmp_path / "quad.obj")
+    assert "put it beside the mesh" in caught.value.remedy
+    (tmp_path / "quad.obj").write_text(OBJ.replace("mtllib quad.mtl", ""))
+    assert len(mesh_from_file(tmp_path / "quad.obj").corners) == 2
+
+
 def test_files_that_hold_no_mesh_are_refused(tmp_path, monkeypatch):
     pytest.importorskip("trimesh")
     (tmp_path / "points.obj").write_text("v 0 0 1\n")
