@@ -13,7 +13,7 @@ from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.exposing import NO_LIGHT_DN
-from gs2ci_calibration.frames import Dark, check_stack, refuse_dark
+from gs2ci_calibration.frames import Dark, check_stack, noise_variance, refuse_dark
 from gs2ci_calibration.probe import DIFFERENCE_LIMIT, SHIFT_LIMIT_PX, probe_mask
 
 STEP: Final = "check"
@@ -152,10 +152,7 @@ def _flat_changes(flat: Stack, section: Section, dark: Dark) -> list[Change]:
 
 def _gain_change(flat: Stack, sensor: Section, section: Section, dark: Dark) -> Change:
     pixels = flat.readings[0][:, dark.good].astype(np.float64)
-    levels = pixels.mean(axis=1)
-    rest = pixels - pixels.mean(axis=0) - (levels - levels.mean())[:, None]
-    freedom = (len(pixels) - 1) * (pixels.shape[1] - 1)
-    variance = float(np.square(rest).sum()) / freedom
+    variance, freedom = noise_variance(pixels, pixels.mean(axis=0) - dark.at(flat.exposure_s)[dark.good])
     charge = float((pixels - dark.offset_dn[dark.good]).mean())
     shot = variance - section.number("dark_noise_rms_dn") ** 2
     gain = sensor.estimates["gain_e_per_dn"]

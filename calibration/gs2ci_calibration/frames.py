@@ -114,6 +114,23 @@ def mean_error(variance: F64, frames: int) -> F64:
     return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
 
 
+def noise_variance(pixels: F64, lit: F64) -> tuple[float, float]:
+    """Return the variance of one reading by noise, mean over the pixels, and its degrees of freedom.
+
+    The lamp's changes from frame to frame are common to all pixels, in proportion to their light, and do not count as
+    noise. On a mosaic, or under uneven light, a constant subtracted from all pixels would leave part of them.
+
+    Args:
+        pixels: Readings, [K, P] DN, K of 2 or more.
+        lit: The mean reading of each above dark, [P] DN.
+    """
+    levels, mean = pixels.mean(axis=1), float(lit.mean())
+    share = lit / mean if mean > 0 else np.ones_like(lit)
+    rest = pixels - pixels.mean(axis=0) - (levels - levels.mean())[:, None] * share
+    freedom = (len(pixels) - 1) * (pixels.shape[1] - 1)
+    return float(np.square(rest).sum()) / freedom, float(freedom)
+
+
 def trimmed_mean(values: F64) -> float:
     """Return the mean without the highest percent of the values, which excludes hot pixels."""
     flat = np.sort(values, axis=None)

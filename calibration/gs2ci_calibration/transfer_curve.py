@@ -21,6 +21,7 @@ from gs2ci_calibration.frames import (
     check_drift,
     check_flicker,
     check_stack,
+    noise_variance,
     root,
     rounding_variance_bias,
 )
@@ -191,12 +192,9 @@ def _points(sweep: ExposureSweep, dark: Dark, full: Full) -> _Points:
         _check_live(frames, full)
         pixels = frames[:, good].astype(np.float64)
         mean, levels = pixels.mean(axis=0), pixels.mean(axis=1)
-        # The lamp's changes from frame to frame are common to all pixels and do not count as their noise.
-        rest = pixels - mean - (levels - levels.mean())[:, None]
-        freedom = (len(frames) - 1) * (mean.size - 1)
-        variance = float(np.square(rest).sum()) / freedom
-        near = float(np.quantile(mean - ceiling, BRIGHT_QUANTILE))
         lit = mean - dark.at(exposure_s)[good]
+        variance, freedom = noise_variance(pixels, lit)
+        near = float(np.quantile(mean - ceiling, BRIGHT_QUANTILE))
         signal = float(lit.mean())
         spread = max(float(lit.var()) - variance / len(frames), 0.0) / max(signal, 1.0) ** 2
         charge = float((mean - dark.offset_dn[good]).mean())

@@ -77,6 +77,19 @@ def test_flicker_is_no_noise_of_the_pixels(make_sensor):
     refused(Reason.LAMP_FLICKERS, sensor.sweep(), sensor.full, sensor.dark, sensor.noise_dn, TOP_DN)
 
 
+@pytest.mark.parametrize("flicker", [0.0, 0.002, 0.004])
+def test_flicker_of_a_lamp_is_no_noise_of_pixels_that_see_it_in_unequal_colours(make_sensor, flicker):
+    sensor = make_sensor(8, shape=(96, 128), flicker=flicker)
+    colours = np.array([[0.5, 1.0], [1.0, 0.4]])[np.indices(sensor.shape)[0] % 2, np.indices(sensor.shape)[1] % 2]
+    lit = replace(sensor, light_e_per_s=sensor.light_e_per_s * colours)
+    # The exposures are those at which the brighter colour fills.
+    sweep = replace(sensor.sweep(), stacks=tuple(lit.frames(8, time_s) for time_s in sensor.sweep().exposures_s))
+    found = estimate(sweep, sensor.full, sensor.dark, sensor.noise_dn, TOP_DN)
+    value, error = found.gain_e_per_dn
+    assert error < 0.01 * 2.5
+    assert abs(value - 2.5) < 3 * error
+
+
 def test_a_drifting_lamp_is_refused(make_sensor):
     sensor = make_sensor(6)
     sweep = sensor.sweep()
