@@ -117,8 +117,9 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     coding = CodingConvention(masks, _weights(found, len(order.masks), len(masks), guesses))
     coding = coding.reversed() if options.reverse_masks else coding
     stored = order.measurements.astype(np.float64)
-    stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
-    work = _Import(found, options, coding, stored - (options.offset or 0.0), guesses)
+    offset = options.offset or 0.0
+    stored = pixels.mend(found.measurement, stored, offset, coding.multiplicity, options.bad_pixels, guesses)
+    work = _Import(found, options, coding, stored - offset, guesses)
     traced = work.check_agreement()
     views = work.true_views()
     cfa = work.colour_filter_array(views)

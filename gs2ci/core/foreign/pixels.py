@@ -21,12 +21,15 @@ PILE_UP: Final = 5e-4
 MANY_CLIPPED: Final = 0.05
 
 
-def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, guesses: list[str]) -> F64:
+def mend(
+    measurement: Array, readings: F64, offset: float, multiplicity: F64, how: BadPixels, guesses: list[str]
+) -> F64:
     """Replace NaN, infinity and numbers that are far too large in a measurement.
 
     Args:
         measurement: For messages.
-        readings: [K, H, W, C].
+        readings: As stored, [K, H, W, C].
+        offset: Reading without light: only what lies above it grows with the open masks.
         multiplicity: a(p) = Σ wᵢ Mᵢ(p), [H, W].
         how: "refuse", or "median": the neighbours' median reading per open mask, times the masks open there.
         guesses: Sentences are added here.
@@ -52,24 +55,24 @@ def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, g
     mended = readings.copy()
     for k in range(readings.shape[0]):
         for channel in range(readings.shape[3]):
-            _mend_plane(mended[k, :, :, channel], multiplicity)
+            _mend_plane(mended[k, :, :, channel], offset, multiplicity)
     return mended
 
 
-def _mend_plane(plane: F64, multiplicity: F64) -> None:
+def _mend_plane(plane: F64, offset: float, multiplicity: F64) -> None:
     """Fill NaN in place; neighbours lie an even number of pixels away, so in a mosaic they share the colour."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        per_mask = np.where(multiplicity > 0, plane / multiplicity, np.nan)
+        per_mask = np.where(multiplicity > 0, (plane - offset) / multiplicity, np.nan)
     for row, column in np.argwhere(~np.isfinite(plane)):
         for reach in range(2, 2 * max(plane.shape), 2):
             top, left = (p - reach if p >= reach else p % 2 for p in (row, column))
             window = per_mask[top : row + reach + 1 : 2, left : column + reach + 1 : 2]
             good = window[np.isfinite(window)]
             if good.size:
-                plane[row, column] = float(np.median(good)) * multiplicity[row, column]
+                plane[row, column] = offset + float(np.median(good)) * multiplicity[row, column]
                 break
         else:
-            plane[row, column] = 0.0
+            plane[row, column] = offset
 
 
 def clipped(readings: F64, said: float | None, guesses: list[str]) -> Bool | None:

@@ -104,6 +104,19 @@ def test_bad_pixels_are_refused_or_replaced_from_their_neighbours(scene, take, s
     assert np.abs(measurement - made.meas).max() < 1.2
 
 
+@pytest.mark.parametrize("offset", [0.0, 40.0, 256.0])
+def test_a_bad_pixel_is_replaced_by_light_per_open_mask_without_the_offset(take, offset):
+    masks = np.random.default_rng(3).random((8, 40, 50)) < 0.5
+    light = 50.0 * masks.sum(axis=0)  # a scene of one brightness
+    meas = offset + light
+    bad = [(5, 6), (10, 20), (30, 41), (21, 11), (39, 49)]
+    for place in bad:
+        meas[place] = np.nan
+    options = ImportOptions(bad_pixels="median", scale=100.0, offset=offset)
+    measurement = take(options, meas=meas, mask=masks.astype(np.float64)).shots[0].measurement[..., 0]
+    assert np.allclose(measurement, light / 100.0, atol=1e-6)
+
+
 def test_too_many_bad_pixels_are_no_measurement(scene, take):
     made = scene()
     meas = made.meas.copy()
@@ -117,8 +130,9 @@ def test_a_pixel_without_any_good_neighbour_becomes_dark(take):
     meas[1, 1] = np.nan  # its neighbours lie two apart: only (1, 3), which no mask opens
     masks = np.ones((2, 3, 5))
     masks[:, 1, 3] = 0
-    shot = take(ImportOptions(bad_pixels="median", scale=1.0), meas=meas, mask=masks).shots[0]
-    assert shot.measurement[1, 1, 0] == 0
+    for offset in (0.0, 0.5):
+        options = ImportOptions(bad_pixels="median", scale=1.0, offset=offset)
+        assert take(options, meas=meas, mask=masks).shots[0].measurement[1, 1, 0] == 0
 
 
 def test_clipping_is_told_with_its_share_and_warned_of_where_it_is_much(scene, take, said):
