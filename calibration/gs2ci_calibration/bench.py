@@ -135,6 +135,11 @@ class Bench:
         return info.height, info.width
 
     @property
+    def region(self) -> list[int | None]:
+        """Get the first row and column of the sensor that are read out, [2]; None centres them."""
+        return [self.config.top, self.config.left]
+
+    @property
     def top_dn(self) -> int:
         """Get the largest reading of the format in use.
 

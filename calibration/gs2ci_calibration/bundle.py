@@ -15,17 +15,17 @@ The sections, and the values that other modules read from them (shapes: H, W sen
 
     dark-flat     offset_dn [H, W], dark_current_dn_per_s [H, W], dark_noise_dn [H, W], response [H, W] (mean 1: PRNU
                   and fall-off together), dark_noise_rms_dn, dsnu_dn, prnu, flat_dn_per_s; arrays hot, dead [H, W] u1;
-                  facts top_dn, gain_db, flat_exposure_s, dark_exposures_s
+                  facts top_dn, gain_db, region, flat_exposure_s, dark_exposures_s
     sensor        gain_e_per_dn, read_noise_e, full_well_e, saturation_dn, linearity_error, linear_to_dn; arrays
-                  curve_signal_dn, curve_variance_dn2, curve_exposure_s [L]; facts limited_by
+                  curve_signal_dn, curve_variance_dn2, curve_exposure_s [L]; facts limited_by, top_dn, gain_db
     timing        latency_s, jitter_s, exposure_offset_s, weights [N] (overlap of each mask with the exposure); facts
                   mask_s, mode
     masks         masks [N, H, W] f4 transmissions in the order shown, leakage included, contrast [H, W] f4 (off over
                   on), weights [N], prediction_error_rms; arrays patterns_sha256 [32] u1 of the codes [N, h, w] as
-                  drawn, valid [H, W] u1; facts mode, frames, order, polarity, mask_s
+                  drawn, valid [H, W] u1; facts mode, frames, order, polarity, mask_s, region
     registration  sensor_from_modulator [2, 3] (x right, y down, pixel centres at +0.5), modulator_from_sensor [K, 2]
-                  (a polynomial's coefficients), psf_sigma_px, psf_kernel; facts orientation, degree, size
-    camera        intrinsics [3, 3], distortion [5] (OpenCV's k1 k2 p1 p2 k3)
+                  (a polynomial's coefficients), psf_sigma_px, psf_kernel; facts orientation, degree, size, region
+    camera        intrinsics [3, 3], distortion [5] (OpenCV's k1 k2 p1 p2 k3); facts height, width, region
     stage         for each axis A: direction_A [3] in the camera frame, scale_A, backlash_mm_A, repeatability_mm_A,
                   velocity_error_A, sweep_lag_s_A
 

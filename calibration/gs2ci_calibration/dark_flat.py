@@ -411,6 +411,7 @@ def _section(bench: Bench, darks: Darks, found: DarkEstimate, response: Response
             "flat_exposure_s": level.exposure_s,
             "flicker": response.flicker,
             "format": bench.devices.sensor.settings.format.fourcc,
+            "region": bench.region,
             "top_dn": bench.top_dn,
             "gain_db": bench.config.gain_db,
         },

@@ -21,6 +21,7 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 STEP: Final = "check"
 TIME_TOLERANCE: Final = 1e-3
 """Relative difference allowed between the time of a mask now and at calibration, for the devices' rounding."""
+SIDES: Final = ("height", "width")
 REMEDY: Final = "run `gs2ci calibrate all` again, or name the bundle of this bench"
 
 
@@ -54,6 +55,26 @@ def codes_sha256(codes: U16) -> U8:
     return np.frombuffer(digest, np.uint8)
 
 
+def needed(known: Bundle, name: str, bench: Bench, step: str) -> Section:
+    """Return a section that a step requires, measured with the sensor as it is set up now.
+
+    Raises:
+        CalibrationError: It is missing (`Reason.NEEDS`), or of another size, region, range or gain
+            (`Reason.DOES_NOT_FIT`).
+    """
+    section = known.need(name, step)
+    other = _setup(section, bench)
+    if other:
+        raise CalibrationError(
+            step,
+            Reason.DOES_NOT_FIT,
+            f"{known.path or 'bundle'}: {'; '.join(other)}",
+            allowed="sections measured with the sensor as it is set up now",
+            remedy=f"run `gs2ci calibrate {name}` again",
+        )
+    return section
+
+
 def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: float) -> Fit:
     """Compare a bundle with the connected bench and with the capture that is planned on it; nothing moves.
 
@@ -67,7 +88,8 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
         DriverError: A device does not answer.
     """
     old = [_age(section, max_age_days, datetime.now(UTC)) for section in bundle.sections.values()]
-    misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *_setup(bundle, bench)]
+    other = [sentence for section in bundle.sections.values() for sentence in _setup(section, bench)]
+    misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *other]
     if "masks" in bundle:
         misfits += _masks(bundle.sections["masks"], bench)
     notes = []
@@ -112,19 +134,28 @@ def _age(section: Section, max_age_days: float, now: datetime) -> str:
     return ""
 
 
-def _setup(bundle: Bundle, bench: Bench) -> Sequence[str]:
-    """Compare format, size and gain, on which all readings depend."""
-    if "dark-flat" not in bundle:
-        return []
-    section, found = bundle.sections["dark-flat"], []
-    size = section.array("offset_dn").shape
+def _setup(section: Section, bench: Bench) -> Sequence[str]:
+    """Compare the sensor's set-up with the one that a section states; a section states what it depends on."""
+    facts, its, found = section.facts, f"its section {section.name}", []
+    size = tuple(facts.get("size", [facts.get(side, own) for side, own in zip(SIDES, bench.size, strict=True)]))
+    if "offset_dn" in section.estimates:
+        size = section.array("offset_dn").shape
     if size != bench.size:
-        found.append(f"it is of {size[0]} x {size[1]} pixels, the capture of {bench.size[0]} x {bench.size[1]}")
-    if section.facts.get("top_dn") != bench.top_dn:
-        found.append(f"its readings end at {section.facts.get('top_dn')} DN, those of the capture at {bench.top_dn}")
-    if section.facts.get("gain_db") != bench.config.gain_db:
-        found.append(f"it was taken at a gain of {section.facts.get('gain_db')} dB, not {bench.config.gain_db}")
+        found.append(f"{its} is of {size[0]} x {size[1]} pixels, the capture of {bench.size[0]} x {bench.size[1]}")
+    if facts.get("region", bench.region) != bench.region:
+        found.append(f"{its} is of the region at {_place(facts['region'])}, the capture at {_place(bench.region)}")
+    if facts.get("top_dn", bench.top_dn) != bench.top_dn:
+        found.append(f"{its}: readings end at {facts['top_dn']} DN, those of the capture at {bench.top_dn}")
+    if "gain_db" in facts and facts["gain_db"] != bench.config.gain_db:
+        found.append(f"{its} was taken at a gain of {facts['gain_db']} dB, not {bench.config.gain_db}")
     return found
+
+
+def _place(region: Sequence[int | None]) -> str:
+    return ", ".join(
+        f"{name} {'in the middle' if first is None else first}"
+        for name, first in zip(("row", "column"), region, strict=True)
+    )
 
 
 def _masks(section: Section, bench: Bench) -> Sequence[str]:

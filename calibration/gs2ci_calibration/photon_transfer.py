@@ -14,6 +14,7 @@ from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.dark_flat import UNEVEN_LIMIT
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.exposing import Level, find_exposure, limits_s
+from gs2ci_calibration.fitting import needed
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_calibration.transfer_curve import LEVELS, STEP, ExposureSweep, Full, SensorEstimate, estimate
@@ -37,7 +38,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
             the light, or without noise.
         DriverError: A device failed.
     """
-    section = known.need("dark-flat", STEP)
+    section = needed(known, "dark-flat", bench, STEP)
     dark = Dark.of(section)
     noise = section.estimates["dark_noise_rms_dn"]
     bench.please(Arrangement.FLAT)

@@ -25,6 +25,7 @@ from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Arrangement, Bench, Patterns
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.fitting import needed
 from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.pattern_sequence import PatternSequence
@@ -85,7 +86,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
             allowed="a sensor with an edge trigger",
             remedy="leave this step out: the step `masks` measures by light what share of each mask is exposed",
         )
-    dark = Dark.of(known.need("dark-flat", STEP))
+    dark = Dark.of(needed(known, "dark-flat", bench, STEP))
     bench.please(Arrangement.FLAT)
     coarse = _first_look(bench, dark)
     shortest_s = max(FINE_S, 2 * _shortest_s(bench), 2.5 * (abs(coarse.latency_s) + abs(coarse.offset_s)))

@@ -13,6 +13,8 @@ from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.fitting import needed
+from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 RIG = """
@@ -202,6 +204,54 @@ def test_a_bundle_of_another_set_up_is_refused(rig, tmp_path, before, after, sen
     with pytest.raises(CalibrationError, match=sentence) as refused:
         loaded(bundle, probe=False)
     assert refused.value.reason is Reason.DOES_NOT_FIT
+
+
+@pytest.mark.parametrize(
+    ("name", "facts", "sentence"),
+    [
+        ("camera", {"height": 64, "width": 48}, "its section camera is of 64 x 48 pixels, the capture of 32 x 48"),
+        (
+            "camera",
+            {"region": [8, None]},
+            "camera is of the region at row 8, column in the middle, the capture",
+        ),
+        ("masks", {"region": [None, 4]}, "masks is of the region at row in the middle, column 4, the capture at"),
+        ("registration", {"size": [32, 64]}, "its section registration is of 32 x 64 pixels"),
+        ("sensor", {"gain_db": 6.0}, "its section sensor was taken at a gain of 6.0 dB, not None"),
+        ("sensor", {"top_dn": 1023}, "its section sensor: readings end at 1023 DN, those of the capture at 4095"),
+    ],
+)
+def test_every_section_must_be_of_the_sensor_as_it_is_set_up(tmp_path, name, facts, sentence, calibrate, loaded):
+    path = tmp_path / "bench.cal.h5"
+    bundle = calibrate(path)
+    section = bundle.sections.get(name, Section(name, {}))
+    write_bundle(path, bundle.with_section(replace(section, facts=section.facts)))
+    assert loaded(path, probe=False).notes == ()
+    write_bundle(path, bundle.with_section(replace(section, facts={**section.facts, **facts})))
+    with pytest.raises(CalibrationError, match=sentence) as refused:
+        loaded(path, probe=False)
+    assert refused.value.reason is Reason.DOES_NOT_FIT
+
+
+def test_steps_refuse_sections_measured_with_the_sensor_set_up_otherwise(rig, tmp_path, calibrate, connected):
+    bundle = calibrate(tmp_path / "bench.cal.h5", "dark-flat")
+    camera = Section("camera", {}, facts={"height": 32, "width": 48})
+    for after, sentence in (
+        ("height = 30", "its section dark-flat is of 32 x 48 pixels, the capture of 30 x 48"),
+        ("height = 32\ngain_db = 6.0", "its section dark-flat was taken at a gain of None dB, not 6.0"),
+    ):
+        rig.write_text(RIG.replace("height = 32", after, 1))
+        with connected() as (opened, devices):
+            bench = bench_of(opened, devices, operator_of(opened, print))
+            for step in ("sensor", "timing", "registration"):
+                with pytest.raises(CalibrationError, match=sentence) as refused:
+                    PROCEDURES[step](bench, bundle)
+                assert refused.value.reason is Reason.DOES_NOT_FIT
+            if bench.size == (32, 48):  # the camera depends on the region, not on the gain
+                assert needed(bundle.with_section(camera), "camera", bench, "stage") is camera
+            else:
+                with pytest.raises(CalibrationError, match="its section camera is of 32 x 48 pixels"):
+                    needed(bundle.with_section(camera), "camera", bench, "stage")
 
 
 def test_a_bundle_that_is_too_old_or_undated_is_refused(tmp_path, calibrate, loaded):

@@ -3,7 +3,7 @@
 Here: the pictures and the bundle's section, both ways. Not here: the estimate (`intrinsics`), corners (`board`).
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -42,10 +42,11 @@ def measure_camera(bench: Bench, known: Bundle) -> Section:
         require_any(STEP, sightings)
         bench.progress.step(index + 1)
     blur_px = require_sharp(STEP, sightings)
-    return section_of(estimate_camera(sightings, bench.size), exposure_s=exposure_s, pictures=views, blur_px=blur_px)
+    taken = {"exposure_s": exposure_s, "pictures": views, "blur_px": blur_px, "region": bench.region}
+    return section_of(estimate_camera(sightings, bench.size), **taken)
 
 
-def section_of(camera: CameraEstimate, **facts: float) -> Section:
+def section_of(camera: CameraEstimate, **facts: Any) -> Section:
     """Return the bundle's section of a camera; `facts` holds the settings of the measurement."""
     fx, fy, cx, cy, *_ = camera.standard_errors
     return Section(

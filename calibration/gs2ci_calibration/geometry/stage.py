@@ -12,6 +12,7 @@ import numpy as np
 from gs2ci_calibration.bench import Arrangement, Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.fitting import needed
 from gs2ci_calibration.geometry.axes import AxisEstimate, StagePicture, SweepPicture, estimate_stage
 from gs2ci_calibration.geometry.axis_checks import STEP
 from gs2ci_calibration.geometry.board import Board, Sighting
@@ -74,7 +75,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
         DriverError: A device failed.
     """
     stage = bench.stage(STEP)
-    camera = camera_of(known.need("camera", STEP))
+    camera = camera_of(needed(known, "camera", bench, STEP))
     bench.please(Arrangement.FIXED_BOARD)
     pictures = Pictures(bench, STEP, Board(bench.options.board))
     exposure_s = pictures.suit_exposure()

@@ -179,6 +179,7 @@ def _section(
             "order": "as sent, checked by image",
             "polarity": "as sent, checked by image",
             "mask_s": bench.capture.mask_s,
+            "region": bench.region,
             "weights": "measured" if slots.measured else "planned",
             "lamp_drift": found.lamp.drift,
             "lamp_flicker": found.lamp.flicker,

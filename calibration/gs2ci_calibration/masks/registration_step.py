@@ -127,6 +127,7 @@ def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, fa
         arrays={"covariance": found.covariance},
         facts={
             "size": list(bench.size),
+            "region": bench.region,
             "modulator_size": list(bench.modulator_size),
             "orientation": found.orientation,
             "degree": pixels.degree,

@@ -15,6 +15,7 @@ from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.exposing import find_exposure
+from gs2ci_calibration.fitting import needed
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.masks.measured import MaskSums, PatternKind, pass_order
 from gs2ci_calibration.masks.references import References, average_references, require_in_place
@@ -55,7 +56,7 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
             (`average_references`).
         DriverError: A device failed.
     """
-    section = known.need("dark-flat", step)
+    section = needed(known, "dark-flat", bench, step)
     dark = Dark.of(section)
     bench.please(Arrangement.FLAT)
     exposure_s = find_exposure(bench, step, dark, FILL).exposure_s

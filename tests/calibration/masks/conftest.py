@@ -11,6 +11,7 @@ from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.plan import CaptureSettings
+from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.kernels import blurred
 from gs2ci_sims.registration import MaskAlignment
@@ -177,7 +178,7 @@ def bench_of_truth():
         return QuickBench(
             devices=SimpleNamespace(clock=clock),
             operator=Silent(),
-            config=None,
+            config=SensorConfig(*size),
             capture=CaptureSettings(masks=lay_out(codes), bit_depth=bit_depth, mask_s=0.005),
             codes=codes,
             lay_out=lay_out,
