@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from gs2ci.core.arrays import U8
+from gs2ci.core.arrays import F64, U8
 from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.frames import by_colour
 from gs2ci_calibration.geometry.board import Board, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
@@ -90,7 +92,12 @@ class Pictures:
     def take(self, exposure_s: float, frames: int) -> Sighting | None:
         """Take one picture, the mean of some frames, and find the board in it."""
         stack = self.bench.grab(self._open, frames=frames, exposure_s=exposure_s)
-        return self.board.find(stack.readings[0].mean(axis=0))
+        return self.find(stack.readings[0].mean(axis=0))
+
+    def find(self, picture: NDArray[np.floating]) -> Sighting | None:
+        """Find the board in readings, [H, W]; those behind a colour filter array are made equally bright before."""
+        is_mosaic = self.bench.devices.sensor.settings.format.cfa is not None
+        return self.board.find(without_colours(picture) if is_mosaic else picture)
 
     @property
     def _open(self) -> U8:
@@ -146,6 +153,18 @@ class Pictures:
             allowed="readings that follow the exposure",
             remedy="dim the light on the board or close the aperture",
         )
+
+
+def without_colours(picture: NDArray[np.floating]) -> F64:
+    """Return a mosaic's picture of a board, [H, W], with the same mean and spread at all places of its 2 x 2 pattern.
+
+    The board is grey and all places see the same parts of it, so that only black level, filters and light make them
+    differ. In the raw mosaic, steps from colour to colour hide the board's own edges.
+    """
+    values = picture.astype(np.float64)
+    everywhere = np.ones(values.shape, np.bool_)
+    spread = by_colour(values, everywhere, np.std)
+    return np.asarray((values - by_colour(values, everywhere, np.mean)) / np.where(spread > 0, spread, 1.0))
 
 
 def _factor(share: float, filled: float) -> float:

@@ -196,7 +196,7 @@ def _sweep(
     since_s = stack.time_s[:, 0] - stack.time_s[0, 0]
     counted_mm = travel.from_mm + speed * since_s if stack.stage_mm is None else stack.stage_mm[:, 0]
     return [
-        SweepPicture(axis.name, float(t), float(at), pictures.board.find(frame[0]))
+        SweepPicture(axis.name, float(t), float(at), pictures.find(frame[0]))
         for t, at, frame in zip(since_s, counted_mm, stack.readings, strict=True)
     ]
 

@@ -1,9 +1,12 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.geometry.pictures import Pictures, without_colours
 from gs2ci_calibration.options import BoardSpec
 from gs2ci_sims.targets import BoardPlane
 
@@ -19,6 +22,30 @@ def test_corners_are_found_to_hundredths_of_a_pixel_through_a_distorting_lens(ca
             found += len(sighting.ids)
     assert found > 0.9 * 10 * 24
     assert np.sqrt(np.mean(np.square(np.concatenate(errors)))) < 0.04
+
+
+@pytest.mark.parametrize("colours", [[[0.6, 1.0], [1.0, 0.7]], [[1.0, 0.5], [0.35, 1.0]], [[1.0, 0.2], [0.2, 0.06]]])
+def test_corners_in_a_mosaic_are_as_precise_as_in_grey_in_whatever_light(cameras, photograph, colours):
+    board, errors, found = Board(), [], 0
+    for camera, _ in cameras(2, (161, 199)):
+        image, true = photograph(camera)
+        row, column = np.indices(image.shape) % 2
+        mosaic = np.rint(64 + np.array(colours)[row, column] * (image - 64)).astype(np.float32)
+        devices = SimpleNamespace(sensor=SimpleNamespace(settings=SimpleNamespace(format=SimpleNamespace(cfa="RGGB"))))
+        bench = SimpleNamespace(
+            devices=devices,
+            flat_pattern=lambda is_open: np.ones((2, 2), np.uint8),
+            grab=lambda *_, readings=mosaic, **__: SimpleNamespace(readings=readings[None, None]),
+        )
+        sighting = Pictures(bench, "camera", board).take(0.01, 1)
+        errors.append(sighting.corners_px - true[sighting.ids])
+        found += len(sighting.ids)
+    assert found > 0.9 * 2 * 24
+    assert np.sqrt(np.mean(np.square(np.concatenate(errors)))) < 0.02
+
+
+def test_a_picture_without_anything_in_it_has_no_colours_to_take_out():
+    assert not without_colours(np.full((6, 7), 64.0)).any()
 
 
 def test_a_board_partly_outside_of_the_frame_gives_the_corners_inside(camera, photograph):
