@@ -101,7 +101,8 @@ class FitState:
         )
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
-        self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
+        seen, exposure = ~holdout.pixels, renderer.exposure
+        self.data_term = DataTerm(shot.measurement, seen, shot.saturated, settings.loss, exposure)
         self.generator = torch.Generator().manual_seed(seed)
 
     def views(self) -> F32:
