@@ -101,7 +101,8 @@ class FitState:
         )
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
-        self.data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, settings.loss)
+        seen, exposure = ~holdout.pixels, renderer.exposure
+        self.data_term = DataTerm(shot.measurement, seen, shot.saturated, settings.loss, exposure)
         self.generator = torch.Generator().manual_seed(seed)
 
     def views(self) -> F32:
@@ -301,6 +302,10 @@ class FitState:
         """Go back to a state; searches for surfaces that it had not made yet are due again, in its scene."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
+        # One gradient of a state that ran away would leave squares that shorten their steps for hundreds of iterations.
+        for others in (self._relief, self._depth_field):
+            if others is not None:
+                others.forget()
         # What later searches found fits their path, which exchanges of turning for travel may have moved since.
         self._surfaces, self._outside = state.surfaces, state.outside
         self._searches = list(state.searches)

@@ -100,9 +100,13 @@ class DepthField:
         self._settings = settings
         self._reference = reference
         self._widest = np.array(widest)
-        shape = (settings.across, settings.down, settings.deep)
-        self._mean, self._square, self._turns = np.zeros(shape), np.zeros(shape), 0
         self._grid: tuple[F64, F64] | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the moments of earlier gradients."""
+        shape = (self._settings.across, self._settings.down, self._settings.deep)
+        self._mean, self._square, self._turns = np.zeros(shape), np.zeros(shape), 0
 
     def step(self, scene: Gaussians, world_to_camera: Tensor, progress: float, iteration: int) -> FieldStep | None:
         """Compute a step from the present gradients, without applying it; None if none is due.

@@ -325,7 +325,7 @@ class _Fit:
         self._renderer = renderer
         self._reuse = renderer.reuse()  # this stage neither adds nor removes Gaussians
         self._pseudo_loss = pseudo_loss
-        self._data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, fine.loss)
+        self._data_term = DataTerm(shot.measurement, ~holdout.pixels, shot.saturated, fine.loss, renderer.exposure)
         views = 0 if pseudo_loss is None else len(pseudo_loss)
         self._order = _rounds(views, torch.Generator().manual_seed(seed))
 

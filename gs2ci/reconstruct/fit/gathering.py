@@ -29,7 +29,7 @@ class Gathering:
         masks = renderer.transmissions
         # The loss is a mean over all pixels. A view whose mask opens a quarter of them receives a quarter of the
         # gradient that it would receive as a photograph, for which the rules' thresholds were found.
-        open_share = max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
+        open_share = max(float(masks.mean()) / renderer.exposure, torch.finfo(masks.dtype).tiny)
         # Each moment of a mask gets its share of the mask's light.
         self._gradient_factor = renderer.moments_per_mask * (1.0 / open_share if per_open_share else 1.0)
         self.screen = ScreenStatistics.empty(count)

@@ -48,11 +48,16 @@ class DataTerm:
         fitted: Pixels that the loss may see, [H, W] bool.
         saturated: Clipped pixels, [H, W] bool, or None.
         weights: λ and the window, as `similarity` and `window_px`.
+        exposure: The reading of a white pixel under one open mask, by which both are divided: terms that do not come
+            from readings, and SSIM's constants, must not weigh more where exposures are short.
     """
 
-    def __init__(self, measurement: F32, fitted: Bool, saturated: Bool | None, weights: LossWeights) -> None:
+    def __init__(
+        self, measurement: F32, fitted: Bool, saturated: Bool | None, weights: LossWeights, exposure: float = 1.0
+    ) -> None:
         self._fitted = fitted[..., None].astype(np.float32)
-        self._target = measurement * self._fitted
+        self._per_exposure = np.float32(1 / exposure)
+        self._target = measurement * (self._per_exposure * self._fitted)
         self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
         self._similarity_weight = weights.similarity
         self._similarity = SimilarityTo(self._target, weights.window_px)
@@ -70,12 +75,14 @@ class DataTerm:
         gradient = np.sign(error)
         gradient *= np.float32((1 - weight) * self._per_value)
         gradient -= similarity_gradient
+        gradient *= self._per_exposure
         l1 = float(np.abs(error, out=error).sum(dtype=np.float64)) * self._per_value
         return (1 - weight) * l1 + weight * (1 - similarity), gradient
 
     def _error(self, predicted: F32) -> tuple[F32, NDArray[Any]]:
         """Return the error of a prediction at the pixels that count, and which pixels count, [H, W, 1 or C]."""
         counted = self._fitted
+        predicted = predicted * self._per_exposure
         if self._saturated is not None:
             counted = counted * ~(self._saturated & (predicted > self._target))
         error = predicted - self._target

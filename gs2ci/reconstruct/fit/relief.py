@@ -120,6 +120,10 @@ class Relief:
         """Get the sum of all steps, in units of the inverse depths."""
         return float(self._beta)
 
+    def forget(self) -> None:
+        """Forget the moments of earlier gradients."""
+        self._adam = Adam()
+
     def step(
         self, scene: Gaussians, world_to_camera: Tensor, twist_gradient: Tensor, progress: float
     ) -> "Exchange | None":

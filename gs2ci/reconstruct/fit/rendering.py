@@ -66,6 +66,12 @@ class ShotRenderer:
         return 1.0 if self._mask_moments is None else self._mask_moments.per_mask
 
     @property
+    def exposure(self) -> float:
+        """Get the mean weight of the masks that got light: the reading of a white pixel under one open mask."""
+        weights = self.shot.weights
+        return float(weights[weights > 0].mean(dtype=np.float64))
+
+    @property
     def split_transmissions(self) -> Tensor:
         """Get the masks' light shared among all moments, or all of it for the one picture, [V, H, W]."""
         if self._one_picture:

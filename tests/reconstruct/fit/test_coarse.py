@@ -119,6 +119,21 @@ def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(movi
     assert fit.curve[-1].gaussians <= turns[0][1]
 
 
+@pytest.mark.parametrize("weight", [0.0625, 8.0])
+def test_masks_shown_for_shorter_or_longer_give_the_same_scene(moving_plane, weight):
+    """By powers of two, so that every product is exact: opacities and sizes weigh no more in the dark."""
+    shot, _ = moving_plane
+    shown = replace(shot, measurement=shot.measurement * weight, weights=shot.weights * weight)
+    settings = replace(QUICK, iterations=40, densify_every=10, loss=LossWeights(size=0.01))
+    plain, _ = run(moving_plane, settings)
+    fit, _ = run(moving_plane, settings, shot=shown)
+    for name, parameter in plain.scene.parameters().items():
+        torch.testing.assert_close(fit.scene.parameters()[name], parameter, rtol=0, atol=0)
+    np.testing.assert_array_equal(fit.views, plain.views)
+    assert [point.loss for point in fit.curve] == [point.loss for point in plain.curve]
+    assert [point.heldout for point in fit.curve] == [weight * point.heldout for point in plain.curve]
+
+
 @pytest.mark.parametrize("name", RULE_NAMES)
 def test_every_rule_lowers_the_loss_and_keeps_to_the_cap_and_the_thread_count_changes_no_bit(
     moving_plane, threads, name

@@ -11,10 +11,13 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.depth_field import DepthField
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
+from gs2ci.reconstruct.fit.relief import Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.render.cpu.backend import CpuBackend
 from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, run
 
@@ -55,6 +58,19 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
     fit.scene.check()
+
+
+def test_a_roll_back_forgets_what_the_runaway_taught_regions_and_the_path(moving_plane, monkeypatch):
+    forgot = []
+    for part in (DepthField, Relief):
+        monkeypatch.setattr(part, "forget", lambda one: forgot.append(type(one)))
+        monkeypatch.setattr(part, "step", lambda *_: None)
+    monkeypatch.setattr(DepthField, "__init__", lambda *_: None)
+    settings = replace(QUICK, surfaces=SurfaceSettings(searches=(Search(1.0, 1e-3, 1e-3),)))
+    fit, _ = run(moving_plane, settings, backend=FaultyBackend(lambda call: call == 25))
+    assert [note.code for note in fit.notes] == [Code.ROLLED_BACK_NOT_FINITE]
+    # Once more at the end, when the best state is restored.
+    assert forgot == [Relief, DepthField] * 2
 
 
 def continued(moving_plane, warm_up, backend=None):

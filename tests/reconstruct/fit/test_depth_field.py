@@ -144,6 +144,19 @@ def test_a_region_that_surfaces_hold_at_a_wrong_depth_is_led_back_by_the_picture
     assert off[True] < 0.01
 
 
+def test_what_was_forgotten_shortens_no_step(scene):
+    leaf = scene.map(lambda tensor: tensor.clone().requires_grad_())
+    poses, used, new = torch.from_numpy(POSE)[None], *(DepthField(SETTINGS, 0, WIDEST) for _ in range(2))
+    (leaf.means.sum() + leaf.log_scales.sum()).backward()
+    wanted = new.step(leaf, poses, 0.5, 0)
+    gradient = leaf.means.grad.clone()
+    leaf.means.grad *= 1e4
+    used.step(leaf, poses, 0.5, 0)
+    used.forget()
+    leaf.means.grad = gradient
+    np.testing.assert_array_equal(used.step(leaf, poses, 0.5, 1).values, wanted.values)
+
+
 def test_nothing_moves_between_its_turns_or_by_a_gradient_that_is_not_finite(scene):
     leaf = scene.map(lambda tensor: tensor.clone().requires_grad_())
     poses, depth_field = torch.from_numpy(POSE)[None], DepthField(DepthFieldSettings(every=3), 0, WIDEST)

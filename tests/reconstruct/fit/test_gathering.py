@@ -44,6 +44,17 @@ def test_a_share_of_open_pixels_does_not_change_the_unit_of_gradients(scattered)
         torch.testing.assert_close(shared_evidence(gathered, scene).screen_gradient, torch.full((5,), 2e-4))
 
 
+def test_short_exposures_do_not_change_the_unit_of_gradients(scattered):
+    """The loss is in units of the exposure: half-open masks pass half of its gradient, however short they are shown."""
+    scene, weights = scattered(5), np.array([0.0, 0.05, 0.15], np.float32)
+    shot = Shot(np.zeros((*SIZE, 3), np.float32), np.full((3, *SIZE), 0.5, np.float32), weights)
+    renderer = ShotRenderer(shot, INTRINSICS.numpy(), CpuBackend())
+    assert renderer.exposure == pytest.approx(0.1)
+    gathered = Gathering(renderer, 5)
+    gathered.screen.add(torch.full((5,), 4e-4 / 3), torch.full((5,), 1.0), torch.full((5,), 3.0))
+    torch.testing.assert_close(shared_evidence(gathered, scene).screen_gradient, torch.full((5,), 4e-4))
+
+
 def test_radii_are_shares_of_the_longer_side(scattered):
     gathered = gathering(torch.ones(2, *SIZE), 3)
     gathered.screen.add(torch.zeros(3), torch.ones(3), torch.tensor([0.0, 2.7, 27.0]))

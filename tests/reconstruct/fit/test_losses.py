@@ -57,6 +57,22 @@ def test_value_and_gradient_follow_the_definition(
     assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
 
 
+@pytest.mark.parametrize("exposure", [0.05, 0.7, 3.0])
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_measurement_and_its_prediction_are_compared_in_units_of_the_exposure(
+    rng, measurement, predicted, fitted, exposure, clipped
+):
+    saturated = rng.random(SIZE) < 0.2 if clipped else None
+    value, gradient = DataTerm(measurement, fitted, saturated, TENTH).value_and_gradient(predicted)
+    shown = np.float32(exposure)
+    term = DataTerm(measurement * shown, fitted, saturated, TENTH, exposure)
+    got, got_gradient = term.value_and_gradient(predicted * shown)
+    assert got == pytest.approx(value, rel=1e-5)
+    assert np.linalg.norm(exposure * got_gradient - gradient) <= 1e-4 * np.linalg.norm(gradient)
+    alike = DataTerm(measurement, fitted, saturated, TENTH).dissimilarity(predicted)
+    np.testing.assert_allclose(term.dissimilarity(predicted * shown), alike, atol=1e-4)
+
+
 def test_one_channel_follows_the_definition(similarity_definition, measurement, predicted, fitted):
     parts = predicted[..., :1].copy(), measurement[..., :1].copy(), fitted, None, 0.1
     value, gradient = stated(similarity_definition, *parts)

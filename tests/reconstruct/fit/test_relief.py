@@ -152,6 +152,20 @@ def test_points_and_cameras_that_step_one_by_one_find_the_depth_only_with_exchan
     assert off[True] < 0.04
 
 
+def test_what_was_forgotten_shortens_no_step(scene, path):
+    leaf = scene.map(lambda tensor: tensor.clone().requires_grad_())
+    leaf.means.sum().backward()
+    none = torch.zeros(5, 6, dtype=torch.float64)
+    wanted = Relief(ReliefSettings(), REFERENCE).step(leaf, path, none, 0.5).beta
+    relief = Relief(ReliefSettings(), REFERENCE)
+    leaf.means.grad *= 1e4
+    relief.step(leaf, path, none, 0.5)
+    leaf.means.grad /= 1e4
+    assert abs(relief.step(leaf, path, none, 0.5).beta) != pytest.approx(abs(wanted), rel=0.1)
+    relief.forget()
+    assert relief.step(leaf, path, none, 0.5).beta == pytest.approx(wanted)
+
+
 def test_nothing_is_exchanged_before_it_is_time_or_by_a_gradient_that_is_not_finite(scene, path):
     leaf = scene.map(lambda tensor: tensor.clone().requires_grad_())
     leaf.means.sum().backward()
