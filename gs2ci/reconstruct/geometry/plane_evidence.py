@@ -145,8 +145,9 @@ class PlaneEvidence:
         """Return the squared errors of readings, [K], by what is known of the view on a plane, [3], and a constant."""
         (places,) = asked.sightlines.on_planes(plane[None], self._poses, self._intrinsics)
         lines = asked.sightlines
-        left: F64 = without_slow(places, lines.begin, lines.share, asked.light, self._slow, asked.channel)
-        return (left - left.mean()) ** 2
+        left = without_slow(places, lines.begin, lines.share, asked.light, self._slow, asked.channel)
+        squares: F64 = (left - left.mean()) ** 2
+        return squares
 
     def tune(self, asked: _Asked, plane: F64) -> None:
         """Choose the penalty with which a plane predicts readings best."""
