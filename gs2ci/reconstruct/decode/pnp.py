@@ -19,7 +19,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import CfaPattern, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.decode.kernels import are_finite, project_onto_measurement
@@ -124,15 +124,16 @@ def plug_and_play(
     masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
     measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
     inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
-    prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
+    channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
+    prior = _plane_prior(denoise) if channels is None else _mosaic_prior(channels, denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
     # The measurement plus accumulated residual: it is zero before a first average, and the measurement for given views.
     target = np.zeros_like(measured) if start is None and noise is None else measured.copy()
     weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(inverse_energy)
     if start is not None:
-        views = _as_measured(shot, start)
+        views = _as_measured(planar(start), channels)
     elif settings.begin == "average":
-        views = _average_exposure(masks, measured, inverse_energy > 0)
+        views = _average_exposure(masks, measured, inverse_energy > 0, channels)
     else:
         views = masks[:, None] * measured
     # ADMM carries the difference between projected and denoised views along; accelerated GAP does so in the target.
@@ -171,22 +172,23 @@ def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32, counts: Bool) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W].
+def _average_exposure(masks: F32, measured: F32, counts: Bool, channels: NDArray[np.int64] | None) -> F32:
+    """Start every view from the measurement divided by its total exposure, [N, C, H, W]; a mosaic stays one.
 
-    Pixels that do not count start from a mean of those nearby, or of all if none is near: smoothing alone would take
-    long to fill them, and never fill a wide hole.
+    Pixels that do not count start from a mean of those nearby of their own colour, or of all of it if none is near:
+    smoothing alone would take long to fill them, and never fill a wide hole.
     """
     exposure = masks.sum(0)
-    average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
-    mean = average.sum(axis=(1, 2), dtype=np.float64) / max(int(counts.sum()), 1)
-    nearby = _blur(counts.astype(np.float32))
+    read = counts[None] if channels is None else np.stack([counts & (channels == c) for c in range(3)])
+    average = np.where(read, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
+    mean = average.sum(axis=(1, 2), dtype=np.float64) / np.maximum(read.sum(axis=(1, 2)), 1)
+    nearby = [_blur(plane.astype(np.float32)) for plane in read]
     filled = [
-        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (nearby + _LEAST_NEARBY)
-        for plane, level in zip(average, mean, strict=True)
+        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (around + _LEAST_NEARBY)
+        for plane, level, around in zip(average, mean, np.broadcast_to(nearby, average.shape), strict=True)
     ]
-    average = np.where(counts, average, filled).astype(np.float32)
-    return repeated(average, len(masks))
+    average = np.where(read, average, filled).astype(np.float32)
+    return repeated(_as_measured(average[None], channels)[0], len(masks))
 
 
 def _blur(plane: F32) -> F32:
@@ -202,25 +204,19 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
     return prior
 
 
-def _as_measured(shot: Shot, views: F32) -> F32:
-    """Return views, [N, H, W, C], in planar form; with a colour filter array, as a mosaic."""
-    planes = planar(views)
-    if shot.cfa is None:
-        return planes
-    return _mosaic(planes, cfa_channels(shot.cfa, shot.size).numpy())
-
-
-def _mosaic(colour: F32, channels: NDArray[np.int64]) -> F32:
+def _as_measured(colour: F32, channels: NDArray[np.int64] | None) -> F32:
+    """Return planes, [N, C, H, W]; with a colour filter array, of channel indices [H, W], their mosaic."""
+    if channels is None:
+        return colour
     return np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
 
 
-def _mosaic_prior(cfa: CfaPattern, size: tuple[int, int], denoise: Denoiser) -> _Prior:
-    channels = cfa_channels(cfa, size).numpy()
+def _mosaic_prior(channels: NDArray[np.int64], denoise: Denoiser) -> _Prior:
     demosaic = Demosaicer(channels)
 
     def prior(views: F32, sigma: float) -> tuple[F32, F32]:
         colour = _checked(denoise, np.stack([demosaic(view[0]) for view in views]), sigma)
-        return _mosaic(colour, channels), colour
+        return _as_measured(colour, channels), colour
 
     return prior
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from gs2ci.core.arrays import F64
@@ -15,8 +16,8 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.geometry.motion import MotionSettings, adjust_both_ways
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
-# Points of the interpolated probability.
-_FINE = 400
+# Points of the interpolated probability: 0.0002 apart in the logarithm.
+_FINE = 12_001
 # Tolerance of the logarithm, far smaller than the uncertainty of a focal length from tracks.
 _SETTLED = 1e-3
 
@@ -122,9 +123,14 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
 
 
 def _spread(values: F64, surprises: F64) -> float:
-    """Get the standard deviation of a value whose probability is exp(−surprise)."""
+    """Get the standard deviation of a value whose probability is exp(−surprise).
+
+    Near its least a surprise is a parabola, which may be far narrower than the distance between the values: straight
+    lines between them would give a width that depends on where among the values the least lies.
+    """
     fine = np.linspace(values[0], values[-1], _FINE)
-    likelihood = np.exp(surprises.min() - np.interp(fine, values, surprises))
+    between = CubicSpline(values, surprises)(fine)
+    likelihood = np.exp(between.min() - between)
     likelihood /= likelihood.sum()
     return float(np.sqrt(likelihood @ (fine - likelihood @ fine) ** 2))
 

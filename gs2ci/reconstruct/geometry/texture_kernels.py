@@ -61,7 +61,7 @@ def _predict(places, begin, share, light, slow, channel, fold, folds, smooth, it
 def _predict_fold(places, begin, share, light, slow, channel, fold, out, smooth, iterations, found):
     """Enter the squared errors of the readings of one fold, [K]."""
     seen = fold != out
-    left = _without_slow(places, begin, share, light, slow, channel)
+    left = without_slow(places, begin, share, light, slow, channel)
     low, size = _extent(places, slow.shape)
     left = left_over(places, low, begin, share, left, seen, np.zeros(size), smooth, iterations)
     for k in range(len(left)):
@@ -70,8 +70,11 @@ def _predict_fold(places, begin, share, light, slow, channel, fold, out, smooth,
 
 
 @numba.njit(cache=True, fastmath={"contract"})
-def _without_slow(places, begin, share, light, slow, channel):
-    """Return the readings without what the known part of the view contributes, [K]."""
+def without_slow(places, begin, share, light, slow, channel):
+    """Return the readings without what the known part of the view contributes, [K]; places are of one surface, [E, 2].
+
+    Other arguments are those of `prediction_errors`, with the parts of its sightlines.
+    """
     left = light.copy()
     for k in range(len(left)):
         for e in range(begin[k], begin[k + 1]):

@@ -19,6 +19,10 @@ _CENTRE_OFFSET = 0.5
 # Decoded views contain pixel-sized residue of the masks; this blur removes it and preserves corners.
 RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
+# Dark views would keep too few of the 256 levels of 8 bits: a scene whose brightest hundredth is below the first of
+# these shares of full scale is brightened; one below the second shows nothing that could be tracked.
+_BRIGHTEST_PERCENT = 99.0
+_DARK, _BLACK = 1 / 8, 1e-6
 _LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
 _PYRAMID_LEVELS = 4
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
@@ -72,10 +76,19 @@ class Tracks:
         return self.keep(self.seen.sum(1) >= views)
 
 
+def brightened(views: F32) -> F32:
+    """Return views, [N, H, W, C] in full scales, those of a dark scene times one power of two, for 8-bit pictures."""
+    # Every fourth pixel: the percentile of all would take longer than the tracks of large views.
+    brightest = float(np.percentile(views[:, ::2, ::2], _BRIGHTEST_PERCENT))
+    if not _BLACK <= brightest < _DARK:
+        return views
+    return views * np.float32(2.0 ** np.floor(-np.log2(brightest)))
+
+
 def grey_levels(views: F32) -> list[U8]:
-    """Turn views, [N, H, W, C] in [0, 1], into slightly blurred 8-bit luminance, N times [H, W]."""
+    """Turn views, [N, H, W, C] in full scales, into slightly blurred 8-bit luminance, N times [H, W]."""
     images = []
-    for view in views:
+    for view in brightened(views):
         eight_bit = np.clip(view * 255, 0, 255).astype(np.uint8)
         blurred = cv2.GaussianBlur(eight_bit, (0, 0), RESIDUE_BLUR_PX)
         images.append(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred)

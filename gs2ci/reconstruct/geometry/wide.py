@@ -24,6 +24,7 @@ from gs2ci.reconstruct.geometry.mapper import LEAST_MATCHES, MappedScene, grown_
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.tracks import brightened
 from gs2ci.reconstruct.geometry.validity import doubts_about_path
 from gs2ci.reconstruct.geometry.view_depths import depths_agree, turns_far, view_depths
 from gs2ci.reconstruct.threads import in_threads, one_opencv_thread
@@ -112,7 +113,9 @@ def _grown(views: F32, intrinsics: F64, *, tilted: bool) -> tuple[MappedScene | 
     at_once = max(1, _FEATURES_BYTES // (_BYTES_PER_PX * views.shape[1] * views.shape[2]))
     with one_opencv_thread() if at_once > 1 else nullcontext():
         features = in_threads(
-            lambda view: _features(view, _MOST_TILTED // len(views) if tilted else None), views, at_most=at_once
+            lambda view: _features(view, _MOST_TILTED // len(views) if tilted else None),
+            brightened(views),
+            at_most=at_once,
         )
     pairs = {
         (i, j): matches

@@ -8,49 +8,48 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import Bool
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import without_pixels
 
-# A shorter line may read the same by chance.
-_SHORTEST: Final = 8
+# Fewer pixels may read the same by chance.
+_FEWEST: Final = 8
 _AXES: Final = ((1, "rows"), (0, "columns"))
+# Where two dead lines cross, one of them reads the other's value: it is found once the other is left out.
+_ROUNDS: Final = 2
 
 
 def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
     """Close the masks over dead lines, so that no stage uses their readings; report which.
 
-    Working pixels differ from their neighbours at least by noise. Lines along the picture's border are kept: a constant
-    value there may also be the black bars of a film.
+    Working pixels differ from their neighbours at least by noise. Lines are judged by their pixels that got light and
+    are not clipped, since those known to be bad were given another reading. Lines along the picture's border are kept:
+    a constant value there may also be the black bars of a film.
     """
-    opened: Bool = np.any(shot.masks > 0, axis=0)
-    sound = opened.copy()
+    judged, closed = shot.usable, np.zeros(shot.size, bool)
+    stuck = {axis: np.zeros(shot.size[1 - axis], bool) for axis, _ in _AXES}
+    for _ in range(_ROUNDS):
+        for axis, _ in _AXES:
+            stuck[axis] |= _stuck(shot.measurement, judged & ~closed, axis)
+            closed |= np.expand_dims(stuck[axis] & ~_along_border(stuck[axis]), axis)
     notes = []
     for axis, name in _AXES:
-        stuck = _stuck(shot, opened, axis)
-        dead = stuck & ~_along_border(stuck)
-        if axis == 1:
-            sound[dead] = False
-        else:
-            sound[:, dead] = False
-        for lines, code in ((dead, Code.DEAD_LINES), (stuck & ~dead, Code.STUCK_BORDER_LINES)):
+        border = _along_border(stuck[axis])
+        for lines, code in ((stuck[axis] & ~border, Code.DEAD_LINES), (stuck[axis] & border, Code.STUCK_BORDER_LINES)):
             if lines.any():
                 first = int(np.argmax(lines))
                 notes.append(finding(code, count=int(lines.sum()), of=len(lines), lines=name, first=first))
-    if (sound == opened).all():
-        return shot, tuple(notes)
-    return without_pixels(shot, ~sound), tuple(notes)
+    return without_pixels(shot, closed) if closed.any() else shot, tuple(notes)
 
 
-def _stuck(shot: Shot, opened: Bool, axis: int) -> Bool:
-    """Find lines with a constant reading, although masks opened there and no clipping explains it."""
-    measured = shot.measurement
-    if measured.shape[axis] < _SHORTEST or measured.min() == measured.max():
-        return np.zeros(measured.shape[1 - axis], bool)
-    same = np.all(measured.max(axis=axis) == measured.min(axis=axis), axis=1)
-    clipped = np.zeros_like(same) if shot.saturated is None else np.any(shot.saturated, axis=axis)
-    found: Bool = same & np.any(opened, axis=axis) & ~clipped
+def _stuck(measured: F32, judged: Bool, axis: int) -> Bool:
+    """Find lines whose pixels to be judged, [H, W], have one reading, unless the whole measurement has."""
+    if measured.min() == measured.max():
+        return np.zeros(judged.shape[1 - axis], bool)
+    asked = judged[..., None]
+    least, most = np.where(asked, measured, np.inf).min(axis=axis), np.where(asked, measured, -np.inf).max(axis=axis)
+    found: Bool = np.all(least == most, axis=1) & (judged.sum(axis=axis) >= _FEWEST)
     return found
 
 

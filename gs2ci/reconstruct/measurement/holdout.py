@@ -139,14 +139,17 @@ class Holdout:
     def grey_rms(self) -> float | None:
         """Return the residual of the best even grey (or colour) at the held-out pixels; None without any.
 
-        A decoder that knows only how many masks are open at a pixel reaches the same.
+        A decoder that knows only how many masks are open at a pixel, and the colour of its filter, reaches the same.
         """
         if not self.pixels.any():
             return None
         light = self._coded(np.ones((self.shot.views, len(self._flat), self.shot.channels), np.float32))
         measured = self.shot.measurement[self.pixels].astype(np.float64)
-        level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
-        return float(np.sqrt(np.mean((measured - level * light) ** 2)))
+        channels = self._coding.channels
+        # Behind a colour filter array, which pixels see which colour; otherwise all pixels see all channels.
+        sees = np.ones((len(light), 1)) if channels is None else channels.numpy() == np.arange(3)
+        level = sees.T @ (light * measured) / np.maximum(sees.T @ (light * light), np.finfo(np.float64).tiny)
+        return float(np.sqrt(np.mean((measured - (sees @ level) * light) ** 2)))
 
 
 def surely_larger(one: F64, other: F64) -> bool:

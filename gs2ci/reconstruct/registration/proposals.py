@@ -28,7 +28,7 @@ from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Pr
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import AFFINE, EDGES, GEOMETRY, LIGHT, LOW, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import Placement
-from gs2ci.reconstruct.registration.sharpen import CRISP, softness
+from gs2ci.reconstruct.registration.sharpen import CRISP, one_of, softness
 from gs2ci.reconstruct.registration.widening import MaskSum
 
 # A parameter is accepted if it differs from its default by so many standard errors, and if it matters: the rest of the
@@ -183,7 +183,7 @@ def _with_edges(
     Returns:
         An estimate with the width, None if it is not significant; in that case also its value and standard error.
     """
-    if softness(shot.masks[:1].astype(np.float64)) > CRISP:
+    if softness(one_of(shot.masks)) > CRISP:
         return None, {}
     before = () if found is None else tuple(found.errors)
     names = tuple(name for name in NAMES if name in {*before, "blur_px2", "leak", *EDGES})

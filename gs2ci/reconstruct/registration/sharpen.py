@@ -66,7 +66,17 @@ _TINY: Final = 1e-12
 _LEAST_STEP: Final = 0.05
 _ROUNDED: Final = 1e-3
 
+# Masks of at least this share of the largest variance show the elements of all.
+_SHOWS: Final = 0.5
+
 _Hypothesis = tuple[float, float]
+
+
+def one_of(masks: F32) -> F64:
+    """Return the first mask, [1, H, W], that shows the elements of all: one that is wholly open or closed does not."""
+    spreads = masks.var(axis=(1, 2), dtype=np.float64)
+    first = int(np.argmax(spreads >= _SHOWS * spreads.max()))
+    return masks[first : first + 1].astype(np.float64)
 
 
 def softness(masks: F64) -> float:
@@ -98,15 +108,16 @@ def binary_source(masks: F32) -> Source | None:
         Those masks; None if the stated ones are sharp already, or if neither a blur nor an interpolation of open and
         closed elements gives them.
     """
-    if softness(masks[:1].astype(np.float64)) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
+    one = one_of(masks)
+    if softness(one) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
         return None
     open_share = stated = masks.astype(np.float64)
-    softening = _Softening.of(stated[:1])
-    levels = _Levels.of(stated[:1], softening.undone(stated[:1]).softened)
+    softening = _Softening.of(one)
+    levels = _Levels.of(one, softening.undone(one).softened)
     if levels.differ:
         # Elements are told apart better where what they pass is known; then that is known better, too.
         open_share = levels.removed_from(stated)
-        softening = _Softening.of(open_share[:1])
+        softening = _Softening.of(levels.removed_from(one))
     found = softening.undone(open_share)
     levels = _Levels.of(stated, found.softened)
     if _left(stated, levels.given_to(found.softened)) > _EXPLAINED:

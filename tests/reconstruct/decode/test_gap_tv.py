@@ -7,7 +7,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import Shot
+from gs2ci.core.records import CFA_PATTERNS, Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.kernels import denoise_planes
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -176,6 +176,16 @@ def test_pixels_that_no_mask_opens_are_filled_from_their_surroundings():
     masks[:, 10:12, 10:12] = 0
     got = gap_tv(shot_of(views, masks))
     assert np.abs(got[:, 10:12, 10:12] - views[:, 10:12, 10:12]).max() < 0.25
+
+
+@pytest.mark.parametrize("cfa", [None, *CFA_PATTERNS])
+def test_pixels_without_a_reading_take_the_colour_of_their_surroundings(cfa):
+    red = np.broadcast_to(np.array([0.9, 0.3, 0.1], np.float32), (4, 35, 48, 3)).copy()
+    masks = random_masks(4, 35, 48)
+    unread = np.random.default_rng(0).random((35, 48)) < 0.05
+    unread[12:24, 20:32] = True
+    got = gap_tv(shot_of(red, masks * ~unread, cfa=cfa))
+    assert np.abs(got - red)[:, unread].max() < 0.03
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 1e3])

@@ -3,6 +3,7 @@ import pytest
 
 from gs2ci.reconstruct.geometry.focal import (
     FocalSettings,
+    _spread,
     default_focal,
     estimate_focal,
     focal_from_view_angle,
@@ -50,3 +51,21 @@ def test_default_says_what_it_assumes_and_why():
     assert focal.source == "default"
     assert "nobody asked" in focal.note.sentence
     assert "45°" in focal.note.sentence
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.02, 0.2])
+@pytest.mark.parametrize("between", [0.0, 0.25, 0.5])
+def test_the_spread_of_a_focal_length_does_not_depend_on_where_between_the_tried_ones_it_lies(sigma, between):
+    tried = np.linspace(4.7, 7.1, 13)
+    best = tried[6] + between * (tried[1] - tried[0])
+    assert _spread(tried, 0.5 * ((tried - best) / sigma) ** 2) == pytest.approx(sigma, rel=0.02)
+
+
+@pytest.mark.parametrize("focal", [216.0, 225.0, 240.0, 255.0])
+def test_the_stated_spread_of_a_focal_length_covers_its_error(tracked, path, focal):
+    """Each track's noise is its own, so that all residuals count."""
+    poses = path(6, np.random.default_rng(2), length=0.25, turn=0.05)
+    found = estimate(tracked(views=6, points=100, focal=focal, poses=poses, noise_px=0.1), independent=1.0)
+    spread = found.note.figures["spread"]
+    assert 5e-4 < spread < 2e-2
+    assert abs(np.log(found.intrinsics[0, 0] / focal)) < 3 * spread

@@ -126,9 +126,18 @@ def test_a_map_that_is_right_stays():
     assert ask(readings(wall()), flat(WALL)) == []
 
 
-def test_noise_alone_says_nothing():
+@pytest.mark.parametrize("depth", [WALL, WRONG])
+def test_noise_alone_says_nothing(depth):
+    """However many planes are tried."""
     views = np.full((VIEWS, *SIZE, 1), 0.5, np.float32)
-    assert ask(readings(views, noise=0.02), flat(WRONG)) == []
+    assert [ask(readings(views, noise=0.02, seed=seed), flat(depth)) for seed in range(12)] == [[]] * 12
+
+
+def test_a_texture_a_fifth_as_strong_as_the_noise_is_enough():
+    found = [ask(readings(wall(texture=0.002, seed=seed), seed=seed), flat(WRONG)) for seed in range(8)]
+    assert sum(map(len, found)) >= 6
+    for (one,) in filter(None, found):
+        assert one.plane[2] == pytest.approx(WALL, abs=3.0 / PARALLAX_PX)
 
 
 def test_where_another_surface_is_the_plane_is_not_believed():

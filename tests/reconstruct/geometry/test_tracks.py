@@ -1,9 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
+from gs2ci.reconstruct.geometry.tracks import (
+    Tracks,
+    TrackSettings,
+    brightened,
+    find_corners,
+    find_tracks,
+    refine_tracks,
+    within,
+)
 
 
 def follow(scene, settings=None):
@@ -29,6 +39,30 @@ def test_tracks_follow_the_scene_in_the_renderers_pixel_convention(seen, channel
     assert np.median(np.linalg.norm(found, axis=-1)) < 0.15
     # Half a pixel of offset would show here: zoom and rotation would not hide it.
     assert np.abs(np.median(found, axis=0)).max() < 0.05
+
+
+@pytest.mark.parametrize("light", [0.12, 0.05, 0.02, 1e-3, 1e-5])
+def test_tracks_of_a_dark_scene_are_those_of_a_bright_one(seen, light):
+    scene = seen()
+    dark = replace(scene, views=(np.float32(light) * scene.views).astype(np.float32))
+    tracks, bright = follow(dark), follow(scene)
+    assert len(tracks) > 0.8 * len(bright)
+    assert tracks.seen.mean() > bright.seen.mean() - 0.1
+    truth = true_positions(dark, tracks.positions[:, tracks.reference])
+    assert np.median(np.linalg.norm(tracks.positions - truth, axis=-1)[tracks.seen]) < 0.15
+
+
+def test_only_views_of_a_dark_scene_are_brightened_and_all_alike(seen):
+    views = seen().views
+    assert brightened(views) is views
+    for light in (1e-7, 0.0, np.nan):
+        black = np.full((2, 8, 8, 1), light, np.float32)
+        assert brightened(black) is black
+    dark = views / np.float32(64)
+    dark[0] /= 2
+    ratio = brightened(dark)[dark > 0] / dark[dark > 0]
+    assert ratio.min() == ratio.max() > 16
+    assert np.percentile(brightened(dark), 99) <= 1
 
 
 def test_corners_lie_on_pixel_centres_half_a_pixel_from_the_edge(seen):

@@ -54,6 +54,13 @@ def test_views_far_apart_and_in_no_order_join_one_scene(request_for, scene):
     np.testing.assert_array_equal(again.world_to_camera, found.world_to_camera)
 
 
+def test_views_of_a_dark_scene_join_as_those_of_a_bright_one(request_for, scene):
+    request = request_for(scene.views / np.float32(64))
+    found = wide_motion(request, flat(request))
+    assert found.verdict == "full"
+    assert trajectory_errors(found.world_to_camera, scene.poses).nate < 0.03
+
+
 @pytest.mark.parametrize("what", ["plain", "noise", "one view of something else"])
 def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, what):
     rng = np.random.default_rng(0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.findings import Code, finding
+from gs2ci.reconstruct.measurement.coding import without_pixels
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 
 
@@ -30,6 +31,28 @@ def test_dead_rows_and_columns_are_closed_and_named(smooth_shot, reading):
         finding(Code.DEAD_LINES, count=3, of=32, lines="rows", first=5),
         finding(Code.DEAD_LINES, count=1, of=40, lines="columns", first=20),
     )
+
+
+@pytest.mark.parametrize("row_is_read_last", [False, True])
+def test_dead_lines_that_cross_and_read_different_values_are_all_found(smooth_shot, row_is_read_last):
+    measurement = smooth_shot.measurement.copy()
+    measurement[9] = 0.0
+    measurement[:, 20] = 1.7
+    measurement[9, 20] = 0.0 if row_is_read_last else 1.7
+    closed, notes = close_dead_lines(replace(smooth_shot, measurement=measurement))
+    assert [(note.figures["lines"], note.figures["first"]) for note in notes] == [("rows", 9), ("columns", 20)]
+    assert not closed.masks[:, 9].any()
+    assert not closed.masks[:, :, 20].any()
+
+
+@pytest.mark.parametrize("known", ["closed", "saturated"])
+def test_a_dead_line_with_a_pixel_that_is_known_to_be_bad_is_found(smooth_shot, known):
+    shot, bad = with_lines(smooth_shot, columns=(20,), reading=1.7), np.zeros(smooth_shot.size, bool)
+    bad[5, 20] = True
+    shot.measurement[bad] = 2.5
+    marked = without_pixels(shot, bad) if known == "closed" else replace(shot, saturated=bad)
+    (note,) = close_dead_lines(marked)[1]
+    assert (note.code, note.figures["lines"], note.figures["first"]) == (Code.DEAD_LINES, "columns", 20)
 
 
 def test_black_bars_along_the_border_are_told_and_kept(smooth_shot):

@@ -5,7 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.findings import Code
-from gs2ci.core.records import Shot
+from gs2ci.core.records import CFA_PATTERNS, Shot
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
@@ -132,3 +133,23 @@ def test_the_best_grey_leaves_nothing_of_a_grey_scene(smooth_shot):
     measurement = 0.3 * smooth_shot.masks.sum(axis=0)[..., None].repeat(3, axis=2).astype(np.float32)
     shot = replace(smooth_shot, measurement=measurement)
     assert Holdout.of(shot, 0.1, seed=0).grey_rms() == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("cfa", CFA_PATTERNS)
+def test_the_best_colour_leaves_nothing_of_an_evenly_coloured_scene_behind_a_mosaic(smooth_shot, cfa):
+    seen = np.array([0.8, 0.3, 0.1], np.float32)[cfa_channels(cfa, smooth_shot.size).numpy()]
+    mosaic = replace(smooth_shot, measurement=(seen * smooth_shot.masks.sum(axis=0))[..., None], cfa=cfa)
+    assert Holdout.of(mosaic, 0.1, seed=0).grey_rms() == pytest.approx(0, abs=1e-6)
+
+
+def test_views_of_a_coloured_mosaic_that_explain_no_more_than_one_colour_are_told(smooth_shot):
+    tint = np.array([0.9, 0.3, 0.1], np.float32)
+    views = smooth_shot.truth.views * tint
+    seen = np.take_along_axis(
+        (smooth_shot.masks[..., None] * views).sum(axis=0), cfa_channels("RGGB", smooth_shot.size).numpy()[..., None], 2
+    )
+    holdout = Holdout.of(replace(smooth_shot, measurement=seen, cfa="RGGB"), 0.1, seed=0)
+    even = np.broadcast_to(views.mean(axis=(0, 1, 2)), views.shape)
+    (doubt,) = doubts_about_result(holdout, np.ascontiguousarray(even))
+    assert doubt.code is Code.LITTLE_EXPLAINED
+    assert doubts_about_result(holdout, views) == ()

@@ -52,6 +52,15 @@ def test_a_picture_that_was_blurred_before_it_was_interpolated_keeps_its_levels(
     assert found.blur_px2 == pytest.approx(between + (variance_of(sigma_px) if sigma_px else 0), abs=0.02)
 
 
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_a_first_mask_that_is_wholly_closed_or_open_does_not_hide_how_soft_the_others_are(masks, light):
+    with_first = np.concatenate([np.full_like(masks[:1], light), masks])
+    found = binary_source(np.clip(blurred(with_first, 0.9), 0, 1).astype(np.float32))
+    assert found is not None
+    assert np.abs(found.masks - with_first).max() < 1e-3
+    assert found.blur_px2 == pytest.approx(variance_of(0.9), rel=0.05)
+
+
 def test_a_blur_that_leaves_less_is_not_guessed_at(masks):
     soft = blurred(masks, 2.0) + np.random.default_rng(7).normal(0, 1e-3, masks.shape)
     assert binary_source(np.clip(soft, 0, 1).astype(np.float32)) is None
