@@ -274,7 +274,7 @@ def _camera() -> Iterator[Case]:
     for name, way in (("right", changes.astray(0.0)), ("off by 5 %", changes.astray(0.05))):
         yield Case("stage", f"poses {name}, or tracks", change=changes.telemetry(way), says=("Geometry from",))
     for name, way in (("off by half", changes.astray(0.5)), ("mirrored", changes.translations(-1.0))):
-        says = ("Geometry from tracks", "[stage.mount]")
+        says = ("Geometry from", "[stage.mount]")
         yield Case(
             "stage", f"poses {name}, or tracks", change=changes.telemetry(way), says=says, quick=name == "mirrored"
         )
