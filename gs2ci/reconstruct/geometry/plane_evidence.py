@@ -53,7 +53,8 @@ _STEPS_PX: Final = (2.0, 1.0, 1.0, 0.5)
 _MOST_PLANES: Final = 16
 # By how many standard errors a plane has to be better than the map over an area, and than no texture; and may be worse
 # than the map within windows of it. In noise without any texture, planes were better than the map by 3 to 5 in 24 walls
-# of 60, and than no texture by 0.7 at most; where the texture of a wall just showed its depth, by 4 to 7, and 3 to 10.
+# of 60; of 13 planes in noise none was better than no texture by more than 0.7. Of a texture a fifth as strong as it,
+# 14 of 16 planes were better than both by 5 and more.
 _CLEARLY: Final = 3.0
 _WORSE: Final = 2.0
 _WINDOW_PX: Final = 31
