@@ -11,11 +11,12 @@ Where the fits' views surely err over time and those of the decode do not, the l
 Polishing is a decode by groups of similar patches that starts from the refined views: it adds detail that the scene
 lacks, and follows moving things.
 
-Here: the candidates, and the name of the result. Not here: their weights (`fit/combination.py`), the fits and the order
-of the stages (`pipeline`).
+Here: the candidates, the name of the result, and how long polishing takes. Not here: their weights
+(`fit/combination.py`), the fits and the order of the stages (`pipeline`).
 """
 
 import math
+import time
 from dataclasses import replace
 from typing import Final, Literal
 
@@ -60,7 +61,13 @@ _CALLED: Final[dict[Part, Verdict]] = {
 
 
 def hand_over(
-    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, polishing: tuple[PatchSettings, ...]
+    first: FirstLook,
+    ensemble: Ensemble,
+    refine: Refinement,
+    settings: Settings,
+    polishing: tuple[PatchSettings, ...],
+    *,
+    hurried: bool = False,
 ) -> Recovered:
     """Combine the fits' mean, with and without its residual, the best scene's views and the decode's.
 
@@ -74,6 +81,7 @@ def hand_over(
         polishing: Schedules of a decode by similar patches that starts from the refined views, for scenes in which
             things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
             at the held-out pixels.
+        hurried: Whether the measurement is decoded once more at most, from all pixels, and not in other ways.
     """
     holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
@@ -105,7 +113,7 @@ def hand_over(
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        candidates.update(_decodes(first, settings, noise_by_reading))
+        candidates.update(_decode(first, settings) if hurried else _decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
@@ -181,6 +189,28 @@ def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) ->
     return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps, noise=noise))
 
 
+def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
+    """Return how long polishing will take, from the time of its first step.
+
+    Args:
+        holdout: The measurement.
+        views: To begin with, [N, H, W, C]; a step takes about the same time whatever they show.
+        how: The schedule.
+    """
+    began_s = time.monotonic()
+    patch_decode_from(holdout.seen, views, replace(how, iterations=1))
+    return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
+
+
+def _decode(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
+    """Decode from all pixels as the first look was decoded."""
+    if first.sigma is not None:
+        full = seen_to_the_end(first.holdout, first.decoded, first.sigma)
+    else:
+        full = gap_tv(first.holdout.shot, settings.decode)
+    return {"decode": Candidate(first.decoded, full)}
+
+
 def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
     """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
 
@@ -194,7 +224,7 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
+        return _decode(first, settings)
     weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
     is_weighed = (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0)
     decoded, known = (weighed, noise) if is_weighed else (first.decoded, None)

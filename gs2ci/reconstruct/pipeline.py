@@ -128,7 +128,9 @@ def reconstruct(
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = fits.fine(tried, renderer, tools.fine)
     progress.stage("views")
-    recovered = hand_over(first, ensemble, refine, settings, motion.polishing).in_the_middle(ensemble, renderer)
+    hurried = budget is not None
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing, hurried=hurried)
+    recovered = recovered.in_the_middle(ensemble, renderer)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)

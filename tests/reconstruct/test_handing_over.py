@@ -14,7 +14,7 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.handing_over import _decodes, _polished, hand_over
+from gs2ci.reconstruct.handing_over import _decodes, _polished, hand_over, polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.settings import Settings
@@ -51,10 +51,11 @@ def look_at(truth, noise=0.0, share=0.05):
     return FirstLook(holdout, gap_tv(holdout.seen), geometry=None, brightness=None)
 
 
-def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
+def handed(first, mean, best=None, settings=SETTINGS, *, polish=False, hurried=False):
     ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
     polishing = (PatchSettings.from_scene(),) if polish else ()
-    return hand_over(first, ensemble, Refinement(first.holdout, settings.residual), settings, polishing)
+    refine = Refinement(first.holdout, settings.residual)
+    return hand_over(first, ensemble, refine, settings, polishing, hurried=hurried)
 
 
 def psnr(views, truth):
@@ -85,6 +86,31 @@ def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
     assert given.verdict == "decode"
     assert psnr(given.views, truth) > psnr(first.decoded, truth)
     assert Code.VIEWS_COMBINED not in [note.code for note in given.notes]
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, UNPOLISHED], ids=["polished", "unpolished"])
+def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypatch, settings):
+    truth, decoded = moving(), []
+    first = look_at(truth)
+
+    def noted(shot, *how, **more):
+        decoded.append(shot)
+        return gap_tv(shot, *how, **more)
+
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over.gap_tv", noted)
+    given = handed(first, astray(truth, by=0.3), settings=settings, hurried=True)
+    assert [shot is first.holdout.shot for shot in decoded] == [True]
+    assert psnr(given.views, truth) > psnr(gap_tv(first.holdout.shot), truth) - 0.3
+    decoded.clear()
+    handed(first, astray(truth, by=0.3), settings=settings)
+    assert len(decoded) > 1
+
+
+def test_the_time_of_polishing_is_foreseen_from_its_first_step(monkeypatch):
+    moments_s = iter([5.0, 5.5])
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over.time.monotonic", lambda: next(moments_s))
+    first = look_at(moving())
+    assert polish_seconds(first.holdout, first.decoded, PatchSettings.polish_sparsely()) == 0.5 * (12 + 4)
 
 
 def by_patches(first):

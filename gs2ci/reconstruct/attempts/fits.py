@@ -35,6 +35,7 @@ from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import ESTIMATED
+from gs2ci.reconstruct.handing_over import polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released
@@ -108,7 +109,7 @@ class Fits:
         return replace(first, geometry=geometry)
 
     def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
-        """Return the same with the fits that a budget allows, chosen by timing a few iterations.
+        """Return the same with the fits that a budget allows: a few iterations are timed, and a step of polishing.
 
         Without a budget nothing is changed.
         """
@@ -127,7 +128,9 @@ class Fits:
         geometry, start = self.beginning(first, first.decoded)
         timed = Timed(_TIMED_ITERATIONS, 1.0 if self.mask_moments is None else self.mask_moments.per_mask)
         self._trying(brief).fit_one(geometry)(Member(start, fit.density, self.settings.seed), Silent(), timed)
-        settings, pace, said = budget.fit(self.settings, timed)
+        polish = self.settings.polish
+        polish_s = 0.0 if polish is None else polish_seconds(self.holdout, first.decoded, polish)
+        settings, pace, said = budget.fit(self.settings, timed, self.clock.seconds().get("decode", 0.0), polish_s)
         self.progress.say(said)
         self.clock.lap("fit")
         return replace(self, settings=settings, pace=pace)

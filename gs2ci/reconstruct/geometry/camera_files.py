@@ -26,6 +26,9 @@ _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
 # In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
 _LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
 _MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
+# Those models of a transforms.json that nerfstudio treats as a perspective with the lens of its coefficients
+# (`CAMERA_MODEL_TO_TYPE` in nerfstudio/cameras/cameras.py).
+_PERSPECTIVES: Final = (*_PINHOLES, "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 # The coefficients of one lens agree up to the digits that a text file keeps.
 _COEFFICIENT_TOLERANCE: Final = 1e-5
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
@@ -160,6 +163,13 @@ def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
             f"{path} is not a transforms.json: {type(error).__name__}: {error}",
             allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
         ) from error
+    model = held.get("camera_model", _PERSPECTIVES[0])
+    if model not in _PERSPECTIVES:
+        raise InputError(
+            f"{path} holds a {model} camera",
+            allowed=" or ".join(_PERSPECTIVES),
+            remedy="undistort the pictures and their cameras first",
+        )
     names = tuple(str(frame["file_path"]) for frame in frames)
     return CameraFile(poses, _scaled(matrix, (height, width), size, path), lens, np.empty((0, 3)), names)
 

@@ -9,6 +9,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.plain import continued
 from gs2ci.reconstruct.geometry.snapping import snapped
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.tracks import brightened
 
 # Plain areas are compared with at most so many other views, spread over the path: more cost memory without any gain.
 _OTHERS = 4
@@ -38,6 +39,8 @@ def surface_map(
         edges: Whether jumps of depth are moved to the edges of the view. A decode shows edges too poorly for that: thin
             things in its map are lost, and the fit does not recover them (0.6 dB on a simulated bench of 96 x 128 px).
     """
+    # Penalties, and what counts as a plain area, are in full scales.
+    views = brightened(views)
     swept = sweep(views, world_to_camera, intrinsics, reference, span, settings)
     others = np.delete(np.arange(len(views)), reference)
     spread = np.unique(np.linspace(0, len(others) - 1, min(_OTHERS, len(others))).round().astype(int))

@@ -4,7 +4,8 @@
 
 Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest
 preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its schedule to its measured
-pace (`fit/pace.py`), which corrects errors of this estimate.
+pace (`fit/pace.py`), which corrects errors of this estimate. Polishing by similar patches knows no deadline: its time,
+foreseen from one step, is reserved, unless it is too large a part of what is left.
 
 Here: the presets to choose from, the choice, and the sentence about it. Not here: the timing and the fits (`fits`),
 reading `60s` (`gs2ci.core.durations`).
@@ -45,6 +46,9 @@ _ENDING_S: Final = 0.5
 # this many looks at the held-out pixels.
 _DRAWING_S: Final = 1.5
 _REPORT_LOOKS: Final = 4
+# The largest share of the time left that polishing gets. Small parts gain 0.3 to 1.2 dB; where it takes a quarter, fits
+# with as many iterations more are as good (`python -m tests.benchmarks budgets`).
+_MOST_FOR_POLISH: Final = 0.3
 # The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
 _GROWS_BY: Final = 1.0
 
@@ -65,13 +69,17 @@ class Budget:
     adapt: Callable[[Settings], Settings] = lambda settings: settings
     clock: Callable[[], float] = time.monotonic
 
-    def fit(self, settings: Settings, timed: Timed) -> tuple[Settings, Deadline, str]:
-        """Choose the fits for which the time suffices.
+    def fit(
+        self, settings: Settings, timed: Timed, decode_s: float = 0.0, polish_s: float = 0.0
+    ) -> tuple[Settings, Deadline, str]:
+        """Choose the fits for which the time suffices, and whether their views are polished.
 
         Args:
             settings: Of the stages that are done.
             timed: How long the iterations and a look of one fit of `settings` took, with all threads
                 and all moments of the masks.
+            decode_s: How long the first decode took; the delivered views may need another.
+            polish_s: How long polishing the views takes.
 
         Returns:
             The settings of the fits, the pace that ends them in time, and a sentence for the user.
@@ -80,13 +88,16 @@ class Budget:
             InputError: Not even the cheapest fit ends in time; the error says how many seconds would suffice.
         """
         now_s = self.clock()
-        afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s
-        until_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
+        afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s + decode_s
+        delivered_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
+        has_time = polish_s <= _MOST_FOR_POLISH * (delivered_s - now_s)
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
-            # The fine stage and the last decode know no deadline: they are skipped, the coarse stage gets their time.
+            polish = settings.polish if has_time and wanted.polish is not None else None
+            until_s = delivered_s if polish is None else delivered_s - polish_s
+            # The fine stage knows no deadline: it is skipped, and the coarse stage gets its time.
             chosen = replace(
-                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=None
+                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=polish
             )
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
                 iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
@@ -95,10 +106,11 @@ class Budget:
                 break
         else:
             raise self._too_little_time(now_s, afterwards_s, timed)
+        finishing_s = delivered_s + afterwards_s - until_s
         sentence = (
             f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
-            f"{iterations} iterations, and {spoken_duration(afterwards_s)} to finish and report."
+            f"{iterations} iterations, and {spoken_duration(finishing_s)} to finish and report."
         )
         return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
 

@@ -103,6 +103,8 @@ def test_undistorted_pictures_are_taken_whatever_the_lens(tmp_path):
         ({"w": 60, "h": 80}, "is of pictures of 80 x 60 pixels"),
         ({"k1": 0.1}, r"distorted camera \(k1\)"),
         ({"k4": 0.1}, r"distorted camera \(k4\)"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "holds a EQUIRECTANGULAR camera"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "holds a OPENCV_FISHEYE camera"),
         ({"fl_x": "wide"}, "is not a transforms.json"),
         ({"frames": [{"file_path": "a.png"}]}, "is not a transforms.json: KeyError"),
         ({"frames": 3}, "is not a transforms.json"),

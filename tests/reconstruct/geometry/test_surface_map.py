@@ -63,3 +63,10 @@ def test_two_views_are_enough():
     views = seen(5)[[REFERENCE, REFERENCE + 1]]
     found = surface_map(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS, edges=True)
     assert np.isfinite(found).all()
+
+
+def test_a_dark_scene_has_the_depth_of_a_bright_one():
+    """By a power of two, so that every product is exact: the penalties of a map are in full scales."""
+    views, there = seen(5), (poses(5), INTRINSICS, REFERENCE, SPAN, SETTINGS)
+    bright, dark = (surface_map(shown, *there, edges=True) for shown in (views, views / np.float32(32)))
+    np.testing.assert_array_equal(dark, bright)

@@ -87,6 +87,32 @@ def test_seconds_that_are_spent_are_spent():
     assert chosen(60, spent_s=25)[0].fit.iterations < chosen(60, spent_s=5)[0].fit.iterations
 
 
+def polished_in(seconds, polish_s, settings=STANDARD):
+    return Budget(seconds, 495.0, clock=lambda: 500.0).fit(settings, timed(), 0.0, polish_s)
+
+
+def test_polishing_gets_its_time_if_that_is_no_large_part_of_what_is_left():
+    none, some, much = (polished_in(60.0, polish_s) for polish_s in (0.0, 10.0, 25.0))
+    assert some[0].polish == STANDARD.polish
+    assert 0 < some[0].fit.iterations < none[0].fit.iterations
+    assert some[1]._until_s == pytest.approx(none[1]._until_s - 10.0)
+    assert "13 s to finish and report" in some[2]
+    assert (much[0].polish, much[0].fit, much[1]._until_s) == (None, none[0].fit, none[1]._until_s)
+
+
+def test_another_decode_is_part_of_what_comes_afterwards():
+    within = Budget(60.0, 495.0, clock=lambda: 500.0)
+    none, one = (within.fit(STANDARD, timed(), decode_s)[1] for decode_s in (0.0, 4.0))
+    assert one._until_s == pytest.approx(none._until_s - 4.0)
+
+
+def test_drafts_are_not_polished_within_a_budget_either_and_nothing_is_against_the_settings():
+    draft = polished_in(20.0, 1.0)[0]
+    assert rung_of(draft).preset == "draft"
+    assert draft.polish is None
+    assert polished_in(60.0, 0.0, replace(STANDARD, polish=None))[0].polish is None
+
+
 def test_what_no_preset_decides_is_kept_and_what_is_done_is_not_said_to_be_otherwise():
     settings, _, _ = chosen(15, adapt=lambda settings: replace(settings.with_density_rule("mcmc"), fits=3))
     assert (settings.fits, settings.fit.density.name) == (3, "mcmc")
