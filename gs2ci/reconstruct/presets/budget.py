@@ -46,7 +46,7 @@ _ENDING_S: Final = 0.5
 # this many looks at the held-out pixels.
 _DRAWING_S: Final = 1.5
 _REPORT_LOOKS: Final = 4
-# The largest share of the time left that polishing gets. Small parts gain 0.3 to 1.2 dB; where it takes a quarter, fits
+# The largest share of the time left that polishing gets. Small parts gain 0.5 to 1.2 dB; where it takes a quarter, fits
 # with as many iterations more are as good (`python -m tests.benchmarks budgets`).
 _MOST_FOR_POLISH: Final = 0.3
 # The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
