@@ -113,7 +113,8 @@ def hand_over(
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        candidates.update(_decode(first, settings) if hurried else _decodes(first, settings, noise_by_reading))
+        again = _decoded_from_all_pixels(first, settings) if hurried else _decodes(first, settings, noise_by_reading)
+        candidates.update(again)
     wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
@@ -202,7 +203,7 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
-def _decode(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
+def _decoded_from_all_pixels(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
     """Decode from all pixels as the first look was decoded."""
     if first.sigma is not None:
         full = seen_to_the_end(first.holdout, first.decoded, first.sigma)
@@ -224,7 +225,7 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return _decode(first, settings)
+        return _decoded_from_all_pixels(first, settings)
     weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
     is_weighed = (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0)
     decoded, known = (weighed, noise) if is_weighed else (first.decoded, None)

@@ -120,12 +120,7 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     if len(cameras) != 1:
         raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
     camera = model.cameras[cameras.pop()]
-    if camera.model_name not in (*_PINHOLES, *_LENSES):
-        raise InputError(
-            f"{folder} holds a {camera.model_name} camera",
-            allowed=" or ".join((*_PINHOLES, *_LENSES)),
-            remedy="undistort the pictures and their cameras first",
-        )
+    _require_model(folder, camera.model_name, (*_PINHOLES, *_LENSES))
     bent = _LENSES.get(camera.model_name, 0)
     lens = np.zeros(len(COEFFICIENTS) + len(_MORE_COEFFICIENTS))
     lens[:bent] = np.asarray(camera.params)[len(camera.params) - bent :]
@@ -163,15 +158,18 @@ def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
             f"{path} is not a transforms.json: {type(error).__name__}: {error}",
             allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
         ) from error
-    model = held.get("camera_model", _PERSPECTIVES[0])
-    if model not in _PERSPECTIVES:
-        raise InputError(
-            f"{path} holds a {model} camera",
-            allowed=" or ".join(_PERSPECTIVES),
-            remedy="undistort the pictures and their cameras first",
-        )
+    _require_model(path, held.get("camera_model", _PERSPECTIVES[0]), _PERSPECTIVES)
     names = tuple(str(frame["file_path"]) for frame in frames)
     return CameraFile(poses, _scaled(matrix, (height, width), size, path), lens, np.empty((0, 3)), names)
+
+
+def _require_model(path: Path, model: str, allowed: tuple[str, ...]) -> None:
+    if model not in allowed:
+        raise InputError(
+            f"{path} holds a {model} camera",
+            allowed=" or ".join(allowed),
+            remedy="undistort the pictures and their cameras first",
+        )
 
 
 def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Path) -> F64:

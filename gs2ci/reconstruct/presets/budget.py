@@ -94,7 +94,8 @@ class Budget:
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])
             polish = settings.polish if has_time and wanted.polish is not None else None
-            until_s = delivered_s if polish is None else delivered_s - polish_s
+            reserved_s = 0.0 if polish is None else polish_s
+            until_s = delivered_s - reserved_s
             # The fine stage knows no deadline: it is skipped, and the coarse stage gets its time.
             chosen = replace(
                 settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=polish
@@ -106,11 +107,10 @@ class Budget:
                 break
         else:
             raise self._too_little_time(now_s, afterwards_s, timed)
-        finishing_s = delivered_s + afterwards_s - until_s
         sentence = (
             f"Of {spoken_duration(self.seconds)}, {spoken_duration(now_s - self.began_s)} went to start, decode and "
             f"geometry: {spoken_duration(until_s - now_s)} are left for the fit of preset {rung.preset}, about "
-            f"{iterations} iterations, and {spoken_duration(finishing_s)} to finish and report."
+            f"{iterations} iterations, and {spoken_duration(afterwards_s + reserved_s)} to finish and report."
         )
         return chosen, self._pace(rung.most, until_s, timed, settings, chosen), sentence
 

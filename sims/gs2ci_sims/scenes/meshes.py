@@ -207,29 +207,7 @@ def mesh_from_file(path: Path) -> TexturedMesh:
         raise InputError(f"the mesh file {path} without trimesh", remedy="pip install 'gs2ci[mesh]'")
     if not path.is_file():
         raise InputError(f"no file {path}", allowed="an OBJ, GLB, PLY or STL file")
-    trimesh = import_module("trimesh")
-    beside = trimesh.resolvers.FilePathResolver(path)
-    read, missing = beside.get, []
-
-    def noted(name: str) -> bytes:
-        try:
-            found: bytes = read(name)
-        except (OSError, ValueError):
-            missing.append(name)
-            raise
-        return found
-
-    # trimesh goes on without materials and textures that it does not find.
-    beside.get = noted
-    try:
-        scene = trimesh.load_scene(path, resolver=beside)
-    except Exception as error:  # whatever a parser of foreign files may raise
-        raise InputError(f"{path} cannot be read as a mesh: {error}", allowed="OBJ, GLB, PLY or STL") from error
-    if missing:
-        raise InputError(
-            f"{path} names {missing[0]}, which is not there",
-            remedy="put it beside the mesh, or remove its line (mtllib, map_Kd) to render the mesh without it",
-        )
+    scene = _loaded(path)
     # Not `Scene.dump`, whose copies have no colours of corners beside a material.
     placed = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
     parts = [(scene.geometry[name], pose) for pose, name in placed]
@@ -244,6 +222,37 @@ def mesh_from_file(path: Path) -> TexturedMesh:
         tuple(_texture_of(part) for part, _ in parts),
         np.concatenate([_tints(part, linear) for part, _ in parts]),
     )
+
+
+def _loaded(path: Path) -> Any:
+    """Load a file by trimesh, which itself goes on without materials and textures that it does not find.
+
+    Raises:
+        InputError: As `mesh_from_file`.
+    """
+    trimesh = import_module("trimesh")
+    beside = trimesh.resolvers.FilePathResolver(path)
+    read, missing = beside.get, []
+
+    def noted(name: str) -> bytes:
+        try:
+            found: bytes = read(name)
+        except (OSError, ValueError):
+            missing.append(name)
+            raise
+        return found
+
+    beside.get = noted
+    try:
+        scene = trimesh.load_scene(path, resolver=beside)
+    except Exception as error:  # whatever a parser of foreign files may raise
+        raise InputError(f"{path} cannot be read as a mesh: {error}", allowed="OBJ, GLB, PLY or STL") from error
+    if missing:
+        raise InputError(
+            f"{path} names {missing[0]}, which is not there",
+            remedy="put it beside the mesh, or remove its line (mtllib, map_Kd) to render the mesh without it",
+        )
+    return scene
 
 
 def _image_of(part: Any) -> Any:
