@@ -86,8 +86,7 @@ def killing() -> Iterator[list[int]]:
 
     def kill() -> None:
         while not over.wait(KILL_EVERY_S):
-            below = psutil.Process().children(recursive=True)
-            workers = [child for child in below if "spawn_main" in " ".join(child.cmdline())]
+            workers = [child for child in psutil.Process().children(recursive=True) if _is_worker(child)]
             if workers:
                 victim = random.choice(workers)
                 victim.kill()
@@ -100,6 +99,13 @@ def killing() -> Iterator[list[int]]:
     finally:
         over.set()
         thread.join()
+
+
+def _is_worker(child: psutil.Process) -> bool:
+    try:
+        return "spawn_main" in " ".join(child.cmdline())
+    except psutil.Error:  # it ended in the meantime
+        return False
 
 
 def check(rows: list[Row], output: Path, deaths: list[int]) -> None:

@@ -84,7 +84,9 @@ def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads
 
 
 def test_seconds_that_are_spent_are_spent():
-    assert chosen(60, spent_s=25)[0].fit.iterations < chosen(60, spent_s=5)[0].fit.iterations
+    late, early = (chosen(120, spent_s=spent_s)[0] for spent_s in (25, 5))
+    assert late.fits == early.fits
+    assert late.fit.iterations < early.fit.iterations
 
 
 def polished_in(seconds, polish_s, settings=STANDARD):
