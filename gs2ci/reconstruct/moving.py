@@ -45,13 +45,10 @@ STILL: Final = "still"
 RELEASED: Final = "released from the still scene"
 MOVING: Final = "moving from the first"
 
-# The least share of the still fits' residual that motion has to explain, and the least share of blocks in which it
-# surely does (`python -m tests.benchmarks moving`).
-_LEAST_EXPLAINED: Final = 0.01
-_LEAST_SURELY: Final = 0.04
-# This share of blocks is enough by itself: a first-order model explains little of a motion that is wider than the
-# detail that moves. A box that crosses half the picture: 0.9 % explained, 37 % of the blocks.
-_MANY_BLOCKS: Final = 0.25
+# The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it surely
+# does: a first-order model explains little of a motion that is wider than the detail that moves (decision 0133).
+_LEAST_EXPLAINED: Final = 0.006
+_LEAST_SURELY: Final = 0.08
 # The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0003 and 0.001 of a
 # wall that does not move, 0.007 and more if a thing crosses it (`tests/reconstruct/test_moving.py`).
 _LEAST_EXPLAINED_AT_REST: Final = 0.004
@@ -120,7 +117,7 @@ class MotionQuestion:
         """Get whether moving scenes should be fitted."""
         if self.unfollowed >= LEAST_UNFOLLOWED:
             return True
-        in_many_blocks = self.left is not None and self.left.surely >= _MANY_BLOCKS
+        in_many_blocks = self.left is not None and self.left.surely >= _LEAST_SURELY
         still_is_wrong = (
             self.behind_decode or self.known_at_rest or ((self.got_worse or self.no_path) and in_many_blocks)
         )
@@ -259,10 +256,8 @@ def ask(holdout: Holdout, views: F32) -> LeftByMotion:
 
 def speaks_for_motion(left: LeftByMotion, *, known_at_rest: bool = False) -> bool:
     """Tell whether motion explains enough of a residual to go on testing for it."""
-    if known_at_rest and left.explained >= _LEAST_EXPLAINED_AT_REST:
-        return True
-    explains = left.explained >= _LEAST_EXPLAINED and left.surely >= _LEAST_SURELY
-    return explains or left.surely >= _MANY_BLOCKS
+    least = _LEAST_EXPLAINED_AT_REST if known_at_rest else _LEAST_EXPLAINED
+    return left.explained >= least or left.surely >= _LEAST_SURELY
 
 
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:

@@ -195,6 +195,31 @@ def test_residual_that_follows_the_times_speaks_for_motion_and_noise_does_not():
     assert chance.surely < 0.1
 
 
+def test_channels_that_err_together_count_as_one_reading():
+    views = thing_before_a_wall(STEP_PX)
+    shot = exposed(views)
+    still = np.repeat(views.mean(axis=0, keepdims=True), VIEWS, axis=0)
+    grey = left_by_motion(Holdout.of(shot, 0.02, 0), still, times())
+    three = replace(shot, measurement=np.repeat(shot.measurement, 3, axis=2), truth=Truth())
+    coloured = left_by_motion(Holdout.of(three, 0.02, 0), np.repeat(still, 3, axis=3), times())
+    assert 0 < grey.surely < 1
+    assert coloured.surely == grey.surely
+    assert coloured.explained == pytest.approx(grey.explained, abs=1e-6)
+
+
+def test_errors_that_are_larger_where_the_picture_has_detail_rarely_seem_to_move():
+    """Errors without any motion, as large as the picture's gradient; a block is significant once in a thousand."""
+    views = np.repeat(thing_before_a_wall(0)[:1], VIEWS, axis=0)
+    shot = exposed(views)
+    slope = np.hypot(*np.gradient(views[0, ..., 0]))[..., None].astype(np.float32)
+    surely = []
+    for seed in range(40):
+        errors = slope**2 * np.random.default_rng(seed).normal(0, 10, slope.shape).astype(np.float32)
+        wrong = replace(shot, measurement=shot.measurement + errors)
+        surely.append(left_by_motion(Holdout.of(wrong, 0.02, 0), views, times()).surely)
+    assert np.mean(surely) < 0.01
+
+
 def test_views_that_explain_everything_leave_nothing():
     views = thing_before_a_wall(STEP_PX)
     found = left_by_motion(Holdout.of(exposed(views), 0.02, 0), views, times())
@@ -284,7 +309,7 @@ def test_what_few_steps_of_patches_gain_speaks_for_motion(gain, speaks):
 
 @pytest.mark.parametrize(
     ("explained", "surely", "speaks"),
-    [(0.02, 0.1, True), (0.02, 0.01, False), (0.009, 0.1, False), (0.009, 0.37, True), (0.0, 0.0, False)],
+    [(0.02, 0.0, True), (0.003, 0.05, False), (0.003, 0.1, True), (0.0, 0.0, False)],
 )
 def test_a_residual_speaks_for_motion_by_what_it_explains_or_by_many_blocks(explained, surely, speaks):
     assert moving.speaks_for_motion(LeftByMotion(explained, surely, np.zeros((1, 1, 2)))) is speaks
@@ -311,7 +336,7 @@ def test_before_a_camera_known_to_be_at_rest_less_speaks_for_motion(explained, g
 
 
 @pytest.mark.parametrize("wrong", ["got_worse", "no_path"])
-@pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.3, 0.05, True), (0.2, 0.05, False), (0.3, 0.03, False)])
+@pytest.mark.parametrize(("surely", "gain", "speaks"), [(0.1, 0.05, True), (0.05, 0.05, False), (0.1, 0.03, False)])
 def test_a_fit_that_got_worse_or_has_no_path_speaks_for_motion_if_it_lacks_it_in_many_blocks(
     surely, gain, speaks, wrong
 ):

@@ -7,6 +7,10 @@ masks, and the effect of the camera's motion has been fitted by the poses. The t
 things move farther than their detail is wide, the first order no longer holds, but its sign does, and only the presence
 of motion is tested.
 
+A residual is larger where the picture has detail, and the channels of a pixel err together. So standard errors are those
+of a sandwich estimator with each pixel as a cluster (White 1980; Liang and Zeger 1986): as if all numbers were
+independent and of one variance, many still photographs seem to move (decision 0133).
+
 Here: the regression and its significance. Not here: what follows from it (`gs2ci.reconstruct.moving`).
 """
 
@@ -24,6 +28,9 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 _LEAST_SIDE_PX: Final = 2
 # A block with fewer pixels is not tested.
 _LEAST_PIXELS: Final = 32
+# What is added to second moments, as a share of their trace, to invert those of a picture without gradient in some
+# direction.
+_LEAST_SHARE: Final = 1e-9
 # Significance level of a block: the probability of such a result if nothing moves.
 _CHANCE: Final = 1e-3
 
@@ -55,28 +62,29 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     shot = holdout.shot
     if min(shot.size) < _LEAST_SIDE_PX:
         return LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2)))
-    asked = shot.usable
-    residual = _blocks((shot.measurement - holdout.coded(views)) * asked[..., None])
+    asked = shot.usable[..., None]
+    residual = in_blocks((shot.measurement - holdout.coded(views)) * asked)
     weighted = views * times.astype(np.float32)[:, None, None, None]
     # Central differences suffice, since the fit's detail is not finer than a pixel.
     along = [-holdout.coded(np.gradient(weighted, axis=axis).astype(np.float32)) for axis in (2, 1)]
-    design = np.stack([_blocks(part * asked[..., None]) for part in along], axis=-1)
-    pixels = _blocks(np.broadcast_to(asked[..., None], shot.measurement.shape).astype(np.float32)).sum(axis=2)
-    gram = np.einsum("abpi,abpj->abij", design, design)
-    moment = np.einsum("abpi,abp->abi", design, residual)
-    power = (residual**2).sum(axis=2)
-    gram += np.eye(2) * np.maximum(1e-9 * np.trace(gram, axis1=2, axis2=3), 1e-12)[..., None, None]
-    velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
-    gained = (velocity * moment).sum(axis=-1)
+    design = np.stack([in_blocks(part * asked) for part in along], axis=-1)
+    pixels = in_blocks(asked.astype(np.float32)).sum(axis=(2, 3))
+    power = (residual**2).sum(axis=(2, 3))
     testable = (pixels >= _LEAST_PIXELS) & (power > 0)
+    moment = np.einsum("abpci,abpc->abi", design, residual)
+    gram = _invertible(np.einsum("abpci,abpcj->abij", design, design))
+    velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
     if not testable.any():
         return LeftByMotion(0.0, 0.0, np.zeros_like(velocity))
-    left = np.maximum(power - gained, 1e-12 * power)
+    left = residual - np.einsum("abpci,abi->abpc", design, velocity)
     freedom = np.maximum(pixels - 2, 1)
-    ratio = np.where(testable, gained / 2 / np.where(testable, left / freedom, 1), 0)
-    sure = testable & (fdtrc(2, freedom, ratio) < _CHANCE)
-    by_chance = 2 * (power / np.maximum(pixels, 1))[testable].sum()
-    explained = (gained[testable].sum() - by_chance) / power[testable].sum()
+    scores = np.einsum("abpci,abpc->abpi", design, left)
+    spread = np.einsum("abpi,abpj->abij", scores, scores) * (pixels / freedom)[..., None, None]
+    by_chance = np.trace(np.linalg.solve(gram, spread), axis1=2, axis2=3)
+    gained = (velocity * moment).sum(axis=-1)
+    ratio = (moment * np.linalg.solve(_invertible(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
+    sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < _CHANCE)
+    explained = (gained - by_chance)[testable].sum() / power[testable].sum()
     return LeftByMotion(
         explained=max(float(explained), 0.0),
         surely=float(sure.sum() / testable.sum()),
@@ -84,7 +92,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     )
 
 
-def _blocks(image: F32) -> F64:
-    """Cut an image [H, W, C] into blocks, all numbers of a block in a row: [B, B', pixels of a block times C]."""
-    blocks = in_blocks(image)
-    return blocks.reshape(*blocks.shape[:2], -1)
+def _invertible(moments: F64) -> F64:
+    """Return second moments, [..., 2, 2], raised so far that each can be inverted."""
+    least = np.maximum(_LEAST_SHARE * np.trace(moments, axis1=-2, axis2=-1), np.finfo(np.float64).tiny)
+    return moments + np.eye(2) * least[..., None, None]
