@@ -7,8 +7,8 @@ masks, and the effect of the camera's motion has been fitted by the poses. The t
 things move farther than their detail is wide, the first order no longer holds, but its sign does, and only the presence
 of motion is tested.
 
-A residual is larger where the picture has detail, and the channels of a pixel err together. So standard errors are those
-of a sandwich estimator with each pixel as a cluster (White 1980; Liang and Zeger 1986): as if all numbers were
+A residual is larger where the picture has detail, and the channels of a pixel err together. So standard errors are
+those of a sandwich estimator with each pixel as a cluster (White 1980; Liang and Zeger 1986): as if all numbers were
 independent and of one variance, many still photographs seem to move (decision 0133).
 
 Here: the regression and its significance. Not here: what follows from it (`gs2ci.reconstruct.moving`).
