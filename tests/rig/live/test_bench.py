@@ -119,6 +119,8 @@ def test_all_masks_are_shown_in_turn(make_live, modulator, camera):
     bench = make_live(modulator=modulator)
     world = bench._rig.bench.world
     bench.act("camera", on=camera)
+    if camera:  # few frames to a second of the bench's: each is computed
+        bench.act("exposure", seconds=0.05)
     begin_s = world.clock.now_s()
     bench.act("show", what="sequence")
     wait_for(bench, lambda view: world.clock.now_s() - begin_s > 4.0)
