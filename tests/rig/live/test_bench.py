@@ -198,6 +198,7 @@ def test_what_moves_or_is_taken_is_told_meanwhile(make_live, monkeypatch):
     sleep = bench._devices.clock.sleep_s
     monkeypatch.setattr(bench._devices.clock, "sleep_s", lambda seconds: (time.sleep(0.005), sleep(seconds)))
     assert told_while(bench, "jog", axis="x", mm=5.0) == [["the stage moves"]]
+    monkeypatch.setattr(bench._devices.clock, "sleep_s", sleep)  # an exposure takes long enough to be seen
     bench.act("camera", on=True)
     assert ["one exposure is taken"] in told_while(bench, "take")
     assert bench.view().state["armed"] == []
