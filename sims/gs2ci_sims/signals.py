@@ -138,3 +138,8 @@ class View:
     intrinsics: F64
     margin: int = 0
     depth: F64 | None = None
+
+    def inner(self, image: F64) -> F64:
+        """Return the part of an image of this size that is on the sensor."""
+        height, width = image.shape[:2]
+        return image[self.margin : height - self.margin, self.margin : width - self.margin]

@@ -80,6 +80,8 @@ def ahead_mm(shot):
 def test_a_captures_telemetry_is_as_true_as_the_calibration_of_the_stage(rig, tmp_path, calibrate, gs2ci, monkeypatch):
     monkeypatch.setattr(steps, "TARGETS", 4)
     monkeypatch.setattr(steps, "SWEEP_PICTURES", 6)
+    # Whether the masks were where the bundle has them takes long, and tests/commands/test_calibrate_update.py asks it.
+    monkeypatch.setattr("gs2ci.commands.capture._say_where_masks_were", lambda *_: None)
     section = calibrate(tmp_path / "bench.cal.h5", "camera", "stage").sections["stage"]
     timed(tmp_path / "bench.cal.h5")
     rig.write_text(LATE)

@@ -84,7 +84,7 @@ class Defocus(EffectRecord):
 
         def most(view: View) -> F64:
             changes = [np.abs(_blurred(view.radiance, layer) - view.radiance) for layer in layers]
-            return np.asarray(np.max(changes, axis=0)) if changes else np.zeros_like(view.radiance)
+            return view.inner(np.asarray(np.max(changes, axis=0)) if changes else np.zeros_like(view.radiance))
 
         return scene.changed(self, most, lambda f: np.minimum(2 * variance * np.square(np.pi * f), MOST_TAKEN))
 

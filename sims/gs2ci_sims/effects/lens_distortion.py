@@ -93,7 +93,7 @@ class LensDistortion(EffectRecord):
         most_px = self._most_px(scene)
         return scene.changed(
             self,
-            lambda view: self.bent(view.radiance, view.intrinsics) - view.radiance,
+            lambda view: view.inner(self.bent(view.radiance, view.intrinsics) - view.radiance),
             lambda f: shift_shares(f, most_px),
         )
 

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
-from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
+from gs2ci_sims.effects.kernels import blurred, blurred_inside, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
@@ -42,7 +42,9 @@ class OpticsPsf(EffectRecord):
         """Return rms and peak of the change of a view by the blur."""
         return scene.changed(
             self,
-            lambda view: blurred(view.radiance, self.sigma_px, self.reach) - view.radiance,
+            lambda view: (
+                blurred_inside(view.radiance, self.sigma_px, self.reach, view.margin) - view.inner(view.radiance)
+            ),
             lambda f: gaussian_loss(self.sigma_px, f),
         )
 

@@ -124,12 +124,11 @@ class PreviewedMotion(PreviewedViews):
 
         Args:
             effect: Which.
-            change: What it changes in a view with its margin, of the radiance's shape.
+            change: What it changes in a view with its margin, on the sensor alone, [H, W, C].
             shares: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
         """
-        intrinsics, (height, width) = with_margin(self.scene.intrinsics, self.margin), self.scene.size
-        inner = np.s_[self.margin : self.margin + height, self.margin : self.margin + width]
-        seen = [change(View(view, intrinsics, self.margin))[inner] for view in self.wide_views]
+        intrinsics = with_margin(self.scene.intrinsics, self.margin)
+        seen = [change(View(view, intrinsics, self.margin)) for view in self.wide_views]
         rms = max(float(np.sqrt(np.square(one).mean())) for one in seen)
         peak = max(float(np.abs(one).max()) for one in seen)
         away_px = float(self._away_px(self.intervals_s).max())

@@ -33,6 +33,11 @@ def pictures(bench, count=2):
     return wait_for(bench, lambda view: view.number >= number)
 
 
+def hasten(monkeypatch, *, camera):
+    """Spare the test a person's pace: pictures come as fast as they are computed, without them the clock strides."""
+    monkeypatch.setattr(live_bench, "PICTURES_PER_S", 1000.0 if camera else 5.0)
+
+
 def at_rest(bench):
     world = bench._rig.bench.world
     now_s = world.clock.now_s()
@@ -100,6 +105,7 @@ def test_the_residual_of_a_mask_is_where_the_bench_has_it(make_live):
 def test_a_mask_goes_dark_by_itself_unless_somebody_is_there(make_live, monkeypatch):
     monkeypatch.setattr(live_bench, "HOLD_S", 2.0)
     monkeypatch.setattr(live_bench, "RENEWED_S", 1.5)
+    hasten(monkeypatch, camera=False)
     bench = make_live()
     world = bench._rig.bench.world
     bench.act("show", what="mask", index=0)
@@ -115,10 +121,13 @@ def test_a_mask_goes_dark_by_itself_unless_somebody_is_there(make_live, monkeypa
 
 @pytest.mark.parametrize("modulator", [MODULATOR, 'kind = "video"'])
 @pytest.mark.parametrize("camera", [False, True])
-def test_all_masks_are_shown_in_turn(make_live, modulator, camera):
+def test_all_masks_are_shown_in_turn(make_live, monkeypatch, modulator, camera):
+    hasten(monkeypatch, camera=camera)
     bench = make_live(modulator=modulator)
     world = bench._rig.bench.world
     bench.act("camera", on=camera)
+    if camera:  # few frames to a second of the bench's: each is computed
+        bench.act("exposure", seconds=0.05)
     begin_s = world.clock.now_s()
     bench.act("show", what="sequence")
     wait_for(bench, lambda view: world.clock.now_s() - begin_s > 4.0)
@@ -133,6 +142,7 @@ def test_all_masks_are_shown_in_turn(make_live, modulator, camera):
 def test_a_panel_that_the_host_steps_goes_on_showing(make_live, monkeypatch, modulator, camera, what):
     monkeypatch.setattr(live_bench, "HOLD_S", 1.2)
     monkeypatch.setattr(live_bench, "RENEWED_S", 0.8)
+    hasten(monkeypatch, camera=camera)
     bench = make_live(modulator=modulator)
     clock = bench._rig.bench.world.clock
     bench.act("camera", on=camera)
@@ -188,6 +198,7 @@ def test_what_moves_or_is_taken_is_told_meanwhile(make_live, monkeypatch):
     sleep = bench._devices.clock.sleep_s
     monkeypatch.setattr(bench._devices.clock, "sleep_s", lambda seconds: (time.sleep(0.005), sleep(seconds)))
     assert told_while(bench, "jog", axis="x", mm=5.0) == [["the stage moves"]]
+    monkeypatch.setattr(bench._devices.clock, "sleep_s", sleep)  # an exposure takes long enough to be seen
     bench.act("camera", on=True)
     assert ["one exposure is taken"] in told_while(bench, "take")
     assert bench.view().state["armed"] == []

@@ -11,7 +11,7 @@ from gs2ci_sims.effects.defocus import LAYER_STEP_PX, MOST_TAKEN, Defocus
 from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.ghost_reflection import GhostReflection
-from gs2ci_sims.effects.kernels import blurred, disc, discrete_gaussian, gaussian_loss, gaussian_tail
+from gs2ci_sims.effects.kernels import blurred, blurred_inside, disc, discrete_gaussian, gaussian_loss, gaussian_tail
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.misregistration import Misregistration
@@ -72,6 +72,14 @@ def test_no_blur_is_the_image_itself():
     image = rng().uniform(size=(9, 9, 3))
     assert blurred(image, 0.0, 8.0) is image
     assert disc(0.5).tolist() == [[1.0]]
+
+
+@pytest.mark.parametrize(("size", "sigma", "margin"), [((21, 30), 1.5, 9), ((9, 12), 20.0, 4), ((9, 9), 0.0, 2)])
+def test_a_blur_without_its_margin_is_the_inside_of_the_whole_one(size, sigma, margin):
+    view = View(rng().uniform(size=(*size, 3)), CAMERA, margin)
+    inside = blurred_inside(view.radiance, sigma, 4.0, margin)
+    np.testing.assert_allclose(inside, view.inner(blurred(view.radiance, sigma, 4.0)), atol=1e-14)
+    assert inside.shape == (size[0] - 2 * margin, size[1] - 2 * margin, 3)
 
 
 def test_a_disc_has_the_variance_of_a_disc_and_its_transfer_function():
