@@ -3,13 +3,15 @@
     /                            attrs: schema, created_utc, software
     /complete                    u1 scalar, 1
     /provenance                  JSON: rig_sha256, rig (text of the rig file), devices, simulated, temperature_c
-    /sections/NAME/record        JSON: measured_utc, facts, notes, units {estimate: unit}
+    /sections/NAME/record        JSON: measured_utc, facts, notes, units {estimate: unit}; rig, temperature_c as above,
+                                 at the time of the measurement
     /sections/NAME/estimates/KEY/value, standard_error     f8 or f4, any shape
     /sections/NAME/arrays/KEY    numbers of any kind
 
-A section replaces an older one of its name; the others stay. Every write makes a complete new file beside the old one
-and renames it (`gs2ci.core.storage.sealing`): a crash leaves either the old bundle or the new one. No NaN is ever
-written, and a file that contains one is refused.
+A section replaces an older one of its name; the others stay. The provenance is that of the last section added; each
+section keeps the rig file and the temperature of its own measurement. Every write makes a complete new file beside the
+old one and renames it (`gs2ci.core.storage.sealing`): a crash leaves either the old bundle or the new one. No NaN is
+ever written, and a file that contains one is refused.
 
 The sections, and the values that other modules read from them (shapes: H, W sensor; Hm, Wm modulator; N masks):
 
@@ -64,10 +66,10 @@ class Provenance:
     """Which bench a bundle belongs to.
 
     Args:
-        rig: Text of the rig file.
+        rig: Text of the rig file, of the last measurement.
         devices: For each device its model, serial number and firmware or driver.
         simulated: Whether the bench was simulated.
-        temperature_c: Temperature of the sensor, or None if unknown.
+        temperature_c: Temperature of the sensor at the last measurement, or None if unknown.
     """
 
     rig: str = ""
@@ -213,7 +215,8 @@ def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
     """
     bundle = read_bundle(path) if path.exists() else Bundle(provenance)
     _check_devices(path, bundle, provenance, section.name)
-    whole = replace(bundle.with_section(section), provenance=provenance, path=path)
+    of_this_rig = replace(section, rig=provenance.rig, temperature_c=provenance.temperature_c)
+    whole = replace(bundle.with_section(of_this_rig), provenance=provenance, path=path)
     write_bundle(path, whole)
     return whole
 
@@ -226,7 +229,7 @@ def read_bundle(path: Path) -> Bundle:
     """
     with _opened(path) as reader:
         provenance = _provenance(_json(reader, "provenance"))
-        sections = {name: _read_section(reader, name) for name in reader.keys("sections")}
+        sections = {name: _read_section(reader, name, provenance) for name in reader.keys("sections")}
         created = reader.file.attrs.get("created_utc", "")
         ordered = dict(sorted(sections.items(), key=lambda item: item[1].measured_utc))
         return Bundle(provenance, ordered, str(created), path)
@@ -284,6 +287,8 @@ def _write(file: h5py.File, bundle: Bundle) -> None:
                 "facts": dict(section.facts),
                 "notes": list(section.notes),
                 "units": units,
+                "rig": section.rig,
+                "temperature_c": section.temperature_c,
             },
         )
         for key, estimate in section.estimates.items():
@@ -340,18 +345,24 @@ def _json(reader: SuspectFile, key: str) -> dict[str, Any]:
 
 def _provenance(record: Mapping[str, Any]) -> Provenance:
     devices = {str(name): (str(a), str(b), str(c)) for name, (a, b, c) in record.get("devices", {}).items()}
-    temperature = record.get("temperature_c")
     return Provenance(
         rig=str(record.get("rig", "")),
         devices=devices,
         simulated=bool(record.get("simulated", False)),
-        temperature_c=None if temperature is None else float(temperature),
+        temperature_c=_temperature_c(record),
     )
 
 
-def _read_section(reader: SuspectFile, name: str) -> Section:
+def _temperature_c(record: Mapping[str, Any]) -> float | None:
+    temperature = record.get("temperature_c")
+    return None if temperature is None else float(temperature)
+
+
+def _read_section(reader: SuspectFile, name: str, last: Provenance) -> Section:
     at = f"sections/{name}"
     record = _json(reader, f"{at}/record")
+    # Bundles of earlier versions, and those written whole, state both once for all sections.
+    alone = record.get("rig") is not None
     units = record.get("units", {})
     estimates = {
         key: Estimate(
@@ -369,6 +380,8 @@ def _read_section(reader: SuspectFile, name: str) -> Section:
         facts=dict(record.get("facts", {})),
         notes=tuple(str(note) for note in record.get("notes", [])),
         measured_utc=str(record.get("measured_utc", "")),
+        rig=str(record["rig"]) if alone else last.rig,
+        temperature_c=_temperature_c(record) if alone else last.temperature_c,
     )
     _check_section(section)
     return section

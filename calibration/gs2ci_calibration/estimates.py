@@ -133,6 +133,8 @@ class Section:
         facts: Settings of the measurement as plain values: exposure_s, frames, mode, ...
         notes: Sentences that a user should read.
         measured_utc: Time of the measurement, ISO 8601.
+        rig: Text of the rig file of the measurement; None before the section is added to a bundle, which fills it in.
+        temperature_c: Temperature of the sensor then, by the rig file, or None.
     """
 
     name: str
@@ -141,6 +143,8 @@ class Section:
     facts: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     measured_utc: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    rig: str | None = None
+    temperature_c: float | None = None
 
     def number(self, name: str) -> float:
         """Return a single estimate's value."""

@@ -92,10 +92,18 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
     misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *other]
     if "masks" in bundle:
         misfits += _masks(bundle.sections["masks"], bench)
-    notes = []
-    if _said_of_the_bench(bundle.provenance.rig) != _said_of_the_bench(provenance.rig):
-        notes.append("the rig file has changed since the calibration")
-    before, after = bundle.provenance.temperature_c, provenance.temperature_c
+    notes, now = [], _said_of_the_bench(provenance.rig)
+    changed = [
+        name
+        for name, section in bundle.sections.items()
+        if _said_of_the_bench(bundle.provenance.rig if section.rig is None else section.rig) != now
+    ]
+    if changed:
+        wholly = len(changed) == len(bundle.sections)
+        since = "the calibration" if wholly else f"the measurement of {', '.join(changed)}"
+        notes.append(f"the rig file has changed since {since}")
+    dark = bundle.sections.get("dark-flat")
+    before, after = None if dark is None else dark.temperature_c, provenance.temperature_c
     if before is not None and after is not None and abs(before - after) > 5:
         notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current has changed")
     return Fit(tuple(misfits), tuple(notes))

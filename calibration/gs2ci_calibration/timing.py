@@ -28,9 +28,8 @@ from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.fitting import needed
 from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
 from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_drivers.pattern_sequence import PatternSequence
-from gs2ci_drivers.plan import CaptureSettings, Mode
-from gs2ci_drivers.planning import overlap_weights, sensor_exposure_s
+from gs2ci_drivers.plan import Mode
+from gs2ci_drivers.planning import overlap_weights
 
 STEP: Final = "timing"
 OPEN: Final = {
@@ -181,11 +180,18 @@ def estimate(looks: list[Look], trigger_delay_s: float) -> TimingEstimate:
     return TimingEstimate((latency[0] - trigger_delay_s, latency[1]), jitter, offset, flicker)
 
 
-def overlap(capture: CaptureSettings, latency_s: float, offset_s: float, trigger_delay_s: float) -> F64:
-    """Return the share of each mask's time that a capture with these times exposes, [N]."""
-    sequence = PatternSequence(capture.masks, capture.bit_depth, capture.mask_s, capture.dark_s)
+def overlap(windows_s: F64, exposure_s: float, latency_s: float, offset_s: float, trigger_delay_s: float) -> F64:
+    """Return the share of each mask's time that a capture with these times exposes, [N].
+
+    Args:
+        windows_s: Start and end of each mask, [N, 2].
+        exposure_s: The exposure in force, as the sensor rounds it.
+        latency_s: From the trigger's edge to the start of exposure.
+        offset_s: Excess of the exposure over the one in force.
+        trigger_delay_s: From a mask's appearance to the trigger's edge.
+    """
     begin_s = trigger_delay_s + latency_s
-    return overlap_weights(sequence.windows_s(), begin_s, begin_s + sensor_exposure_s(capture) + offset_s)
+    return overlap_weights(windows_s, begin_s, begin_s + exposure_s + offset_s)
 
 
 def _square_error(levels: F64) -> float:
@@ -340,11 +346,12 @@ def _section(bench: Bench, found: TimingEstimate, looks: list[Look]) -> Section:
         "exposure_offset_s": Estimate(*found.exposure_offset_s, "s"),
     }
     if bench.capture.mode is Mode.PER_EXPOSURE:
+        windows_s, exposure_s = bench.planned().sequence.windows_s(), bench.devices.sensor.settings.exposure_s
         delay_s = bench.devices.modulator.info.trigger_delay_s
         latency, offset = found.latency_s[0], found.exposure_offset_s[0]
-        weights = overlap(bench.capture, latency, offset, delay_s)
-        by_latency = overlap(bench.capture, latency + found.latency_s[1], offset, delay_s) - weights
-        by_offset = overlap(bench.capture, latency, offset + found.exposure_offset_s[1], delay_s) - weights
+        weights = overlap(windows_s, exposure_s, latency, offset, delay_s)
+        by_latency = overlap(windows_s, exposure_s, latency + found.latency_s[1], offset, delay_s) - weights
+        by_offset = overlap(windows_s, exposure_s, latency, offset + found.exposure_offset_s[1], delay_s) - weights
         estimates["weights"] = Estimate(weights, np.hypot(by_latency, by_offset), "1")
     return Section(
         name=STEP,

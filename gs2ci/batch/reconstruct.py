@@ -6,7 +6,9 @@ Here: `reconstruct_many` and the number of processes for a machine. Not here: an
 import hashlib
 import re
 import shutil
+import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +34,9 @@ from gs2ci.reconstruct.settings import Settings
 # one run of 8 views of 264 × 353 px, 1,535 MiB (`peak_mib` of its report).
 BASE_MIB: Final = 1000
 BYTES_PER_VIEW_PIXEL: Final = 700
+# Writing a run takes seconds: what has not changed for so long was left by a killed worker. Another command may be
+# writing into the same folder, perhaps on another machine, where process ids say nothing.
+_ABANDONED_S: Final = 3600.0
 
 
 def reconstruct_many(
@@ -141,8 +146,10 @@ def _finished(task: Task, *, overwrite: bool) -> Row | None:
 
 
 def _sweep(output: Path, names: Sequence[str]) -> None:
-    """Remove incomplete files of killed workers."""
+    """Remove incomplete files of killed workers, and none that another command may be writing."""
     ours = re.compile(rf"\.(?:{'|'.join(map(re.escape, names))})\.\d+\.(?:partial|old)")
     for path in output.glob(".*.*"):
-        if ours.fullmatch(path.name):
-            shutil.rmtree(path, ignore_errors=True)
+        with suppress(OSError):  # another command removed or renamed it meanwhile
+            # An earlier run that is set aside is old by its own times, but not by that of its new name.
+            if ours.fullmatch(path.name) and time.time() - path.stat().st_ctime > _ABANDONED_S:
+                shutil.rmtree(path, ignore_errors=True)

@@ -42,7 +42,7 @@ from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import speeds
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
-from gs2ci.reconstruct.registration.register import register
+from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.render.backend import load_backend
@@ -66,6 +66,7 @@ def reconstruct(
     score: Score | None = None,
     budget: Budget | None = None,
     halt: Halt | None = None,
+    registered: Registered | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -77,6 +78,7 @@ def reconstruct(
         budget: Decides how much is fitted, instead of the settings.
         halt: A request to end early. When it is made, the running fit stops, no further fit is started, and the result
             so far is returned with a finding that says so. It can be made as soon as the fit has begun.
+        registered: The registration, if `shot` is its corrected measurement already; it is not registered again.
 
     Returns:
         The combination of three sets of views with the smallest error expected from the held-out pixels: the mean of
@@ -92,7 +94,7 @@ def reconstruct(
     lens = Lens.of(shot.check())
     settings = replace(settings, mask_moments=settings.mask_moments.of(shot))
     tools, clock = _Tools.load(settings), Stopwatch()
-    registered = register(shot, settings.registration, progress, settings.seed)
+    registered = registered or register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)

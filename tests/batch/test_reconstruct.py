@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import shutil
 import sys
 from dataclasses import replace
@@ -170,7 +171,8 @@ def test_a_run_whose_folder_was_deleted_is_done_again(finished, file, overwrite)
     assert read_report(finished / "a-001").residual.rms == row.residual_rms
 
 
-def test_what_killed_workers_left_half_written_is_removed(finished, file):
+def test_what_killed_workers_left_half_written_is_removed(finished, file, monkeypatch):
+    monkeypatch.setattr("gs2ci.batch.reconstruct._ABANDONED_S", -1.0)  # no time of a change can be set in a test
     left = [finished / name for name in (".a-000.123.partial", ".a-001.9.old")]
     other = finished / ".cache.1.partial"
     for folder in (*left, other):
@@ -181,6 +183,15 @@ def test_what_killed_workers_left_half_written_is_removed(finished, file):
         False,
         True,
     ]  # the first is of no exposure asked for
+
+
+def test_what_another_command_is_writing_into_the_same_folder_stays(finished, file):
+    kept = [finished / name for name in (".a-001.123.partial", ".a-001.9.old")]
+    for folder in kept:
+        folder.mkdir()
+    os.utime(kept[1], (0, 0))  # an earlier run of long ago, set aside just now
+    reconstruct_many(list_exposures([file], every=True)[1:], finished, QUICK, overwrite=True)
+    assert [folder.exists() for folder in kept] == [True, True]
 
 
 def test_a_file_that_is_gone_when_the_worker_looks_is_a_row(file, tmp_path):

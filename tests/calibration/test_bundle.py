@@ -1,3 +1,4 @@
+import json
 import os
 from dataclasses import replace
 from types import SimpleNamespace
@@ -61,6 +62,27 @@ def test_a_new_section_replaces_its_namesake_and_keeps_the_others(path):
     assert set(bundle.sections) == {"dark-flat", "sensor"}
     assert bundle.sections["dark-flat"].number("rate") == 9.0
     assert "sensor" in bundle
+
+
+def test_every_section_keeps_the_rig_and_the_temperature_of_its_own_measurement(path):
+    later = replace(BENCH, rig="name = 'y'\n", temperature_c=None)
+    add_section(path, section(), BENCH)
+    add_section(path, section("sensor"), later)
+    bundle = read_bundle(path)
+    assert bundle.provenance == later
+    kept = {name: (one.rig, one.temperature_c) for name, one in bundle.sections.items()}
+    assert kept == {"dark-flat": (BENCH.rig, 31.5), "sensor": (later.rig, None)}
+
+
+def test_sections_of_a_bundle_that_states_its_rig_once_are_of_that_rig(path):
+    write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    with h5py.File(path, "r+") as file:
+        record = json.loads(file["sections/dark-flat/record"][()])
+        del record["rig"], record["temperature_c"], file["sections/dark-flat/record"]
+        file["sections/dark-flat/record"] = json.dumps(record)
+    add_section(path, section("sensor"), replace(BENCH, rig="name = 'y'\n", temperature_c=20.0))
+    old = read_bundle(path).sections["dark-flat"]
+    assert (old.rig, old.temperature_c) == (BENCH.rig, 31.5)
 
 
 def test_sections_of_another_bench_are_not_mixed_in(path):

@@ -1,11 +1,15 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
 from gs2ci_calibration import timing
 from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_calibration.timing import Look, estimate, overlap
-from gs2ci_drivers.plan import CaptureSettings
+from gs2ci_calibration.timing import Look, TimingEstimate, estimate, overlap
+from gs2ci_drivers.pattern_sequence import PatternSequence
+from tests.bench_truth import opened
+from tests.calibration.random_benches import random_table
 
 LATENCY_S, OFFSET_S = 23e-6, 9e-6
 
@@ -79,11 +83,18 @@ def test_a_latency_that_depends_on_the_pattern_is_refused():
 
 
 def test_overlap_gives_each_mask_its_exposed_share():
-    masks = np.zeros((3, 2, 2), np.uint8)
-    capture = CaptureSettings(masks, mask_s=0.01, margin_s=0.001)
-    assert overlap(capture, 0.0, 0.0, 0.0) == pytest.approx([1, 1, 0.9])
-    assert overlap(capture, 0.002, 0.0, 0.0005) == pytest.approx([0.75, 1, 1])
-    assert overlap(capture, 0.0, 0.0005, 0.0) == pytest.approx([1, 1, 0.95])
+    windows_s = PatternSequence(np.zeros((3, 2, 2), np.uint8), 1, 0.01).windows_s()
+    assert overlap(windows_s, 0.029, 0.0, 0.0, 0.0) == pytest.approx([1, 1, 0.9])
+    assert overlap(windows_s, 0.029, 0.002, 0.0, 0.0005) == pytest.approx([0.75, 1, 1])
+    assert overlap(windows_s, 0.029, 0.0, 0.0005, 0.0) == pytest.approx([1, 1, 0.95])
+
+
+def test_weights_are_of_the_exposure_that_the_sensor_grants():
+    none = (0.0, 1e-7)
+    with opened(random_table(1)) as (bench, _):  # its sensor grants multiples of 10 us
+        hurried = replace(bench, capture=replace(bench.capture, mask_s=1e-3, margin_s=0.264e-3))
+        found = timing._section(hurried, TimingEstimate(none, none, none, 0.0), [])
+    assert found.array("weights") == pytest.approx([1, 1, 1, 0.74], abs=1e-6)
 
 
 def test_a_sensor_that_begins_after_the_first_patterns_are_over_is_refused(monkeypatch):

@@ -9,7 +9,8 @@ import tyro
 from gs2ci.commands.import_ import run
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
-from gs2ci.core.storage import CaptureHeader, ShotWriter, check_manifest, count_shots, read_shot
+from gs2ci.core.storage import CaptureHeader, ShotWriter, count_shots, read_shot
+from tests.manifests import assert_manifest_fits
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_the_usual_keys_need_no_flags_and_every_guess_is_printed(tmp_path, array
         assert guess in printed
     assert "'meas' (measurement), 'masks' (masks), 'truth' (truth)" in printed
     assert "1 shot in" in printed
-    check_manifest(tmp_path / "shot.h5")
+    assert_manifest_fits(tmp_path / "shot.h5")
 
 
 def test_the_lens_is_given_as_opencv_lists_it(tmp_path, arrays, capsys):

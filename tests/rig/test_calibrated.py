@@ -291,5 +291,28 @@ def test_a_comment_and_the_name_of_the_bundle_change_nothing_in_a_rig(rig, tmp_p
 def test_a_rig_file_of_another_time_that_is_no_toml_has_changed(tmp_path, calibrate, loaded):
     path = tmp_path / "bench.cal.h5"
     bundle = calibrate(path)
-    write_bundle(path, replace(bundle, provenance=replace(bundle.provenance, rig="= [")))
+    other = {name: replace(section, rig="= [") for name, section in bundle.sections.items()}
+    write_bundle(path, replace(bundle, sections=other))
     assert loaded(path, probe=False).notes == ("the rig file has changed since the calibration",)
+
+
+def test_a_change_since_some_of_the_steps_is_told_after_the_others_were_measured_again(tmp_path, calibrate, loaded):
+    path = tmp_path / "bench.cal.h5"
+    bundle = calibrate(path, "dark-flat")
+    dark = replace(bundle.sections["dark-flat"], rig="name = 'before'")
+    write_bundle(path, bundle.with_section(dark))
+    assert loaded(path, probe=False).notes == ("the rig file has changed since the measurement of dark-flat",)
+
+
+def test_another_temperature_than_that_of_the_dark_frames_is_told(rig, tmp_path, calibrate, loaded):
+    path = tmp_path / "bench.cal.h5"
+    bundle = calibrate(path, "dark-flat")
+    rig.write_text(RIG.replace("[calibration]", "[calibration]\ntemperature_c = 31.0"))
+    provenance = replace(bundle.provenance, temperature_c=31.0)  # as after a later step
+    for celsius, told in ((20.0, True), (28.0, False), (None, False)):
+        dark = replace(bundle.sections["dark-flat"], temperature_c=celsius)
+        write_bundle(path, replace(bundle.with_section(dark), provenance=provenance))
+        (changed, *more) = loaded(path, probe=False).notes
+        assert "the rig file has changed" in changed
+        assert bool(more) == told
+        assert not told or "the sensor was at 20 °C and is at 31 °C" in more[0]

@@ -6,9 +6,10 @@ import pytest
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Silent
-from gs2ci.core.storage import ShotWriter, check_manifest, count_shots, read_shot, recover
+from gs2ci.core.storage import ShotWriter, count_shots, read_shot, recover
 from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci_drivers.failures import NoAnswerError, PlanRefusedError
+from tests.manifests import assert_manifest_fits
 
 
 @pytest.mark.parametrize("stage", ["zaber", "grbl"])
@@ -16,7 +17,7 @@ def test_a_capture_gives_the_measurement_that_the_masks_and_the_motion_make(make
     small = make_small(stage={"kind": stage})
     small.capture()
     assert count_shots(small.out) == 3
-    check_manifest(small.out)
+    assert_manifest_fits(small.out)
     with h5py.File(small.out) as file:
         readings = file["meas"][:].astype(float)
     for row in range(3):

@@ -12,7 +12,6 @@ Not here: foreign formats (`gs2ci.core.foreign`). torch is not needed.
 from gs2ci.core.storage.layout import SCHEMA, CaptureHeader, FrameRow
 from gs2ci.core.storage.reader import count_shots, read_calibration, read_shot
 from gs2ci.core.storage.recovery import recover
-from gs2ci.core.storage.sealing import check_manifest
 from gs2ci.core.storage.writer import ShotWriter, write_shots
 
 __all__ = [
@@ -20,7 +19,6 @@ __all__ = [
     "CaptureHeader",
     "FrameRow",
     "ShotWriter",
-    "check_manifest",
     "count_shots",
     "read_calibration",
     "read_shot",

@@ -1,7 +1,7 @@
 """From `.partial` to the final name: fsync, rename, fsync of the folder, and the manifest beside the file.
 
 Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not here:
-what is inside the file. `check_manifest` is re-exported.
+what is inside the file.
 """
 
 import fcntl
@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import StorageError
-from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import check_place, write_whole
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
@@ -132,28 +131,6 @@ def seal(partial: Path, path: Path) -> None:
         raise StorageError(
             f"{path}: cannot be finished: {error}", remedy=f"free the disk; the rows are in {partial} or {path}"
         ) from error
-
-
-def check_manifest(path: Path) -> None:
-    """Check that the file is byte for byte the one that its manifest describes.
-
-    Raises:
-        StorageError: File or manifest is missing or unreadable, or size or sha256 differ.
-    """
-    manifest = manifest_of(path)
-    try:
-        record = parse_json(manifest.read_text(encoding="utf-8"))
-        digest, size = _hash(path)
-    except (OSError, ValueError) as error:
-        raise StorageError(f"{manifest}: cannot be checked: {error}", remedy="copy file and manifest again") from error
-    if not isinstance(record, dict) or record.get("schema") != MANIFEST_SCHEMA:
-        raise StorageError(f"{manifest}: not a manifest of a capture", allowed=f"schema {MANIFEST_SCHEMA}")
-    if (record.get("bytes"), record.get("sha256")) != (size, digest):
-        raise StorageError(
-            f"{path}: {size} bytes with sha256 {digest[:12]}…, but {manifest.name} was written for "
-            f"{record.get('bytes')} bytes with {str(record.get('sha256'))[:12]}…",
-            remedy="the file was changed or damaged since it was written: copy it again from its source",
-        )
 
 
 def _is_manifest(path: Path) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 
@@ -31,9 +31,7 @@ def shrunk(shot: Shot, factor: int) -> Shot:
     intrinsics = shot.intrinsics
     if intrinsics is not None:
         intrinsics = np.diag([1 / factor, 1 / factor, 1.0]) @ intrinsics  # pixel centres at +0.5 stay so
-    saturated = shot.saturated
-    if saturated is not None:
-        saturated = _averaged(saturated[None, :height, :width, None].astype(np.float32), factor, period)[0, ..., 0] > 0
+    saturated = None if shot.saturated is None else touched(shot.saturated, factor, period)
     return replace(
         shot,
         measurement=_averaged(shot.measurement[None, :height, :width], factor, period)[0],
@@ -42,6 +40,20 @@ def shrunk(shot: Shot, factor: int) -> Shot:
         saturated=saturated,
         truth=Truth(None, shot.truth.world_to_camera),
     ).check()
+
+
+def touched(pixels: Bool, factor: int, period: int) -> Bool:
+    """Return which blocks of a shrunk shot hold a pixel of some, [h, w].
+
+    Args:
+        pixels: Of the shot, [H, W].
+        factor: As for `shrunk`.
+        period: Of its colours: 2 for a mosaic, otherwise 1.
+    """
+    height, width = (side // (factor * period) * factor * period for side in pixels.shape)
+    share = _averaged(pixels[None, :height, :width, None].astype(np.float32), factor, period)
+    found: Bool = share[0, ..., 0] > 0
+    return found
 
 
 def enlarged(views: F32, factor: int, size: tuple[int, int]) -> F32:

@@ -25,14 +25,14 @@ from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.costs import CostModel
-from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
+from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk, touched
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
-from gs2ci.reconstruct.registration.register import register
+from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
 
 Row = dict[str, Any]
@@ -182,7 +182,7 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
     registered = register(shot, trial.settings.registration, seed=seed)
     seen = registered.shot
     holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ _JUDGES, registered.averaged)
-    treated = _treated(holdout.seen, trial, seed)
+    treated = _treated(Registered(holdout.seen, averaged=registered.averaged), trial, seed)
     seconds = clock() - began_s
     views, truth = treated.views, shot.truth.views
     rms = Holdout(replace(seen, weights=treated.weights), holdout.pixels).residual_rms(treated.coded)
@@ -214,11 +214,16 @@ class _Treated:
     details: Row
 
 
-def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> _Treated:
+def _treated(registered: Registered, trial: TradeoffTrial, seed: int) -> _Treated:
     """Treat a registered shot."""
-    off = replace(trial.settings.registration, mode="off")
-    settings = replace(trial.settings, registration=off, seed=seed)
-    small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
+    shot, settings = registered.shot, replace(trial.settings, seed=seed)
+    if trial.shrink != 1:
+        averaged = registered.averaged
+        registered = Registered(
+            shrunk(shot, trial.shrink),
+            averaged=None if averaged is None else touched(averaged, trial.shrink, 2 if shot.cfa else 1),
+        )
+    small = registered.shot
 
     def full_size(views: F32) -> F32:
         return views if trial.shrink == 1 else enlarged(views, trial.shrink, shot.size)
@@ -226,7 +231,7 @@ def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> _Treated:
     if not trial.fits:
         views = full_size(decode_by_name(small, settings.first_look, settings.decode))
         return _Treated(views, views, shot.weights, {"iterations": 0, "gaussians": 0, "nate": None})
-    result = reconstruct(small, settings).result
+    result = reconstruct(small, settings, registered=registered).result
     views, truth, lit = full_size(result.views), shot.truth.world_to_camera, result.brightness
     return _Treated(
         views=views,

@@ -20,7 +20,7 @@ from gs2ci.core.colmap import pycolmap
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import check_intrinsics
+from gs2ci.core.records import are_rigid, check_intrinsics
 
 _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
 # In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
@@ -34,8 +34,6 @@ _COEFFICIENT_TOLERANCE: Final = 1e-5
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
 # Aspect ratios of a sensor and of its reduced pictures agree up to rounding to whole pixels.
 _ASPECT_TOLERANCE: Final = 0.02
-# Rotations are orthonormal up to the digits that a text file keeps.
-_ROTATION_TOLERANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -83,8 +81,7 @@ def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 
         )
     _check_lens(path, found.distortion, distortion)
     check_intrinsics(found.intrinsics)
-    rotations = found.world_to_camera[:, :3, :3]
-    if not np.isfinite(found.world_to_camera).all() or not _are_rotations(rotations):
+    if not are_rigid(found.world_to_camera):
         raise InputError(f"{path} holds poses that are not rigid motions", remedy="check its matrices")
     return found
 
@@ -100,11 +97,6 @@ def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
         allowed="a pinhole camera, or the lens that the shot is known to have",
         remedy="undistort the pictures and their cameras first, or import the shot with its distortion",
     )
-
-
-def _are_rotations(rotations: F64) -> bool:
-    square = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
-    return bool(square < _ROTATION_TOLERANCE and (np.linalg.det(rotations) > 0).all())
 
 
 def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:

@@ -6,10 +6,10 @@ Here: the steps in their order. Not here: what each does (`sweep`, `plain`, `sna
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.brightened import brightened
 from gs2ci.reconstruct.geometry.plain import continued
 from gs2ci.reconstruct.geometry.snapping import snapped
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
-from gs2ci.reconstruct.geometry.tracks import brightened
 
 # Plain areas are compared with at most so many other views, spread over the path: more cost memory without any gain.
 _OTHERS = 4

@@ -13,16 +13,13 @@ from pydantic import AfterValidator, Field
 
 from gs2ci.core.arrays import F32, F64, U8, Bool
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
+from gs2ci.reconstruct.geometry.brightened import brightened
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
 # Decoded views contain pixel-sized residue of the masks; this blur removes it and preserves corners.
 RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
-# Dark views would keep too few of the 256 levels of 8 bits: a scene whose brightest hundredth is below the first of
-# these shares of full scale is brightened; one below the second shows nothing that could be tracked.
-_BRIGHTEST_PERCENT = 99.0
-_DARK, _BLACK = 1 / 8, 1e-6
 _LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
 _PYRAMID_LEVELS = 4
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
@@ -74,15 +71,6 @@ class Tracks:
     def seen_by_at_least(self, views: int) -> "Tracks":
         """Take the points that at least so many views see, the reference among them."""
         return self.keep(self.seen.sum(1) >= views)
-
-
-def brightened(views: F32) -> F32:
-    """Return views, [N, H, W, C] in full scales, those of a dark scene times one power of two, for 8-bit pictures."""
-    # Every fourth pixel: the percentile of all would take longer than the tracks of large views.
-    brightest = float(np.percentile(views[:, ::2, ::2], _BRIGHTEST_PERCENT))
-    if not _BLACK <= brightest < _DARK:
-        return views
-    return views * np.float32(2.0 ** np.floor(-np.log2(brightest)))
 
 
 def grey_levels(views: F32) -> list[U8]:

@@ -18,13 +18,13 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
+from gs2ci.reconstruct.geometry.brightened import brightened
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.mapper import LEAST_MATCHES, MappedScene, grown_scene
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
-from gs2ci.reconstruct.geometry.tracks import brightened
 from gs2ci.reconstruct.geometry.validity import doubts_about_path
 from gs2ci.reconstruct.geometry.view_depths import depths_agree, turns_far, view_depths
 from gs2ci.reconstruct.threads import in_threads, one_opencv_thread

@@ -56,7 +56,9 @@ class OnnxDenoiser:
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise a stack, [N, C, H, W].
 
-        A grey model gets the colours of an image one by one; a colour model gets a grey image three times.
+        A grey model gets the colours of an image one by one. A colour model gets a grey image three times, and √3 sigma
+        for the reason that `onnx_video_denoiser` gives: noise of sigma in each of three channels would leave sigma / √3
+        in their mean, which is all that it can tell of a grey image.
 
         Raises:
             InputError: The model's image size is fixed and differs.
@@ -66,7 +68,7 @@ class OnnxDenoiser:
         if self.channels == 1:
             images = views.reshape(n * c, 1, height, width)
         elif self.channels == 3 and c == 1:
-            images = np.repeat(views, 3, axis=1)
+            images, sigma = np.repeat(views, 3, axis=1), 3**0.5 * sigma
         else:
             images = views
         denoised = self._denoise(images, sigma)

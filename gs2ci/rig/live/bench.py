@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64, U16
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import DeviceError, Gs2ciError, InputError
 from gs2ci.core.extras import missing_extra
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot
@@ -71,6 +71,29 @@ class LiveView:
     size: tuple[int, int] = (0, 0)
     views: tuple[bytes, ...] = ()
     state: dict[str, Any] = field(default_factory=dict)
+
+
+class _Interruptible(Silent):
+    """Ends a capture at its next report, if that is requested.
+
+    Args:
+        asked: Tells whether it is.
+    """
+
+    def __init__(self, asked: Callable[[], bool]) -> None:
+        super().__init__()
+        self._asked = asked
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Raise a DeviceError if the end is requested."""
+        if self._asked():
+            raise DeviceError(
+                "the exposure was ended: a request to disarm came", remedy="press the button again to take another"
+            )
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Raise a DeviceError if the end is requested."""
+        self.stage("")
 
 
 class LiveBench:
@@ -332,7 +355,7 @@ class LiveBench:
         self._moving = True
         try:
             while stage.status().moving and clock.now_s() < until_s:
-                if self._stop_moving.is_set() or self._ended.is_set():
+                if self._asked_to_stop():
                     stage.stop()
                     return
                 self._publish()
@@ -341,8 +364,18 @@ class LiveBench:
         finally:
             self._moving = False
 
+    def _asked_to_stop(self) -> bool:
+        """Tell whether a request to disarm or to close waits."""
+        return self._stop_moving.is_set() or self._ended.is_set()
+
     def _take(self) -> None:
-        """Take one coded exposure by the rig file and decode it; afterwards camera and modulator are off."""
+        """Take one coded exposure by the rig file and decode it; afterwards camera and modulator are off.
+
+        A request to disarm ends it during the upload of the masks, which takes longest, and before the masks are shown.
+
+        Raises:
+            DeviceError: It was ended.
+        """
         try:  # a bench's computer may lack the modules that decode
             from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv  # noqa: PLC0415
             from gs2ci.reconstruct.registration.register import register  # noqa: PLC0415
@@ -359,7 +392,7 @@ class LiveBench:
                 out = Path(folder) / "shot.h5"
                 began_s = time.monotonic()
                 prepared = prepare(rig, self._devices, self._calibrated)
-                record(rig, self._devices, prepared, out, replace=True, progress=Silent())
+                record(rig, self._devices, prepared, out, replace=True, progress=_Interruptible(self._asked_to_stop))
                 took_s = time.monotonic() - began_s
                 shot = read_shot(out, 0)
             registered = register(shot)

@@ -10,7 +10,6 @@ import pytest
 from gs2ci.core.errors import StorageError
 from gs2ci.core.storage import (
     ShotWriter,
-    check_manifest,
     count_shots,
     read_calibration,
     read_shot,
@@ -184,19 +183,6 @@ def test_changed_pixels_are_found_out_by_their_checksum(path):
     path.write_bytes(data)
     with pytest.raises(StorageError, match="damaged"):
         read_shot(path)
-    with pytest.raises(StorageError, match="changed or damaged"):
-        check_manifest(path)
-
-
-def test_a_manifest_that_is_missing_or_not_one_is_refused(path):
-    manifest = path.with_suffix(".json")
-    for content in ("[]", "{", '{"schema": "other"}'):
-        manifest.write_text(content)
-        with pytest.raises(StorageError, match=r"shot\.json"):
-            check_manifest(path)
-    manifest.unlink()
-    with pytest.raises(StorageError, match="cannot be checked"):
-        check_manifest(path)
 
 
 def test_damaged_bytes_give_a_shot_or_a_typed_error(path, mutations):

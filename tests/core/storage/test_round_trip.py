@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from gs2ci.core.records import CFA_PATTERNS, Shot, Truth
-from gs2ci.core.storage import check_manifest, count_shots, read_shot, write_shots
+from gs2ci.core.storage import count_shots, read_shot, write_shots
+from tests.manifests import assert_manifest_fits
 
 
 def assert_same(a: Shot, b: Shot) -> None:
@@ -83,7 +84,7 @@ def test_any_shot_comes_back_bit_for_bit(shot):
     with tempfile.TemporaryDirectory() as folder:
         path = write_shots(Path(folder) / "shot.h5", [shot])
         assert_same(read_shot(path), shot)
-        check_manifest(path)
+        assert_manifest_fits(path)
 
 
 def test_several_shots_come_back_in_their_order_with_their_own_truth(tmp_path, make_shot):
@@ -128,5 +129,5 @@ def test_a_finished_file_is_replaced_whole_and_its_manifest_with_it(tmp_path, ma
     path = write_shots(tmp_path / "shot.h5", [make_shot()])
     write_shots(path, [make_shot(seed=5)])
     assert read_shot(path).provenance == {"seed": 5}
-    check_manifest(path)
+    assert_manifest_fits(path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["shot.h5", "shot.json"]

@@ -11,6 +11,7 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
+from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.pipeline import Reconstruction
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.registration.register import register
@@ -141,6 +142,28 @@ def test_no_trial_sees_the_pixels_that_judge_it(shot, monkeypatch):
     assert row["heldout_db"] == pytest.approx(-20 * np.log10(rms))
 
 
+@pytest.mark.parametrize("name", ["standard", "half the resolution"])
+def test_a_trial_holds_out_no_pixel_that_registration_averaged(photograph, monkeypatch, name):
+    # The masks were six pixels further right than stated, and other elements lie in the rim.
+    were = np.roll(photograph.masks, 6, axis=2)
+    were[:, :, :6] = np.random.default_rng(6).random(were[:, :, :6].shape) < 0.33
+    coded = np.einsum("nhw,nhwc->hwc", were, photograph.truth.views).astype(np.float32)
+    beside, held_out = replace(photograph, measurement=coded), []
+
+    class Spied(pipeline.Holdout):
+        def __init__(self, shot, pixels):
+            super().__init__(shot, pixels)
+            held_out.append(pixels)
+
+    monkeypatch.setattr(pipeline, "Holdout", Spied)
+    tried(beside, quick(name), seed=1)
+    rim = register(beside, seed=1).averaged
+    # Half the resolution: six columns are three.
+    assert rim.any()
+    assert held_out[0].any()
+    assert not held_out[0][:, : np.flatnonzero(rim.any(axis=0)).size // TRIALS[name].shrink].any()
+
+
 @pytest.mark.parametrize("name", ["decode", "standard", "half the resolution"])
 def test_views_are_judged_through_the_masks_that_registration_found(photograph, name):
     beside = replace(photograph, masks=np.roll(photograph.masks, (1, -1), axis=(1, 2)))
@@ -173,15 +196,15 @@ def test_the_light_during_each_mask_is_judged_and_the_middle_of_it_shown(make_ru
     given = replace(result, views=exposed + np.float32(0.1), exposed_views=exposed)
     asked = []
 
-    def reconstructed(_shot, settings):
-        asked.append(settings.registration.mode)
+    def reconstructed(shot, _settings, registered):
+        asked.append(registered.shot is shot)
         return Reconstruction(given, None)
 
     monkeypatch.setattr(trials, "reconstruct", reconstructed)
     row = tried(shot, TRIALS[name], seed=1)
     assert row["heldout_db"] > 90
     assert row["psnr_db"] == pytest.approx(20, abs=0.01)
-    assert asked == ["off"]  # it is registered already
+    assert asked == [True]  # it is registered already
 
 
 def test_the_time_of_a_trial_includes_its_registration(shot, monkeypatch):

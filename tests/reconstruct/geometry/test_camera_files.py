@@ -116,7 +116,16 @@ def test_a_file_that_does_not_fit_is_named(tmp_path, changed, problem):
         read_cameras(transforms(tmp_path, **changed), 12, SIZE)
 
 
-@pytest.mark.parametrize("spoil", [lambda m: m * 2, lambda m: m * [[-1], [1], [1], [1]], lambda m: m * np.nan])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda m: m * 2,
+        lambda m: m * [[-1], [1], [1], [1]],
+        lambda m: m * np.nan,
+        lambda m: m * [[1], [1], [1], [2]],  # a last row of 0 0 0 2
+        lambda m: m + np.outer([1, 1, 1, 0], [0, 0, 0, 1e13]),  # that far away, float32 has no digits for the scene
+    ],
+)
 def test_matrices_that_are_no_rigid_motions_are_refused(tmp_path, spoil):
     held = nerfstudio_transforms(poses(2), CAMERA, SIZE)
     frame = held["frames"][1]

@@ -102,14 +102,20 @@ def test_the_reverse_order_of_depth_is_a_second_solution_and_is_preferred_less()
     assert displaced._preference(here, here) == 0
 
 
-def test_the_stated_error_is_about_the_true_one():
+@pytest.mark.parametrize(("size", "most"), [((96, 128), 1.6), ((144, 192), 1.3)])
+def test_the_stated_error_is_the_true_one_of_repeated_measurements(monkeypatch, size, most):
+    """Of few blocks, whose halves determine a path worse than by their number, it is up to 1.3 times as large."""
+    monkeypatch.setitem(globals(), "SIZE", size)
+    middle = np.array([[FOCAL_PX, 0, size[1] / 2], [0, FOCAL_PX, size[0] / 2], [0, 0, 1]])
+    monkeypatch.setitem(globals(), "INTRINSICS", middle)
     true, stated = [], []
-    for seed in range(6):
+    for seed in range(14):
         given = blocks(displaced_by(path(), depths(seed), 0.2, seed))
         found = given.motion()
         stated.append(expected_error(given, found, VIEWS // 2))
         true.append(nate(found, path()).nate)
-    assert 0.4 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(true))) < 2.5
+    # Fourteen measurements know the ratio to about 20 %.
+    assert 0.75 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(true))) < most
 
 
 def test_a_camera_that_stays_in_place_has_no_path_error():

@@ -133,6 +133,25 @@ def test_noise_alone_says_nothing(depth):
     assert [ask(readings(views, noise=0.02, seed=seed), flat(depth)) for seed in range(12)] == [[]] * 12
 
 
+@pytest.mark.parametrize("smooth", [0.5, 2.0, 8.0])
+def test_standard_errors_are_those_of_repeated_measurements(smooth):
+    """Of what a plane gains over the map, and over no texture, in noise."""
+    plane, grey = np.array([0.0, 0.0, WALL]), np.full((VIEWS, *SIZE, 1), 0.5, np.float32)
+    gains, errors = [], []
+    for seed in range(40):
+        taken = readings(grey, noise=0.02, seed=seed)
+        asked = plane_evidence._Asked.of(taken, taken.usable)
+        evidence = plane_evidence.PlaneEvidence(taken, grey[0], poses()[REFERENCE], INTRINSICS)
+        evidence.smooth = smooth
+        on_plane = evidence.of_planes(asked, plane[None])[0]
+        over = [one - on_plane for one in (evidence.of_map(asked, flat(WRONG)), evidence.without_texture(asked, plane))]
+        gains.append([gain.mean() for gain in over])
+        errors.append([gain.mean() / plane_evidence._errors(gain) for gain in over])
+    ratio = np.std(gains, axis=0, ddof=1) / np.sqrt(np.mean(np.square(errors), axis=0))
+    # Forty measurements know it to 11 %.
+    assert ((ratio > 0.75) & (ratio < 1.25)).all()
+
+
 def test_a_texture_a_fifth_as_strong_as_the_noise_is_enough():
     found = [ask(readings(wall(texture=0.002, seed=seed), seed=seed), flat(WRONG)) for seed in range(8)]
     assert sum(map(len, found)) >= 6

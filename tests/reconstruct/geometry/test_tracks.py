@@ -8,7 +8,6 @@ from gs2ci.reconstruct.geometry.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks import (
     Tracks,
     TrackSettings,
-    brightened,
     find_corners,
     find_tracks,
     refine_tracks,
@@ -50,19 +49,6 @@ def test_tracks_of_a_dark_scene_are_those_of_a_bright_one(seen, light):
     assert tracks.seen.mean() > bright.seen.mean() - 0.1
     truth = true_positions(dark, tracks.positions[:, tracks.reference])
     assert np.median(np.linalg.norm(tracks.positions - truth, axis=-1)[tracks.seen]) < 0.15
-
-
-def test_only_views_of_a_dark_scene_are_brightened_and_all_alike(seen):
-    views = seen().views
-    assert brightened(views) is views
-    for light in (1e-7, 0.0, np.nan):
-        black = np.full((2, 8, 8, 1), light, np.float32)
-        assert brightened(black) is black
-    dark = views / np.float32(64)
-    dark[0] /= 2
-    ratio = brightened(dark)[dark > 0] / dark[dark > 0]
-    assert ratio.min() == ratio.max() > 16
-    assert np.percentile(brightened(dark), 99) <= 1
 
 
 def test_corners_lie_on_pixel_centres_half_a_pixel_from_the_edge(seen):

@@ -78,6 +78,14 @@ def test_a_colour_model_sees_grey_images_three_times(make_model, views):
     np.testing.assert_allclose(denoise(views, 0.1), 2 * views, rtol=1e-6)
 
 
+def test_a_colour_model_is_told_that_noise_in_grey_images_is_the_same_in_all_channels(make_model, views):
+    shape = ("n", 3, "h", "w")
+    denoise = OnnxDenoiser(make_model(MINUS_SIGMA, image=shape, sigma=(), out=shape))
+    np.testing.assert_allclose(denoise(views, 0.25), views - 0.25 * 3**0.5, atol=1e-6)
+    coloured = np.concatenate([views] * 3, axis=1)
+    np.testing.assert_allclose(denoise(coloured, 0.25), coloured - 0.25, atol=1e-6)
+
+
 def test_a_model_decodes_a_shot(make_model, make_shot):
     """A 3 x 3 mean is a denoiser, if not a good one."""
     mean = numpy_helper.from_array(np.full((1, 1, 3, 3), 1 / 9, np.float32), "mean")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import DeviceError, InputError
 from gs2ci.rig.live import bench as live_bench
 from gs2ci.rig.live.bench import LiveBench
 from gs2ci.rig.opening import load_rig
@@ -223,6 +223,37 @@ def test_a_moving_stage_is_stopped(make_live, monkeypatch, end):
     assert begun_mm < rests_mm < begun_mm + 9.0
     clock.sleep_s(1.0)
     assert stage.positions_mm_at(clock.now_s())["x"] == rests_mm
+
+
+@pytest.mark.parametrize("end", [lambda bench: bench.act("disarm"), lambda bench: bench.close()])
+def test_an_exposure_under_way_is_ended(make_live, monkeypatch, end):
+    bench = make_live()
+    modulator, shares = bench._devices.modulator, []
+
+    def slowly(sequence, progress):
+        for percent in range(100):
+            shares.append(percent)
+            time.sleep(0.02)
+            progress(percent / 100)
+        raise AssertionError("it was not ended")
+
+    monkeypatch.setattr(modulator, "upload", slowly)
+    refused = []
+
+    def take():
+        with pytest.raises(DeviceError, match="a request to disarm came") as error:
+            bench.act("take")
+        refused.append(error)
+
+    taking = threading.Thread(target=take)
+    taking.start()
+    wait_for(bench, lambda view: view.state["armed"] == ["one exposure is taken"] and len(shares) > 2)
+    end(bench)
+    taking.join()
+    assert refused
+    assert len(shares) < 90
+    assert bench.armed == []
+    assert at_rest(bench)
 
 
 def test_one_exposure_is_taken_and_decoded(make_live):
