@@ -17,6 +17,7 @@ from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle, Provenance
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.plan import CaptureSettings
 
 STEP: Final = "check"
 TIME_TOLERANCE: Final = 1e-3
@@ -102,11 +103,24 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
         wholly = len(changed) == len(bundle.sections)
         since = "the calibration" if wholly else f"the measurement of {', '.join(changed)}"
         notes.append(f"the rig file has changed since {since}")
+    if "masks" in bundle and not of_these_times(bundle.sections["masks"], bench.capture):
+        notes.append("the weights of the masks were measured with other times in [capture], and those planned are used")
     dark = bundle.sections.get("dark-flat")
     before, after = None if dark is None else dark.temperature_c, provenance.temperature_c
     if before is not None and after is not None and abs(before - after) > 5:
         notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current has changed")
     return Fit(tuple(misfits), tuple(notes))
+
+
+def times_of(capture: CaptureSettings) -> dict[str, float]:
+    """Return the times, s, on which the weights of the masks depend, as a section states them in its facts."""
+    return {"mask_s": capture.mask_s, "dark_s": capture.dark_s, "margin_s": capture.margin_s}
+
+
+def of_these_times(section: Section, capture: CaptureSettings) -> bool:
+    """Tell whether the weights of a section are those of a capture, as far as it states its times."""
+    slack_s = TIME_TOLERANCE * capture.mask_s
+    return all(abs(float(section.facts.get(name, now)) - now) <= slack_s for name, now in times_of(capture).items())
 
 
 def _said_of_the_bench(rig: str) -> Any:

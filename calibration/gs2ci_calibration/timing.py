@@ -25,7 +25,7 @@ from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Arrangement, Bench, Patterns
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.fitting import needed
+from gs2ci_calibration.fitting import needed, times_of
 from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.plan import Mode
@@ -360,7 +360,7 @@ def _section(bench: Bench, found: TimingEstimate, looks: list[Look]) -> Section:
             "pattern_s": [look.pattern_s for look in looks],
             "frames": bench.options.frames,
             "flicker": found.flicker,
-            "mask_s": bench.capture.mask_s,
+            **times_of(bench.capture),
             "mode": bench.capture.mode.value,
         },
     )

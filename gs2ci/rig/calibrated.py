@@ -17,10 +17,11 @@ from gs2ci.rig.calibrating import TerminalOperator, bench_of, provenance_of
 from gs2ci.rig.opening import Rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.estimates import Section
-from gs2ci_calibration.fitting import STEP, fit
+from gs2ci_calibration.fitting import STEP, fit, of_these_times
 from gs2ci_calibration.frames import Dark, by_colour
 from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
+from gs2ci_drivers.plan import CaptureSettings
 
 
 @dataclass(frozen=True)
@@ -60,27 +61,20 @@ class Calibrated:
         bundle: The bundle, which has masks.
         notes: Remarks on how it fits the bench.
         probe: The comparison of one mask, shown just before the capture, with the bundle; None if that was skipped.
+        weights: The measured share of each mask's time that is exposed, [N]; None if none was measured with the times
+            of the capture.
     """
 
     bundle: Bundle
     notes: tuple[str, ...]
     probe: Probe | None = None
+    weights: F32 | None = None
 
     @property
     def masks(self) -> F32:
         """Get the transmissions in the order shown, [N, H, W] in [0, 1]; 0 at pixels where they are unknown."""
         masks = np.clip(self.bundle.sections["masks"].array("masks"), 0.0, 1.0)
         return np.where(self._known, masks, 0.0).astype(np.float32)
-
-    @property
-    def weights(self) -> F32 | None:
-        """Get the measured share of each mask's time that is exposed, [N]: by light, otherwise from step `timing`."""
-        section, timing = self.bundle.sections["masks"], self.bundle.sections.get("timing")
-        by_light = section.facts.get("weights", "measured") == "measured"
-        same_time = timing is not None and timing.facts.get("mask_s") == section.facts.get("mask_s")
-        if timing is not None and same_time and not by_light and "weights" in timing.estimates:
-            section = timing
-        return section.array("weights").astype(np.float32) if "weights" in section.estimates else None
 
     @property
     def unusable(self) -> Bool:
@@ -236,4 +230,14 @@ def load(
     for note in found.notes:
         progress.say(note)
     seen = probe_mask(bench, masks).require() if probe else None
-    return Calibrated(bundle, found.notes, seen)
+    return Calibrated(bundle, found.notes, seen, _weights(bundle, bench.capture))
+
+
+def _weights(bundle: Bundle, capture: CaptureSettings) -> F32 | None:
+    """Return the weights of the masks with a capture's times: those measured by light, otherwise those of `timing`."""
+    masks, timing = bundle.sections["masks"], bundle.sections.get("timing")
+    by_light = masks.facts.get("weights", "measured") == "measured"
+    for section in (masks,) if by_light else (timing, masks):
+        if section is not None and "weights" in section.estimates and of_these_times(section, capture):
+            return section.array("weights").astype(np.float32)
+    return None

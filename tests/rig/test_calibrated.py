@@ -206,6 +206,21 @@ def test_a_bundle_of_another_set_up_is_refused(rig, tmp_path, before, after, sen
     assert refused.value.reason is Reason.DOES_NOT_FIT
 
 
+@pytest.mark.parametrize(("margin_s", "weights"), [(0.008, None), (0.0, [1, 0.9, 0.8])])
+def test_weights_that_were_measured_with_other_times_give_way_to_the_plan(
+    rig, tmp_path, margin_s, weights, calibrate, loaded
+):
+    path = tmp_path / "bench.cal.h5"
+    masks = calibrate(path).sections["masks"]
+    measured = {**masks.estimates, "weights": Estimate(np.array([1, 0.9, 0.8]), np.full(3, 0.01), "1")}
+    facts = {**masks.facts, "weights": "measured", "dark_s": 0.0, "margin_s": 0.0}
+    write_bundle(path, read_bundle(path).with_section(replace(masks, estimates=measured, facts=facts)))
+    rig.write_text(RIG.replace("mask_s = 0.02", f"mask_s = 0.02\nmargin_s = {margin_s}"))
+    found = loaded(path, probe=False)
+    assert found.weights == pytest.approx(weights) if weights else found.weights is None
+    assert any("those planned are used" in note for note in found.notes) == (weights is None)
+
+
 @pytest.mark.parametrize(
     ("name", "facts", "sentence"),
     [

@@ -14,7 +14,7 @@ from gs2ci.core.arrays import F32
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.fitting import codes_sha256
+from gs2ci_calibration.fitting import codes_sha256, times_of
 from gs2ci_calibration.masks.checks import require_held_out, require_order
 from gs2ci_calibration.masks.measured import MaskSums, MeasuredMasks, estimate_masks
 from gs2ci_calibration.masks.planning import frames_wanted
@@ -178,7 +178,7 @@ def _section(
             "mode": "predicted" if fast else "measured",
             "order": "as sent, checked by image",
             "polarity": "as sent, checked by image",
-            "mask_s": bench.capture.mask_s,
+            **times_of(bench.capture),
             "region": bench.region,
             "weights": "measured" if slots.measured else "planned",
             "lamp_drift": found.lamp.drift,

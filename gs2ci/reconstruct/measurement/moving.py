@@ -95,4 +95,5 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
 def _invertible(moments: F64) -> F64:
     """Return second moments, [..., 2, 2], raised so far that each can be inverted."""
     least = np.maximum(_LEAST_SHARE * np.trace(moments, axis1=-2, axis2=-1), np.finfo(np.float64).tiny)
-    return moments + np.eye(2) * least[..., None, None]
+    raised: F64 = moments + np.eye(2) * least[..., None, None]
+    return raised
