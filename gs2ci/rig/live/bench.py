@@ -86,14 +86,17 @@ class _Interruptible(Silent):
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Raise a DeviceError if the end is requested."""
+        self._end_if_asked()
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Raise a DeviceError if the end is requested."""
+        self._end_if_asked()
+
+    def _end_if_asked(self) -> None:
         if self._asked():
             raise DeviceError(
                 "the exposure was ended: a request to disarm came", remedy="press the button again to take another"
             )
-
-    def step(self, done: int, **figures: float | int | str) -> None:
-        """Raise a DeviceError if the end is requested."""
-        self.stage("")
 
 
 class LiveBench:
@@ -107,7 +110,7 @@ class LiveBench:
         self._rig = rig
         self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._ended = threading.Event()
-        self._stop_moving = threading.Event()  # set while a request to disarm waits
+        self._disarm_waits = threading.Event()  # set while a request to disarm waits
         self._lock = threading.Lock()
         self._view = LiveView()
         self._notes: list[str] = []
@@ -209,7 +212,7 @@ class LiveBench:
                 raise InputError("the bench is closed", remedy="start `gs2ci live` again")
             self._asked.put((do, done))
             if action == "disarm":
-                self._stop_moving.set()
+                self._disarm_waits.set()
         done.result()
 
     def _serve(self) -> None:
@@ -366,7 +369,7 @@ class LiveBench:
 
     def _asked_to_stop(self) -> bool:
         """Tell whether a request to disarm or to close waits."""
-        return self._stop_moving.is_set() or self._ended.is_set()
+        return self._disarm_waits.is_set() or self._ended.is_set()
 
     def _take(self) -> None:
         """Take one coded exposure by the rig file and decode it; afterwards camera and modulator are off.
@@ -414,7 +417,7 @@ class LiveBench:
 
     def _disarm_all(self) -> None:
         """Stop all devices, as requested."""
-        self._stop_moving.clear()
+        self._disarm_waits.clear()
         self._disarm()
 
     def _disarm(self) -> None:
