@@ -18,6 +18,14 @@ from gs2ci.reconstruct.presets.named import PRESETS
 STANDARD = PRESETS["standard"]
 
 
+@pytest.fixture(autouse=True)
+def threads(request, monkeypatch):
+    """Two threads, or as many as a test asks for: which fits are chosen depends on them, not on the machine's own."""
+    count = getattr(request, "param", 2)
+    monkeypatch.setattr(numba, "get_num_threads", lambda: count)
+    return count
+
+
 def timed(iteration_s=0.05, look_s=0.2, moments_per_mask=1.0):
     found = Timed(4, moments_per_mask)
     found._moments_s = [0.0, *(7.0 + iteration_s * np.arange(4))]  # the first one took 7 s
@@ -57,6 +65,7 @@ def test_a_processor_that_others_use_too_makes_the_report_wait():
     assert within.fit(STANDARD, busy)[0].fit.iterations < within.fit(STANDARD, alone)[0].fit.iterations
 
 
+@pytest.mark.parametrize("threads", [1, 2, 3, 4, 16], indirect=True)
 def test_more_time_never_buys_cheaper_fits_or_fewer_iterations_of_the_same():
     order = [PRESETS[rung.preset].fits for rung in reversed(LADDER)]
     found = [chosen(seconds)[0] for seconds in (12, 20, 30, 60, 120, 240, 500, 2000)]
@@ -69,9 +78,8 @@ def test_more_time_never_buys_cheaper_fits_or_fewer_iterations_of_the_same():
 
 
 @pytest.mark.parametrize("seconds", [20.0, 60.0, 300.0])
-@pytest.mark.parametrize("threads", [1, 2, 8])
-def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads, monkeypatch):
-    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+@pytest.mark.parametrize("threads", [1, 2, 8], indirect=True)
+def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads):
     settings, pace, _ = chosen(seconds)
     dearer = settings.fit.gaussians_per_pixel / STANDARD.fit.gaussians_per_pixel
     fit_s = settings.fit.iterations * 0.05 * 1.5 * slower_beside(settings.fits, threads) * dearer
@@ -83,10 +91,14 @@ def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads
     assert pace.total(0) == pytest.approx(settings.fit.iterations, rel=0.1)
 
 
-def test_seconds_that_are_spent_are_spent():
-    late, early = (chosen(120, spent_s=spent_s)[0] for spent_s in (25, 5))
-    assert late.fits == early.fits
-    assert late.fit.iterations < early.fit.iterations
+@pytest.mark.parametrize("seconds", [30, 60, 120])
+@pytest.mark.parametrize("threads", [1, 2, 3, 4, 16], indirect=True)
+def test_seconds_that_are_spent_are_spent(seconds):
+    late = chosen(seconds, spent_s=15.0)[0]
+    less = chosen(seconds - 10.0 / (1 - KEPT_BACK), spent_s=5.0)[0]
+    assert (late.fits, late.fit) == (less.fits, less.fit)
+    early = chosen(seconds, spent_s=5.0)[0]
+    assert (early.fits, early.fit) != (late.fits, late.fit)
 
 
 def polished_in(seconds, polish_s, settings=STANDARD):
