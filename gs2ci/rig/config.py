@@ -54,7 +54,8 @@ class CaptureTable(ConfigTable):
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the random masks."""
     pattern_file: str = ""
-    """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones."""
+    """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones; grey ones need
+    a `bit_depth` that can show them."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
     """Bits of each mask: 1 for binary ones."""
     mask_s: Duration = 0.01
