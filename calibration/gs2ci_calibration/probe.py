@@ -28,6 +28,9 @@ LEAST_PIXELS: Final = 200
 DIFFERENCE_LIMIT: Final = 0.05
 """Largest rms difference from the bundle's prediction, beyond noise: that of a random mask displaced by 0.1 px."""
 SHIFT_LIMIT_PX: Final = 0.1
+STRUCTURED: Final = 0.5
+"""Share of the masks' largest standard deviation over the pixels that the mask to be shown has at least: of one that is
+open everywhere, as the first of Hadamard's, neither the place nor the polarity could be seen."""
 ALIKE: Final = 0.5
 """Correlation from which on a mask of the bundle, or an inverted one, is recognised."""
 
@@ -99,7 +102,7 @@ class Probe:
 
 
 def probe_mask(bench: Bench, masks: Section) -> Probe:
-    """Show the first mask between all off and all on, and compare it with the bundle.
+    """Show the first mask with structure between all off and all on, and compare it with the bundle.
 
     Args:
         bench: The bench, before a scene at rest.
@@ -109,9 +112,11 @@ def probe_mask(bench: Bench, masks: Section) -> Probe:
         CalibrationError: Too little light to decide.
         DriverError: A device failed.
     """
-    stack = _take(bench, 0)
     valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
-    return compare(stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, 0)
+    known, leakage = (masks.array(name).astype(np.float64) for name in ("masks", "contrast"))
+    spreads = np.array([mask[valid].std() for mask in known])
+    index = int(np.argmax(spreads >= STRUCTURED * spreads.max()))
+    return compare(_take(bench, index), known, leakage, valid, index)
 
 
 def compare(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:

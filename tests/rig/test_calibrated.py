@@ -140,6 +140,21 @@ def test_a_modulator_that_moved_since_is_noticed_by_the_probe(rig, tmp_path, cal
     assert loaded(bundle, probe=False).probe is None
 
 
+def test_a_modulator_that_moved_is_noticed_though_the_first_mask_is_open_everywhere(rig, tmp_path, calibrate, loaded):
+    """As the first of Hadamard's masks: it shows neither the place nor the polarity of the others."""
+    codes = np.random.default_rng(0).random((3, 32, 48)) < 0.4
+    codes[0] = True
+    np.save(tmp_path / "codes.npy", codes)
+    mine = RIG.replace("[capture]", '[capture]\npattern_file = "codes.npy"')
+    rig.write_text(mine)
+    bundle = tmp_path / "bench.cal.h5"
+    calibrate(bundle)
+    assert loaded(bundle).probe.mask == 1
+    rig.write_text(mine.replace("right_px = 0.3", "right_px = 0.55"))
+    with pytest.raises(CalibrationError, match=r"mask 1 differs .* moved by \+0\.[12]"):
+        loaded(bundle)
+
+
 def test_check_tells_where_the_modulators_picture_has_gone(rig, tmp_path, calibrate, connected):
     bundle = calibrate(tmp_path / "bench.cal.h5", "dark-flat")
 
