@@ -121,11 +121,11 @@ class TrueSensorTable(ConfigTable):
     full_well_e: Positive | None = None
     """Electrons that a pixel can hold."""
     electrons_per_dn: Positive | None = None
-    """Electrons per step of the reading."""
+    """Electrons per step of a reading of 12 bits, whatever the format."""
     read_noise_e: NotNegative | None = None
     """Standard deviation of the reading in the dark, electrons."""
     black_level_dn: NotNegative | None = None
-    """Reading without light."""
+    """Reading of 12 bits without light, likewise."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
     """Electrons per photon."""
 
