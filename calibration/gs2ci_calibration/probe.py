@@ -46,7 +46,7 @@ class Probe:
         shift_px: Displacement of the modulator's image since calibration, right and down.
         shift_error_px: Standard error of each.
         pixels: How many pixels were lit well enough to be compared.
-        most_alike: The mask of the bundle that it resembles most.
+        most_alike: The mask of the bundle that it resembles most; None if it resembles none.
         off_dn: Mean reading of these pixels with all mirrors off.
         on_dn: And with all mirrors on.
     """
@@ -57,7 +57,7 @@ class Probe:
     shift_px: tuple[float, float]
     shift_error_px: tuple[float, float]
     pixels: int
-    most_alike: int
+    most_alike: int | None
     off_dn: float
     on_dn: float
 
@@ -75,7 +75,7 @@ class Probe:
                 f"mask {self.mask} appears inverted, correlation {self.correlation:.2f}",
                 remedy="check `invert` in [modulator]; then " + remedy,
             )
-        if self.most_alike != self.mask and self.correlation < ALIKE:
+        if self.most_alike not in (None, self.mask) and self.correlation < ALIKE:
             raise CalibrationError(
                 STEP,
                 Reason.WRONG_ORDER,
@@ -83,6 +83,16 @@ class Probe:
                 remedy=remedy,
             )
         if self.difference > DIFFERENCE_LIMIT or self.moved:
+            if self.most_alike is None:  # nor is a displacement then told by the slopes
+                raise CalibrationError(
+                    STEP,
+                    Reason.DOES_NOT_FIT,
+                    f"the picture of mask {self.mask} resembles none of the bundle's masks, correlation "
+                    f"{self.correlation:.2f}: the image of the modulator is turned, mirrored or displaced by half an "
+                    "element or more, or the scene moves",
+                    allowed=f"a correlation of {ALIKE:g} or more",
+                    remedy=f"{remedy}, or leave the probe out with --no-probe before a scene that moves",
+                )
             right, down = self.shift_px
             raise CalibrationError(
                 STEP,
@@ -162,7 +172,7 @@ def compare(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> 
         shift,
         errors,
         int(lit.sum()),
-        int(np.argmax(alike)),
+        int(np.argmax(alike)) if max(alike) >= ALIKE else None,
         float(off[lit].mean()),
         float(on[lit].mean()),
     )

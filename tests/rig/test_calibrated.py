@@ -193,6 +193,28 @@ def test_an_inverted_modulator_and_another_mask_are_told_apart(tmp_path, calibra
     assert refused.value.reason is Reason.WRONG_POLARITY
 
 
+@pytest.mark.parametrize("turned", ["quarter_turns = 2", "mirrored = true"])
+def test_a_turned_modulator_is_not_said_to_show_another_mask(rig, tmp_path, calibrate, loaded, turned):
+    bundle = tmp_path / "bench.cal.h5"
+    calibrate(bundle)
+    rig.write_text(RIG.replace("[world]", f"[world]\n{turned}"))
+    with pytest.raises(
+        CalibrationError, match=r"mask 0 resembles none of the bundle's masks, .*turned, mirrored"
+    ) as refused:
+        loaded(bundle)
+    assert refused.value.reason is Reason.DOES_NOT_FIT
+
+
+def test_a_capture_without_the_probe_says_that_its_masks_are_turned(rig, tmp_path, calibrate, gs2ci, capsys):
+    calibrate(tmp_path / "bench.cal.h5")
+    rig.write_text(RIG.replace("[world]", "[world]\nquarter_turns = 2"))
+    command = ("capture", "--rig", rig, "--calibration", "bench.cal.h5", "--no-probe")
+    assert gs2ci(*command, "-o", "shot.h5") == 0
+    out = capsys.readouterr().out
+    assert "WARNING: shot 1: compared with the bundle, the masks are turned by 180 degrees" in out
+    assert "masks within" not in out
+
+
 def test_the_probe_wants_light(rig, tmp_path, calibrate, loaded):
     bundle = tmp_path / "bench.cal.h5"
     calibrate(bundle)
