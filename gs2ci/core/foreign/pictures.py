@@ -64,6 +64,8 @@ def read_pictures(path: Path) -> Container:
         pages = [page[..., 0] for page in pages]
     values = pages[0] if not path.is_dir() and len(pages) == 1 else np.stack(pages)
     order = f"{len(files)} pictures, {files[0].name} to {files[-1].name}" if len(files) > 1 else ""
+    if files != sorted(files, key=_by_decimals):
+        order += "; WARNING: whole numbers decide, 0.5 before 0.25: rename them if theirs are decimal numbers"
     return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda key: values, note=order)
 
 
@@ -93,6 +95,12 @@ def _in_folder(folder: Path) -> list[Path]:
 def _parts(file: Path) -> list[str]:
     """Split a name so that its numbers stand at the odd places."""
     return re.split(r"([0-9]+)", file.name)
+
+
+def _by_decimals(file: Path) -> list[tuple[float, str]]:
+    """Return what a name is sorted by if its numbers are decimal ones."""
+    parts = re.split(r"([0-9]+(?:\.[0-9]+)?)", file.stem)
+    return [(float(part), "") if k % 2 else (0.0, part) for k, part in enumerate(parts)]
 
 
 def _start(file: Path) -> bytes:

@@ -203,6 +203,25 @@ def test_names_with_digits_of_other_kinds_are_names(tmp_path):
     assert open_foreign(tmp_path).note == "4 pictures, m1²0.png to m²10.png"
 
 
+@pytest.mark.parametrize(
+    ("names", "doubted"),
+    [
+        (("t0.5", "t1.0", "t1.5"), False),
+        (("t0.5", "t0.25", "t0.75"), True),
+        (("mask 9", "mask 10"), False),
+        (("mask1", "mask01a"), False),
+        (("2026.11.28-9", "2026.11.28-10"), False),
+        (("v1.9", "v1.10"), True),
+    ],
+)
+def test_names_whose_decimal_numbers_would_give_another_order_are_doubted(tmp_path, names, doubted):
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.ones((6, 8), np.uint8))
+    note = open_foreign(tmp_path).note
+    assert note.startswith(f"{len(names)} pictures, ")
+    assert ("0.5 before 0.25" in note) == doubted
+
+
 def test_a_picture_that_is_partly_transparent_is_refused(tmp_path):
     picture = np.full((6, 8, 4), 255, np.uint8)
     picture[0, 0, 3] = 0
