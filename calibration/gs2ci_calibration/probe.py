@@ -28,6 +28,9 @@ LEAST_PIXELS: Final = 200
 DIFFERENCE_LIMIT: Final = 0.05
 """Largest rms difference from the bundle's prediction, beyond noise: that of a random mask displaced by 0.1 px."""
 SHIFT_LIMIT_PX: Final = 0.1
+STRUCTURED: Final = 0.5
+"""Share of the masks' largest standard deviation over the pixels that the mask to be shown has at least: of one that is
+open everywhere, as the first of Hadamard's, neither the place nor the polarity could be seen."""
 ALIKE: Final = 0.5
 """Correlation from which on a mask of the bundle, or an inverted one, is recognised."""
 
@@ -43,7 +46,7 @@ class Probe:
         shift_px: Displacement of the modulator's image since calibration, right and down.
         shift_error_px: Standard error of each.
         pixels: How many pixels were lit well enough to be compared.
-        most_alike: The mask of the bundle that it resembles most.
+        most_alike: The mask of the bundle that it resembles most; None if it resembles none.
         off_dn: Mean reading of these pixels with all mirrors off.
         on_dn: And with all mirrors on.
     """
@@ -54,7 +57,7 @@ class Probe:
     shift_px: tuple[float, float]
     shift_error_px: tuple[float, float]
     pixels: int
-    most_alike: int
+    most_alike: int | None
     off_dn: float
     on_dn: float
 
@@ -72,7 +75,7 @@ class Probe:
                 f"mask {self.mask} appears inverted, correlation {self.correlation:.2f}",
                 remedy="check `invert` in [modulator]; then " + remedy,
             )
-        if self.most_alike != self.mask and self.correlation < ALIKE:
+        if self.most_alike not in (None, self.mask) and self.correlation < ALIKE:
             raise CalibrationError(
                 STEP,
                 Reason.WRONG_ORDER,
@@ -80,6 +83,16 @@ class Probe:
                 remedy=remedy,
             )
         if self.difference > DIFFERENCE_LIMIT or self.moved:
+            if self.most_alike is None:  # nor is a displacement then told by the slopes
+                raise CalibrationError(
+                    STEP,
+                    Reason.DOES_NOT_FIT,
+                    f"the picture of mask {self.mask} resembles none of the bundle's masks, correlation "
+                    f"{self.correlation:.2f}: the image of the modulator is turned, mirrored or displaced by half an "
+                    "element or more, or the scene moves",
+                    allowed=f"a correlation of {ALIKE:g} or more",
+                    remedy=f"{remedy}, or leave the probe out with --no-probe before a scene that moves",
+                )
             right, down = self.shift_px
             raise CalibrationError(
                 STEP,
@@ -99,7 +112,7 @@ class Probe:
 
 
 def probe_mask(bench: Bench, masks: Section) -> Probe:
-    """Show the first mask between all off and all on, and compare it with the bundle.
+    """Show the first mask with structure between all off and all on, and compare it with the bundle.
 
     Args:
         bench: The bench, before a scene at rest.
@@ -109,9 +122,11 @@ def probe_mask(bench: Bench, masks: Section) -> Probe:
         CalibrationError: Too little light to decide.
         DriverError: A device failed.
     """
-    stack = _take(bench, 0)
     valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
-    return compare(stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, 0)
+    known, leakage = (masks.array(name).astype(np.float64) for name in ("masks", "contrast"))
+    spreads = np.array([mask[valid].std() for mask in known])
+    index = int(np.argmax(spreads >= STRUCTURED * spreads.max()))
+    return compare(_take(bench, index), known, leakage, valid, index)
 
 
 def compare(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:
@@ -157,7 +172,7 @@ def compare(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> 
         shift,
         errors,
         int(lit.sum()),
-        int(np.argmax(alike)),
+        int(np.argmax(alike)) if max(alike) >= ALIKE else None,
         float(off[lit].mean()),
         float(on[lit].mean()),
     )

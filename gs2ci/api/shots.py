@@ -280,10 +280,10 @@ def _given(name: str, value: ArrayOrFile) -> "Array | None":
         return None
     if isinstance(value, str | Path):
         return load_single(Path(value))
-    held = value.detach().cpu() if hasattr(value, "detach") else value
     try:
+        held = value.detach().cpu() if hasattr(value, "detach") else value
         return Array(name, np.asarray(held, dtype=np.float64))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated
         raise InputError(
             f"{name} is {type(value).__name__}, no array of numbers: {error}", allowed="an array, or the path of a file"
         ) from error

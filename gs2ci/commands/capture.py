@@ -116,13 +116,16 @@ def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> 
         moved = how_far_moved(read_shot(out, index), prepared.calibrated.bundle)
         if moved is None:
             said = f"shot {index + 1} does not show where its masks were"
+        elif moved.otherwise:
+            remedy = "run `gs2ci calibrate registration` and `masks` again"
+            said = f"WARNING: shot {index + 1}: compared with the bundle, the masks {moved.otherwise}; {remedy}"
         elif moved.too_far:
             off = f"{moved.largest_px:.2f} ± {moved.error_px:.2f} px; the bundle allows"
             remedy = "`gs2ci calibrate update` corrects this"
             said = f"WARNING: shot {index + 1}: masks are displaced by up to {off} {moved.allowed_px:.2f} px; {remedy}"
         else:
             said = f"shot {index + 1}: masks within {max(moved.largest_px, 3 * moved.error_px):.2f} px of the bundle's"
-        style = "bold red" if moved is not None and moved.too_far else None
+        style = "bold red" if said.startswith("WARNING") else None
         console.print(said, markup=False, highlight=False, soft_wrap=True, style=style)
 
 

@@ -96,7 +96,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         InputError: The file cannot be read or is not TOML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' editors put a byte order mark in front
         tables = tomllib.loads(text)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({reason_of(error)})", remedy="check the path") from error

@@ -225,9 +225,9 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
         given = getattr(record, name)
         if given is None and name in left_out:
             continue
-        # A tensor may be part of a graph, or be on a device.
-        held = given.detach().cpu() if hasattr(given, "detach") else given
         try:
+            # A tensor may be part of a graph, or be on a device.
+            held = given.detach().cpu() if hasattr(given, "detach") else given
             found = np.asarray(held)
             # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
             if found.dtype.kind not in "biuf":
@@ -235,7 +235,7 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
             if np.ma.is_masked(held):
                 raise TypeError("some of its numbers are masked")
             taken = np.require(found, kind, ("C", "W"))
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated
             raise InputError(
                 f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",
                 allowed="a numpy array, a torch tensor, or nested lists of real numbers",
@@ -306,11 +306,12 @@ def _check_masks(shot: Shot) -> None:
     _finite("masks", masks, "set every mask to 0 at these pixels: they are then left out")
     if masks.min() < 0 or masks.max() > 1:
         raise InputError(
-            f"masks reach from {masks.min():.4g} to {masks.max():.4g}",
+            f"masks reach from {masks.min():.9g} to {masks.max():.9g}",
             allowed="transmissions in [0, 1]",
             remedy="set what lies below 0 to 0, if it is the noise of a calibration"
             if masks.min() < 0
-            else "import with --mask-scale set to the reading of a fully open mask",
+            else "divide them by the reading of a fully open mask (`gs2ci import --mask-scale`), and set what then "
+            "lies above 1 to 1, if it is noise",
         )
     if not masks.any():
         raise InputError("all masks are zero", remedy="check that the masks were exposed and saved")

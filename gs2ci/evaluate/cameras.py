@@ -12,10 +12,15 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
 from gs2ci.core.colmap import pycolmap
+from gs2ci.core.errors import StorageError
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.evaluate.whole_folder import view_names
 
 CAMERA_ID: Final = 1
+_POINTS_NAME: Final = "points3D.bin"
+# A point without observations: number, x y z, colour, error, length of its track (COLMAP's scripts/python/
+# read_write_model.py); before all of them their count.
+_POINT_BYTES: Final = 8 + 3 * 8 + 3 + 8 + 8
 
 
 def nerfstudio_transforms(
@@ -78,6 +83,9 @@ def write_colmap_model(
         points: [P, 3], scene units.
         colors: [P, 3], clamped to [0, 1].
         distortion: As for `nerfstudio_transforms`; with it the camera is a FULL_OPENCV one, otherwise a PINHOLE.
+
+    Raises:
+        StorageError: The disk refuses.
     """
     # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
     bent = [] if distortion is None else [*distortion, 0.0, 0.0, 0.0]
@@ -99,6 +107,12 @@ def write_colmap_model(
         )
     _add_points(model, points.astype(np.float64), np.round(255 * np.clip(colors, 0, 1)).astype(np.uint8))
     model.write_binary(folder)
+    # pycolmap does not say that the disk has refused; the points are written last.
+    if (folder / _POINTS_NAME).stat().st_size != 8 + _POINT_BYTES * len(points):
+        raise StorageError(
+            f"{folder / _POINTS_NAME} cannot be written: not all of its {len(points)} points are in it",
+            remedy="check the free space and the permissions",
+        )
 
 
 def _add_points(model: Any, points: F64, colors: Sequence[Any] | Any) -> None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import StorageError, reason_of
@@ -131,8 +132,21 @@ def write_pictures(folder: Path, views: F32) -> None:
     folder.mkdir()
     for name, view in zip(view_names(len(views)), views, strict=True):
         eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
-        if not cv2.imwrite(str(folder / name), eight_bit[..., ::-1]):
-            raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
+        write_png(folder / name, eight_bit[..., ::-1])
+
+
+def write_png(path: Path, pixels: NDArray[Any]) -> None:
+    """Write pixels as OpenCV orders them, [H, W] or [H, W, C] of 8 or 16 bits, as a PNG.
+
+    Raises:
+        StorageError: The disk refuses. OpenCV's own writing reports a picture that a full disk has cut as written.
+    """
+    try:
+        path.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+    except OSError as error:
+        raise StorageError(
+            f"{path.name} cannot be written: {reason_of(error)}", remedy="check the free space and the permissions"
+        ) from error
 
 
 def view_names(count: int) -> list[str]:

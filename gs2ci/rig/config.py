@@ -54,7 +54,8 @@ class CaptureTable(ConfigTable):
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the random masks."""
     pattern_file: str = ""
-    """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones."""
+    """An .npy file beside the rig file with mask codes [N, h, w] in 0 to 1, used instead of random ones; grey ones need
+    a `bit_depth` that can show them."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
     """Bits of each mask: 1 for binary ones."""
     mask_s: Duration = 0.01
@@ -120,11 +121,11 @@ class TrueSensorTable(ConfigTable):
     full_well_e: Positive | None = None
     """Electrons that a pixel can hold."""
     electrons_per_dn: Positive | None = None
-    """Electrons per step of the reading."""
+    """Electrons per step of a reading of 12 bits, whatever the format."""
     read_noise_e: NotNegative | None = None
     """Standard deviation of the reading in the dark, electrons."""
     black_level_dn: NotNegative | None = None
-    """Reading without light."""
+    """Reading of 12 bits without light, likewise."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
     """Electrons per photon."""
 

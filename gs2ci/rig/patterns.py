@@ -5,6 +5,7 @@ measuring the masks as the sensor sees them (`gs2ci_calibration`).
 """
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from gs2ci.core.arrays import F32, U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import load_single
 from gs2ci.rig.config import CaptureTable, RegistrationTable
+
+MOST_ROUNDED: Final = 0.05
+"""Transmissions are rounded to the nearest level that a mask of the stated depth can show, by no more than this. Beyond
+it, grey masks would be shown as other ones: at one bit as binary ones."""
 
 
 def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
@@ -27,7 +32,17 @@ def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
     """
     top = 2**table.bit_depth - 1
     if table.pattern_file:
-        return np.asarray(np.rint(_read_codes(folder / table.pattern_file, size) * top), dtype=np.uint16)
+        shares = _read_codes(folder / table.pattern_file, size)
+        levels = np.rint(shares * top)
+        rounded = float(np.abs(levels / top - shares).max())
+        if rounded > MOST_ROUNDED:
+            raise InputError(
+                f"pattern_file {table.pattern_file} holds levels that bit_depth = {table.bit_depth} in [capture] "
+                f"cannot show: they would be rounded by up to {rounded:.2g}",
+                allowed=f"multiples of 1/{top}, or rounding by up to {MOST_ROUNDED:g}",
+                remedy="set bit_depth = 8 in [capture] for grey masks, or round the masks yourself",
+            )
+        return np.asarray(levels, dtype=np.uint16)
     rng = np.random.default_rng(np.random.SeedSequence(table.seed))
     shape = (table.masks, *size)
     is_open = rng.random(shape) < table.density

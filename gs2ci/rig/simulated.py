@@ -219,13 +219,17 @@ def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effec
 
 
 def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
-    """Return the sensor's true figures: those of the rig file unless [world.sensor] states others."""
+    """Return the sensor's true figures: those of the rig file unless [world.sensor] states others.
+
+    Those of [world.sensor] and of the result are at 12 bits, those of [sensor] in readings of its format.
+    """
     default, true = Sensor(), table.sensor
-    black = rig.sensor.black_level_dn if true.black_level_dn is None else true.black_level_dn
+    steps = 2.0 ** (default.bits - (rig.sensor.bits or default.bits))
+    black, stated = rig.sensor.black_level_dn * steps, rig.sensor.electrons_per_dn
     return Sensor(
         full_well_e=true.full_well_e or rig.sensor.full_well_e or default.full_well_e,
-        electrons_per_dn=true.electrons_per_dn or rig.sensor.electrons_per_dn or default.electrons_per_dn,
-        black_level_dn=black,
+        electrons_per_dn=true.electrons_per_dn or (default.electrons_per_dn if stated is None else stated / steps),
+        black_level_dn=black if true.black_level_dn is None else true.black_level_dn,
         read_noise_e=default.read_noise_e if true.read_noise_e is None else true.read_noise_e,
         quantum_efficiency=true.quantum_efficiency or default.quantum_efficiency,
     )

@@ -150,11 +150,14 @@ class MasksMoved:
         largest_px: Largest displacement among the middle and the corners of the registered region; 0 if none was found.
         error_px: Standard error of the shift.
         allowed_px: The limit by the registration error that the bundle states.
+        otherwise: In words, how they lie or follow each other otherwise than in the bundle; the displacement is then
+            that of masks which do so. Empty if they do not.
     """
 
     largest_px: float
     error_px: float
     allowed_px: float
+    otherwise: str = ""
 
     @property
     def too_far(self) -> bool:
@@ -181,7 +184,9 @@ def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
         return None
     corners = np.linalg.norm(found.misfit.placement.displacement_px(part.size), axis=1)
     error = float(np.hypot(values["down_px"][1], values["right_px"][1]))
-    return MasksMoved(float(corners.max()), error, _stated_error_px(bundle))
+    said = [f"are {found.orientation}"] * (found.orientation != "as given")
+    said += [f"begin with mask {found.first_mask + 1}"] * (found.first_mask > 0)
+    return MasksMoved(float(corners.max()), error, _stated_error_px(bundle), " and ".join(said))
 
 
 def values_of(found: "Registered") -> dict[str, tuple[float, float]]:

@@ -160,7 +160,8 @@ class BenchLight:
         if (height, width) != self.scene.size:
             raise InputError(
                 f"a sensor of {height} x {width} before a scene for {self.scene.size[0]} x {self.scene.size[1]}",
-                remedy="set the same height and width in [sensor] and [world]",
+                remedy="set the same height and width in [sensor] and [world], and leave binning out of "
+                "[sensor.features]: a simulated scene is of single pixels",
             )
         seed = self._seed_of(exposure)
         rig = self._rig(exposure)

@@ -21,6 +21,7 @@ from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
 from gs2ci.evaluate.report import GeometrySection
+from gs2ci.evaluate.whole_folder import write_pictures
 from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
 from tests.evaluate.reports import GEOMETRY
@@ -127,6 +128,15 @@ def test_a_disk_that_fills_up_is_told_and_leaves_nothing(run, small_files, tmp_p
     with pytest.raises(StorageError, match="cannot be written"):
         gs2ci.export(run, to, folder / exports.NAMES[to])
     assert list(folder.iterdir()) == []
+
+
+def test_a_picture_that_the_disk_cuts_is_told(small_files, tmp_path):
+    """OpenCV's own writing says that it is written."""
+    views = np.random.default_rng(0).random((2, 64, 64, 3), np.float32)
+    with pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
+        write_pictures(tmp_path / "views", views)
+    with pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
+        depth_files.write_depth_png(tmp_path, views[..., 0])
 
 
 def test_depth_as_png_and_exr(run):

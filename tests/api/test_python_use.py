@@ -38,6 +38,12 @@ def test_what_holds_no_numbers_is_refused():
     for other in (np.ones((6, 8, 1)) * 1j, np.array(None), np.array([None, 1]), [["1", "2"]]):
         with pytest.raises(gs2ci.InputError, match=r"masks of a shot is .*allowed: .* nested lists of real numbers"):
             gs2ci.Shot(np.ones((6, 8, 1)), other)
+    ones = torch.ones(4, 6, 8)
+    for other in (ones.to("meta"), ones.to_sparse(), ones.bfloat16(), torch._neg_view(ones)):
+        with pytest.raises(gs2ci.InputError, match=r"masks of a shot is Tensor, no array of numbers: .*torch tensor"):
+            gs2ci.Shot(np.ones((6, 8, 1)), other)
+        with pytest.raises(gs2ci.InputError, match="--truth is Tensor, no array of numbers"):
+            gs2ci.import_file("measurement.npz", truth=other)
     with pytest.raises(gs2ci.InputError, match="--poses is object"):
         gs2ci.import_file("measurement.npz", poses=object())
 

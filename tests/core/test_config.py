@@ -3,7 +3,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from gs2ci.core.config import MOST_TOLD, ConfigTable, read_settings
+from gs2ci.core.config import MOST_TOLD, ConfigTable, read_settings, read_toml
 from gs2ci.core.errors import InputError
 
 
@@ -78,6 +78,14 @@ def test_of_many_mistakes_the_first_are_named_and_the_others_counted(tmp_path):
         read(tmp_path, "".join(f"key{i} = 1\n" for i in range(20)) + '[pet]\nkind = "cat"')
     assert len(caught.value.problem.splitlines()) == 1 + MOST_TOLD + 1
     assert caught.value.problem.endswith(f"and {20 - MOST_TOLD} more like these")
+
+
+def test_files_of_windows_editors_are_read(tmp_path):
+    """With a byte order mark in front, and carriage returns."""
+    text = 'name = "Größe"  # in einem Kommentar: µ\n'
+    (tmp_path / "plain.toml").write_bytes(text.encode())
+    (tmp_path / "windows.toml").write_bytes(text.replace("\n", "\r\n").encode("utf-8-sig"))
+    assert read_toml(tmp_path / "windows.toml") == read_toml(tmp_path / "plain.toml") == ({"name": "Größe"}, text)
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):

@@ -124,6 +124,13 @@ def test_masks_beyond_their_range_are_refused_with_what_helps(shot, value, remed
     assert remedy in refused.value.remedy
 
 
+def test_masks_hardly_above_one_are_told_with_enough_digits(shot):
+    masks = shot.masks.copy()
+    masks[0, 0, 0] = np.nextafter(np.float32(1), np.float32(2))
+    with pytest.raises(InputError, match=r"masks reach from .* to 1\.00000012"):
+        replace(shot, masks=masks).check()
+
+
 def test_masks_that_let_next_to_nothing_through_are_refused(shot):
     with pytest.raises(InputError, match="no mask lets through more than"):
         replace(shot, masks=shot.masks * np.float32(1e-7)).check()

@@ -1,3 +1,5 @@
+import resource
+
 import numpy as np
 import pycolmap
 import pytest
@@ -5,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.errors import StorageError
 from gs2ci.core.lens import distorted, pixels_of
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.evaluate.whole_folder import view_names
@@ -71,6 +74,20 @@ def test_a_lens_is_told_to_both_programs(tmp_path):
     camera = pycolmap.Reconstruction(tmp_path).cameras[1]
     expected = pixels_of(distorted(ahead[:2], lens), INTRINSICS)
     assert camera.img_from_cam(ahead) == pytest.approx(expected)
+
+
+def test_a_disk_that_refuses_a_part_of_the_points_is_told(tmp_path):
+    """pycolmap does not tell: the limit on the size of files is met in the middle of the points."""
+    points = np.random.default_rng(0).random((400, 3)).astype(np.float32)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, hard))
+    try:
+        with pytest.raises(StorageError, match=r"points3D\.bin cannot be written: not all of its 400 points"):
+            write_colmap_model(tmp_path, random_poses(0), INTRINSICS, (40, 60), points=points, colors=points)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    write_colmap_model(tmp_path, random_poses(0), INTRINSICS, (40, 60), points=points, colors=points)
+    assert len(pycolmap.Reconstruction(tmp_path).points3D) == 400
 
 
 def test_colours_are_clamped_and_rounded(tmp_path):

@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -70,7 +71,10 @@ def test_nothing_is_not_written(tmp_path):
 
 
 def test_a_picture_that_cannot_be_written_leaves_nothing(tmp_path, decoded, monkeypatch):
-    monkeypatch.setattr(cv2, "imwrite", lambda *_: False)
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(StorageError, match="cannot be written"):
         write_decoded(tmp_path / "out", [decoded])
     assert not list(tmp_path.iterdir())

@@ -294,7 +294,10 @@ def test_an_interruption_while_the_folders_change_places_leaves_one_whole(tmp_pa
 
 
 def test_a_picture_that_cannot_be_written_is_an_error(tmp_path, make_run, scene, monkeypatch):
-    monkeypatch.setattr(cv2, "imwrite", lambda *_: False)
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(StorageError, match=r"view_000\.png cannot be written"):
         write_run(tmp_path / "run", *make_run(), scene)
     assert names(tmp_path) == set()

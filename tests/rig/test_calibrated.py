@@ -140,6 +140,21 @@ def test_a_modulator_that_moved_since_is_noticed_by_the_probe(rig, tmp_path, cal
     assert loaded(bundle, probe=False).probe is None
 
 
+def test_a_modulator_that_moved_is_noticed_though_the_first_mask_is_open_everywhere(rig, tmp_path, calibrate, loaded):
+    """As the first of Hadamard's masks: it shows neither the place nor the polarity of the others."""
+    codes = np.random.default_rng(0).random((3, 32, 48)) < 0.4
+    codes[0] = True
+    np.save(tmp_path / "codes.npy", codes)
+    mine = RIG.replace("[capture]", '[capture]\npattern_file = "codes.npy"')
+    rig.write_text(mine)
+    bundle = tmp_path / "bench.cal.h5"
+    calibrate(bundle)
+    assert loaded(bundle).probe.mask == 1
+    rig.write_text(mine.replace("right_px = 0.3", "right_px = 0.55"))
+    with pytest.raises(CalibrationError, match=r"mask 1 differs .* moved by \+0\.[12]"):
+        loaded(bundle)
+
+
 def test_check_tells_where_the_modulators_picture_has_gone(rig, tmp_path, calibrate, connected):
     bundle = calibrate(tmp_path / "bench.cal.h5", "dark-flat")
 
@@ -176,6 +191,28 @@ def test_an_inverted_modulator_and_another_mask_are_told_apart(tmp_path, calibra
     with pytest.raises(CalibrationError, match="appears inverted") as refused:
         loaded(bundle)
     assert refused.value.reason is Reason.WRONG_POLARITY
+
+
+@pytest.mark.parametrize("turned", ["quarter_turns = 2", "mirrored = true"])
+def test_a_turned_modulator_is_not_said_to_show_another_mask(rig, tmp_path, calibrate, loaded, turned):
+    bundle = tmp_path / "bench.cal.h5"
+    calibrate(bundle)
+    rig.write_text(RIG.replace("[world]", f"[world]\n{turned}"))
+    with pytest.raises(
+        CalibrationError, match=r"mask 0 resembles none of the bundle's masks, .*turned, mirrored"
+    ) as refused:
+        loaded(bundle)
+    assert refused.value.reason is Reason.DOES_NOT_FIT
+
+
+def test_a_capture_without_the_probe_says_that_its_masks_are_turned(rig, tmp_path, calibrate, gs2ci, capsys):
+    calibrate(tmp_path / "bench.cal.h5")
+    rig.write_text(RIG.replace("[world]", "[world]\nquarter_turns = 2"))
+    command = ("capture", "--rig", rig, "--calibration", "bench.cal.h5", "--no-probe")
+    assert gs2ci(*command, "-o", "shot.h5") == 0
+    out = capsys.readouterr().out
+    assert "WARNING: shot 1: compared with the bundle, the masks are turned by 180 degrees" in out
+    assert "masks within" not in out
 
 
 def test_the_probe_wants_light(rig, tmp_path, calibrate, loaded):

@@ -5,6 +5,7 @@ import types
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
@@ -43,6 +44,40 @@ def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulato
         assert devices.sensor.connect().formats
         assert devices.stage.connect().axes
         devices.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "form", "bits"),
+    [
+        ("v4l2", "GREY", 8),
+        ("v4l2", "Y10", 10),
+        ("v4l2", "RG12", 12),
+        ("v4l2", "Y16", 16),
+        ("v4l2", "", 12),
+        ("genicam", "Mono8", 8),
+        ("genicam", "Mono10p", 10),
+        ("genicam", "BayerRG12p", 12),
+        ("genicam", "", 12),
+    ],
+)
+def test_figures_of_a_simulated_sensor_are_in_readings_of_its_format(kind, form, bits):
+    """Black level and full well are read as the rig file states them, whatever the depth."""
+    black_dn, full_well_e = 2.0 ** (bits - 6), 9_000.0
+    sensor = {"kind": kind, "format": form, "black_level_dn": black_dn, "full_well_e": full_well_e}
+    table = {
+        "modulator": {"kind": "scpi"},
+        "sensor": sensor | {"electrons_per_dn": full_well_e / (0.75 * 2**bits)},
+        "world": {"height": 8, "width": 16, "scene": "planes", "devices": "ideal", "noise": False},
+    }
+    bench = build_bench(RigTable.model_validate(table))
+    end_s = bench.world.clock.now_s()
+    bench.light.look_at_nothing()
+    dark = bench.world.integrate(end_s - 0.01, end_s, height=8, width=16, bits=bits)
+    assert np.abs(dark - black_dn).max() <= 0.5
+    assert bench.light._sensor_of(bits).dn_from_electrons(full_well_e) == pytest.approx(black_dn + 0.75 * 2**bits)
+    stated = table | {"world": table["world"] | {"sensor": {"black_level_dn": 100.0, "electrons_per_dn": 2.0}}}
+    true = build_bench(RigTable.model_validate(stated)).light._sensor_of(12)
+    assert (true.black_level_dn, true.electrons_per_dn) == (100.0, 2.0)
 
 
 def test_packages_cannot_take_the_kind_of_a_built_in_device():

@@ -47,6 +47,23 @@ def test_pattern_files_that_cannot_be_used_are_refused(tmp_path, content, compla
         draw_codes(CaptureTable(pattern_file="codes.npy"), (4, 4), tmp_path)
 
 
+@pytest.mark.parametrize("bit_depth", [1, 2, 3, 4, 8])
+def test_grey_codes_are_shown_as_they_are_or_refused(tmp_path, bit_depth):
+    """With one bit, the default, grey masks would silently become binary ones."""
+    top = 2**bit_depth - 1
+    table = CaptureTable(pattern_file="codes.npy", bit_depth=bit_depth)
+    levels = np.random.default_rng(0).integers(0, top + 1, (2, 4, 4))
+    np.save(tmp_path / "codes.npy", levels / top)
+    assert np.array_equal(draw_codes(table, (4, 4), tmp_path), levels)
+    grey = np.random.default_rng(1).random((2, 40, 40))
+    np.save(tmp_path / "codes.npy", grey)
+    if 0.5 / top <= 0.05:
+        assert np.abs(draw_codes(table, (40, 40), tmp_path) / top - grey).max() <= 0.05
+    else:
+        with pytest.raises(InputError, match=rf"bit_depth = {bit_depth} in \[capture\] cannot show.*set bit_depth = 8"):
+            draw_codes(table, (40, 40), tmp_path)
+
+
 def test_masks_are_centred_with_their_superpixels_and_closed_around(tmp_path):
     codes = draw_codes(CaptureTable(masks=2, density=0.9), (10, 20), tmp_path)
     laid = on_modulator(codes, RegistrationTable(superpixel=3), (60, 100))

@@ -143,3 +143,14 @@ def test_how_far_masks_moved_is_said_with_what_the_bundle_promises(path, masks):
     loose = bundle.with_section(Section("registration", {"sensor_from_modulator": affine}))
     assert not how_far_moved(shot_through(warped(masks, right_px=0.5), masks)[1], loose).too_far
     assert how_far_moved(shot_through(masks, masks, light=0.0)[1], bundle) is None
+    assert not far.otherwise
+
+
+def test_masks_that_are_turned_or_in_another_order_are_not_said_to_be_where_the_bundle_has_them(path, masks):
+    """Their displacement is that of the turned ones, and small."""
+    bundle = read_bundle(path)
+    turned = how_far_moved(shot_through(masks[:, ::-1, ::-1], masks)[1], bundle)
+    assert not turned.too_far
+    assert turned.otherwise.startswith("are turned by 180")
+    other = how_far_moved(shot_through(np.roll(masks, 2, axis=0), masks)[1], bundle)
+    assert other.otherwise.startswith("begin with mask ")

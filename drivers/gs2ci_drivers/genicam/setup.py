@@ -251,17 +251,18 @@ class GenicamSetup:
         return height, width
 
     def _set_size(self, name: str, wanted: int) -> int:
-        if not wanted:
-            wanted = _largest(self._features, name)
         limits = self._limits(name)
-        if (wanted - limits.low) % limits.step or not limits.low <= wanted <= limits.high:
-            nearest = limits.low + round((wanted - limits.low) / limits.step) * limits.step
-            nearest = min(max(nearest, limits.low), limits.high)
+        step = limits.step or 1.0
+        # A sensor's own size need not be one of the camera's steps.
+        most = (limits.high - limits.low) // step
+        wanted = wanted or int(limits.low + most * step)
+        if (wanted - limits.low) % step or not limits.low <= wanted <= limits.high:
+            nearest = limits.low + min(max(round((wanted - limits.low) / step), 0), most) * step
             raise OutOfRangeError(
                 self._device,
                 f"{name} = {wanted}",
                 asked="configure",
-                allowed=f"{limits.low:g} to {limits.high:g} by {limits.step:g}",
+                allowed=f"{limits.low:g} to {limits.high:g} by {step:g}",
                 remedy=f"the nearest is {nearest:g}: set `{name.lower()}` in [sensor]",
             )
         return int(self._features.write(name, wanted))

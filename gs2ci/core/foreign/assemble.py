@@ -124,7 +124,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     views = work.true_views()
     cfa = work.colour_filter_array(views)
     full = work.full_scale(views, cfa, traced)
-    saturated = pixels.clipped(stored, options.saturation, guesses)
+    saturated = pixels.clipped(stored, options.saturation, coding.multiplicity, guesses)
     matrix = work.intrinsics()
     lens = work.distortion(matrix)
     true_poses, telemetry = work.true_poses(), work.poses("telemetry")

@@ -1,11 +1,12 @@
-"""Reading .mat of version 7.3, which is HDF5, with axes as MATLAB users see them.
+"""Reading .mat of version 7.3, which is HDF5, with axes as MATLAB users see them; and HDF5 files of other programs.
 
-MATLAB stores arrays column by column and its HDF5 files name the axes in that order, so arrays are transposed here. No
-link is followed.
+MATLAB stores arrays column by column, and its files list the axes in that order. Beside each array it writes its class,
+`MATLAB_class`; such arrays are transposed here. Those without it have the axes of the file, as h5py shows them. No link
+is followed.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -16,9 +17,16 @@ from gs2ci.core.foreign.container import ENTRY_LIMIT, ArrayEntry, Container, che
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.limits import DEFLATE_LIMIT
 
+_CLASS: Final = "MATLAB_class"
+# Among programs that write no class, those that count axes from the other end cannot be told from h5py.
+_NOT_BY_SAVE: Final = (
+    "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them; MATLAB's h5write and Julia "
+    "reverse them: save -v7.3 there, or reverse them before writing"
+)
+
 
 def read_mat73(path: Path) -> Container:
-    """Open a MATLAB file of version 7.3.
+    """Open a MATLAB file of version 7.3, or another HDF5 file.
 
     Raises:
         InputError: Damaged, an array larger than the file can hold, or one that lies in another file.
@@ -31,7 +39,9 @@ def read_mat73(path: Path) -> Container:
         if len(file) > ENTRY_LIMIT:
             raise InputError(f"{path}: {len(file)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
         entries = {key: _entry73(path, file, key) for key in file if not key.startswith("#")}
-    return Container(path, entries, lambda key: _load73(path, key))
+        arrays = (file[key] for key, entry in entries.items() if entry.kind == "number")
+        note = "" if all(_CLASS in array.attrs for array in arrays) else _NOT_BY_SAVE
+    return Container(path, entries, lambda key: _load73(path, key), note)
 
 
 def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
@@ -40,10 +50,12 @@ def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
     node = file[key]
     if not isinstance(node, h5py.Dataset):
         return ArrayEntry((), "a MATLAB struct")
-    shape = tuple(reversed(node.shape or ()))
+    shape = tuple(node.shape or ())
+    if _CLASS in node.attrs:
+        shape = shape[::-1]
     if node.is_virtual or node.external:
         return ArrayEntry(shape, "a link")
-    kind = node.attrs.get("MATLAB_class", b"")
+    kind = node.attrs.get(_CLASS, b"")
     if kind == b"char":
         check_bytes(f"{path}, key {key!r}", shape, node.dtype.itemsize, 2**16, expansion=1)
         return ArrayEntry(shape, "text")
@@ -57,7 +69,8 @@ def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
 
 def _load73(path: Path, key: str) -> NDArray[Any]:
     with h5py.File(path, "r") as file:
-        values = np.asarray(file[key][()]).T
-        if file[key].attrs.get("MATLAB_class", b"") == b"char":
+        values, kind = np.asarray(file[key][()]), file[key].attrs.get(_CLASS)
+        values = values if kind is None else values.T
+        if kind == b"char":
             return np.asarray("".join(map(chr, values.reshape(-1))))
     return values.astype(values.dtype.newbyteorder("="), copy=False)

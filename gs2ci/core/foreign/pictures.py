@@ -6,7 +6,7 @@ Numbers are taken as they are stored: 8 or 16 bits, or floating point.
 import math
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +26,8 @@ _TIFF: Final = {
     b"II+\0": ("<Q", "<Q", 20),
     b"MM\0+": (">Q", ">Q", 20),
 }
+# Numbers of tags: 0 as white or black, and whether the colours lie side by side (1) or in separate planes (2).
+_PHOTOMETRIC, _PLANES = _LAYOUT = (262, 284)
 SIGNATURES: Final = (b"\x89PNG\r\n\x1a\n", *_TIFF, b"BM", b"P5")
 JPEG: Final = b"\xff\xd8\xff"
 
@@ -62,22 +64,43 @@ def read_pictures(path: Path) -> Container:
         pages = [page[..., 0] for page in pages]
     values = pages[0] if not path.is_dir() and len(pages) == 1 else np.stack(pages)
     order = f"{len(files)} pictures, {files[0].name} to {files[-1].name}" if len(files) > 1 else ""
+    if files != sorted(files, key=_by_decimals):
+        order += "; WARNING: whole numbers decide, 0.5 before 0.25: rename them if theirs are decimal numbers"
     return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda key: values, note=order)
 
 
 def _in_folder(folder: Path) -> list[Path]:
-    """List a folder's pictures so that mask10.png follows mask9.png; other files are passed over."""
+    """List a folder's pictures so that mask10.png follows mask9.png; files with other endings are passed over.
+
+    Raises:
+        InputError: There is none, or a file that is none has the ending of one, such as a picture that was cut to 0
+            bytes: without it every later mask would stand in another's place.
+    """
     with damage_as_input_error(str(folder)):
-        files = [file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".")]
-        files = [file for file in files if is_picture(_start(file))]
+        there = [file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".")]
+        files = [file for file in there if is_picture(_start(file))]
     if not files:
         raise InputError(f"{folder}: no picture in this folder", allowed="PNG, TIFF, BMP or PGM")
+    endings = {file.suffix.lower() for file in files}
+    for file in sorted(set(there) - set(files)):
+        if file.suffix.lower() in endings:
+            raise InputError(
+                f"{file}: no picture, though its name ends as theirs do",
+                allowed="PNG, TIFF, BMP or PGM",
+                remedy="it is empty, damaged or of another kind: copy it or save it again, or take it out",
+            )
     return sorted(files, key=lambda file: [(int(part), "") if part.isdecimal() else (0, part) for part in _parts(file)])
 
 
 def _parts(file: Path) -> list[str]:
     """Split a name so that its numbers stand at the odd places."""
     return re.split(r"([0-9]+)", file.name)
+
+
+def _by_decimals(file: Path) -> list[tuple[float, str]]:
+    """Return what a name is sorted by if its numbers are decimal ones."""
+    parts = re.split(r"([0-9]+(?:\.[0-9]+)?)", file.stem)
+    return [(float(part), "") if k % 2 else (0.0, part) for k, part in enumerate(parts)]
 
 
 def _start(file: Path) -> bytes:
@@ -98,37 +121,72 @@ def _pages(file: Path) -> list[NDArray[Any]]:
         found, pages = cv2.imdecodemulti(stored, cv2.IMREAD_UNCHANGED)
         if not found or not all(math.prod(page.shape) for page in pages):
             raise InputError(f"{file}: no picture can be read in it", remedy="save it again as PNG or TIFF")
+        layouts = _layouts(stored.data)
         # OpenCV leaves out, without a word, the pages from the first one on that it cannot read.
-        if len(pages) < _pages_named(stored.data):
+        if len(pages) < len(layouts):
             raise InputError(
                 f"{file}: {len(pages)} page(s) can be read, but its list of pages does not end there",
                 allowed="a whole file",
                 remedy="it was cut off or is damaged: copy it or save it again",
             )
+        for page, layout in zip(pages, layouts, strict=False):
+            _check_layout(file, np.asarray(page), layout)
     return [_in_order(file, np.asarray(page)) for page in pages]
 
 
-def _pages_named(stored: memoryview) -> int:
-    """Count the pages that a TIFF's chain of directories names, and one more where the chain leads out of the file.
+def _check_layout(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> None:
+    """Refuse what OpenCV mixes up without a word if a number has more than 8 bits.
 
-    Each directory is a count of entries, the entries, and the link to the next directory, 0 after the last one; the
-    first link is the last field of the header. Other kinds of files name none.
+    Raises:
+        InputError: The colours lie in separate planes, which it reads as if they lay side by side; or 0 is white,
+            which it ignores.
+    """
+    if page.dtype == np.uint8:
+        return
+    if page.ndim == 3 and layout.get(_PLANES, 1) != 1:
+        raise InputError(
+            f"{file}: a TIFF of {page.dtype} whose colours lie in separate planes",
+            allowed="the colours of a pixel side by side, or one page for each mask",
+            remedy='save it again as [H, W, 3]; masks page by page (tifffile: photometric="minisblack"); or as .npy',
+        )
+    if page.ndim == 2 and layout.get(_PHOTOMETRIC, 1) == 0:
+        raise InputError(
+            f"{file}: a TIFF of {page.dtype} that counts from white, so that 0 is the brightest",
+            allowed="numbers that grow with the light (photometric interpretation: black is zero)",
+            remedy="invert it and save it again, or as .npy",
+        )
+
+
+def _layouts(stored: memoryview) -> list[dict[int, int]]:
+    """Return how the numbers of each page lie that a TIFF's chain of directories names, by the tags `_LAYOUT`.
+
+    One more, empty, where the chain leads out of the file. Each directory is a count of entries, the entries (tag,
+    type, count, value), and the link to the next directory, 0 after the last one; the first link is the last field of
+    the header. Other kinds of files name none.
     """
     link, count, entry_bytes = _TIFF.get(bytes(stored[:4]), ("", "", 0))
     if not link:
-        return 0
-    places: set[int] = set()
+        return []
+    found: dict[int, dict[int, int]] = {}
     at = struct.calcsize(link)
+    short, value_at = link[0] + "H", entry_bytes - struct.calcsize(link)
     try:
         while place := struct.unpack_from(link, stored, at)[0]:
             (entries,) = struct.unpack_from(count, stored, place)
-            if place in places:
+            if place in found:
                 break
-            places.add(place)
-            at = place + struct.calcsize(count) + entries * entry_bytes
+            first = place + struct.calcsize(count)
+            at = first + entries * entry_bytes
+            found[place] = {}
+            struct.unpack_from(link, stored, at)
+            starts = range(first, at, entry_bytes)
+            tags = {struct.unpack_from(short, stored, start)[0]: start for start in starts}
+            found[place] = {
+                tag: struct.unpack_from(short, stored, tags[tag] + value_at)[0] for tag in _LAYOUT if tag in tags
+            }
     except (struct.error, OverflowError):
-        return len(places) + 1
-    return len(places)
+        return [*found.values(), {}]
+    return list(found.values())
 
 
 @contextmanager

@@ -14,9 +14,15 @@ BadPixels = Literal["refuse", "median"]
 LARGEST: Final = 1e15
 # More than this share of mended pixels is no longer a measurement with a few dead ones.
 MOST_BAD: Final = 0.1
-# Highest code of the usual converters, and the share of readings there that only clipping explains.
-TOP_CODES: Final = (255, 1023, 4095, 16383, 65535)
+# Highest code of the usual converters, of 10, 12 and 14 bits also as the high bits of 16; and the share of readings
+# there that only clipping explains.
+TOP_CODES: Final = (255, 1023, 4095, 16383, 65472, 65520, 65532, 65535)
 PILE_UP: Final = 5e-4
+# Elsewhere readings count as piled up at the largest if so many are there, and no fewer than close below it.
+_FEWEST_PILED: Final = 10
+_CLOSE_BELOW: Final = 0.95
+# Behind masks that differ by less, a white scene gives equal readings.
+_SAME_MULTIPLICITY: Final = 0.01
 # Highlights may clip; a picture that clips over more than this was exposed for too long.
 MANY_CLIPPED: Final = 0.05
 
@@ -75,12 +81,14 @@ def _mend_plane(plane: F64, offset: float, multiplicity: F64) -> None:
             plane[row, column] = offset
 
 
-def clipped(readings: F64, said: float | None, guesses: list[str]) -> Bool | None:
+def clipped(readings: F64, said: float | None, multiplicity: F64, guesses: list[str]) -> Bool | None:
     """Find readings that say only «at least».
 
     Args:
         readings: As stored, before any offset, [K, H, W, C].
-        said: Level from which readings are clipped; 0: none is; None: guess from a pile-up at a top code.
+        said: Level from which readings are clipped; 0: none is; None: guess from a pile-up at a top code. One at
+            another level, as after the subtraction of a black level, is only pointed out.
+        multiplicity: a(p) = Σ wᵢ Mᵢ(p), [H, W].
         guesses: Sentences are added here.
 
     Returns:
@@ -96,6 +104,7 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> Bool | Non
         high = float(readings.max())
         piled = int((readings == high).sum())
         if high not in TOP_CODES or piled < max(2.0, PILE_UP * readings.size):
+            _doubt_largest(readings, high, multiplicity, guesses)
             return None
         level = high
     if level == 0:
@@ -106,3 +115,19 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> Bool | Non
         f"{warning}{int(found.sum())} pixels ({found.mean():.2g} of all) at {level:.6g} or above count as clipped"
     )
     return found if found.any() else None
+
+
+def _doubt_largest(readings: F64, high: float, multiplicity: F64, guesses: list[str]) -> None:
+    """Say so if readings pile up at the largest one, which is no converter's highest code, as clipped ones do."""
+    there = readings == high
+    count = int(there.sum())
+    close = int((readings >= _CLOSE_BELOW * high).sum()) - count
+    open_there = multiplicity[there.any(axis=(0, 3))]
+    if high <= 0 or count < max(_FEWEST_PILED, PILE_UP * readings.size, close):
+        return
+    if np.ptp(open_there) > _SAME_MULTIPLICITY * open_there.max():
+        guesses.append(
+            f"WARNING: {count} readings ({count / readings.size:.2g} of all) are exactly {high:.6g}, the largest, "
+            f"behind different numbers of open masks, as clipped ones are: give --saturation {high!r} if they are, or "
+            "--saturation 0 if they are exact"
+        )

@@ -136,9 +136,9 @@ class ShotWriter:
             if self._sync:
                 self._disk.sync()
         except (OSError, RuntimeError, ValueError) as error:
+            before = f"; save the rows before it with `gs2ci recover {self.partial}`" if row else ""
             raise StorageError(
-                f"{self.partial}: row {row} cannot be written: {error}",
-                remedy=f"free the disk; save the {row} rows before it with `gs2ci recover {self.partial}`",
+                f"{self.partial}: row {row} cannot be written: {error}", remedy=f"free the disk{before}"
             ) from error
         self.rows_written = row + 1
         return row

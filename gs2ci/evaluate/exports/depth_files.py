@@ -6,12 +6,12 @@ Here: `write_depth_png`, `write_depth_exr`. Not here: where depth comes from.
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.json_text import as_json
+from gs2ci.evaluate.whole_folder import write_png
 
 TOP: Final = 65_535
 SCALE_NAME: Final = "depth.json"
@@ -34,8 +34,7 @@ def write_depth_png(folder: Path, depth: F32) -> float:
     for index, view in enumerate(depth):
         # A depth keeps a reading above 0, however small it is.
         reading = np.where(view > 0, np.maximum(np.round(view / step), 1), 0).astype(np.uint16)
-        if not cv2.imwrite(str(folder / f"depth_{index:03d}.png"), reading):
-            raise StorageError(f"{folder} cannot be written", remedy="check the free space and the permissions")
+        write_png(folder / f"depth_{index:03d}.png", reading)
     (folder / SCALE_NAME).write_text(as_json({"unit_per_step": step, "unknown": 0, "views": len(depth)}))
     return step
 

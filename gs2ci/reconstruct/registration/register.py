@@ -14,6 +14,7 @@ from pydantic import Field
 
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.bounds import Bounded
+from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
@@ -144,9 +145,10 @@ def register(
         The corrected measurement; the same shot object if nothing is corrected.
 
     Raises:
-        InputError: The settings make no sense.
+        InputError: The settings make no sense, or the shot is the frame of a single mask.
     """
     settings, progress = (settings or RegistrationSettings()).check(), progress or Silent()
+    _check_coded(shot)
     if settings.mode == "off":
         return Registered(shot)
     progress.stage("registration")
@@ -154,6 +156,21 @@ def register(
     for note in found.notes:
         progress.say(note.advice)
     return found
+
+
+def _check_coded(shot: Shot) -> None:
+    """Refuse a frame that was taken with `mode = "per-mask"`: it is not the sum over the masks beside which it lies.
+
+    Raises:
+        InputError: It is such a frame.
+    """
+    mask = shot.provenance.get("mask_index")
+    if mask is not None and shot.views > 1:
+        raise InputError(
+            f"{shot.name} is the frame of a single mask (mask_index {mask} of {shot.views}), in which nothing is coded",
+            allowed='exposures that span all masks: mode = "per-exposure" or "gate" in [capture]',
+            remedy="capture again in such a mode",
+        )
 
 
 class _Registration:

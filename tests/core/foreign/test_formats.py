@@ -52,6 +52,27 @@ def test_every_format_gives_the_same_shot(tmp_path, scene, form):
     assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
 
 
+def test_hdf5_files_of_other_programs_keep_their_axes(tmp_path, scene, said):
+    """h5py writes no class beside an array: its picture, camera and poses stay as they are."""
+    made = scene()
+    camera = np.array([[60.0, 0, 21.0], [0, 61.0, 13.0], [0, 0, 1]])
+    poses = np.tile(np.eye(4), (len(made.masks), 1, 1))
+    poses[:, :3, 3] = np.random.default_rng(0).random((len(poses), 3))
+    with h5py.File(tmp_path / "file.h5", "w") as file:
+        for key, values in (("meas", made.meas), ("masks", made.masks), ("K", camera), ("w2c", poses)):
+            file[key] = values
+    imported = import_shots(tmp_path / "file.h5", None, ImportOptions())
+    (shot,) = imported.shots
+    assert np.array_equal(shot.measurement, made.meas.astype(np.float32))
+    assert np.array_equal(shot.masks, made.masks)
+    assert np.array_equal(shot.intrinsics, camera)
+    assert np.array_equal(shot.truth.world_to_camera, poses)
+    assert said(imported, "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them")
+    assert not said(imported, "transposed")
+    save_mat73(tmp_path / "file.mat", meas=made.meas, masks=made.masks)
+    assert not said(import_shots(tmp_path / "file.mat", None, ImportOptions()), "without MATLAB's classes")
+
+
 def test_a_pair_of_npy_files_gives_the_shot(tmp_path, scene):
     made = scene()
     np.save(tmp_path / "meas.npy", made.meas)

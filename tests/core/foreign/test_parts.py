@@ -157,6 +157,42 @@ def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
     assert np.array_equal(told.saturated, (meas >= 100)[..., 0])
 
 
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_a_pile_up_at_the_top_code_in_the_high_bits_counts_as_clipped(scene, take, bits):
+    made = scene(n=8, height=40, width=50, channels=1)
+    top = 2**bits - 1
+    meas = np.minimum(np.rint(made.meas * top / 3), top).astype(np.uint16)
+    assert (meas == top).sum() > 0
+    shot = take(meas=meas << (16 - bits), mask=made.masks).shots[0]
+    assert np.array_equal(shot.saturated, (meas == top)[..., 0])
+
+
+@pytest.mark.parametrize("level", [4031.0, 1.0, 0.1])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_pile_up_at_another_level_is_pointed_out_with_an_option_that_works(scene, take, said, level, channels):
+    """Readings without their black level, or divided by their largest one, no longer end at a converter's code."""
+    made = scene(n=8, height=40, width=50, channels=channels)
+    meas = np.minimum(made.meas / np.quantile(made.meas, 0.98), 1) * level
+    imported = take(meas=meas, mask=made.masks)
+    assert imported.shots[0].saturated is None
+    assert said(imported, f"are exactly {level:.6g}, the largest, behind different numbers of open masks")
+    words = next(guess for guess in imported.guesses if "are exactly" in guess).split()
+    stated = take(ImportOptions(saturation=float(words[words.index("--saturation") + 1])), meas=meas, mask=made.masks)
+    assert np.array_equal(stated.shots[0].saturated, (meas == level).any(axis=2))
+    exact = take(ImportOptions(saturation=0.0), meas=meas, mask=made.masks)
+    assert exact.shots[0].saturated is None
+    assert not said(exact, "are exactly")
+
+
+@pytest.mark.parametrize("steps", [0, 20, 255])
+def test_a_white_scene_and_coarse_readings_are_not_said_to_be_clipped(take, said, scene, steps):
+    made = scene(n=8, height=60, width=80, channels=1)
+    white = np.minimum(made.views / np.quantile(made.views, 0.05), 1)
+    meas = np.einsum("nhw,nhwc->hwc", made.masks, white) if steps == 0 else np.rint(made.meas * steps / 5)
+    assert (meas == meas.max()).sum() >= (10 if steps == 0 else 1)
+    assert not said(take(meas=meas, mask=made.masks), "are exactly")
+
+
 @pytest.mark.parametrize("level", [np.nan, np.inf, -1.0])
 def test_a_level_of_clipping_that_is_no_reading_is_refused(scene, take, level):
     made = scene(channels=1)

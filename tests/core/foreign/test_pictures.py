@@ -5,6 +5,7 @@ import struct
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
@@ -33,6 +34,17 @@ def test_a_frame_and_a_folder_of_masks_are_a_measurement_in_the_order_of_their_n
     assert np.array_equal(shot.masks, made.masks)
     assert np.abs(shot.measurement - made.meas).max() < 1 / 4095
     assert said(imported, "masks: 12 pictures, mask0.png to mask11.png")
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 100, b"GIF89a"])
+@pytest.mark.parametrize("name", ["mask3.png", "mask3.PNG"])
+def test_a_mask_that_is_no_picture_is_not_passed_over(laboratory, name, content):
+    """The masks after it would otherwise be taken for those before them."""
+    frame, folder, _ = laboratory
+    (folder / "mask3.png").unlink()
+    (folder / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{name}: no picture, though its name ends as theirs do"):
+        import_shots(frame, folder, ImportOptions(scale=4095.0))
 
 
 def test_the_pages_of_a_tiff_are_masks(laboratory, tmp_path):
@@ -140,6 +152,42 @@ def test_a_tiff_that_was_cut_anywhere_is_refused(tmp_path, order, big, pictures_
     assert counted
 
 
+ODD_LAYOUTS = {
+    "planes": {"photometric": "rgb", "planarconfig": "separate"},
+    "tiled planes": {"photometric": "rgb", "planarconfig": "separate", "tile": (16, 16)},
+    "from white": {"photometric": "miniswhite"},
+}
+
+
+@pytest.mark.parametrize("form", [{}, {"bigtiff": True}, {"byteorder": ">"}])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64])
+@pytest.mark.parametrize("layout", ODD_LAYOUTS)
+def test_numbers_that_opencv_mixes_up_are_refused(tmp_path, layout, dtype, form):
+    """Of more than 8 bits it reads planes as if colours lay side by side, and forgets that 0 is white."""
+    colours = np.random.default_rng(0).integers(0, 120, (3, 24, 32)).astype(dtype)
+    planes = "planes" in layout
+    for pages in (1, 2):
+        one = colours if planes else colours[0]
+        tifffile.imwrite(
+            tmp_path / "a.tif", np.stack([one] * pages)[0 if pages == 1 else ...], **ODD_LAYOUTS[layout], **form
+        )
+        if dtype == np.uint8 and layout != "tiled planes":
+            values = open_foreign(tmp_path / "a.tif").load("").values
+            assert np.array_equal(
+                values if pages == 1 else values[1], np.moveaxis(colours, 0, 2) if planes else 255 - one
+            )
+        else:
+            with pytest.raises(
+                InputError, match="separate planes.*side by side|no picture" if planes else "counts from white"
+            ):
+                open_foreign(tmp_path / "a.tif")
+    if planes:  # the remedies
+        tifffile.imwrite(tmp_path / "a.tif", np.moveaxis(colours, 0, 2), photometric="rgb", **form)
+        assert np.array_equal(open_foreign(tmp_path / "a.tif").load("").values, np.moveaxis(colours, 0, 2))
+        tifffile.imwrite(tmp_path / "a.tif", colours, photometric="minisblack", **form)
+        assert np.array_equal(open_foreign(tmp_path / "a.tif").load("").values, colours)
+
+
 def test_a_tiff_whose_directories_lead_in_a_circle_is_no_endless_one(tmp_path):
     pages = list(np.random.default_rng(0).integers(0, 256, (2, 6, 8), np.uint8))
     whole = tiff(pages, "<", big=False, pictures_first=True)
@@ -153,6 +201,25 @@ def test_names_with_digits_of_other_kinds_are_names(tmp_path):
     for name in ("m1²0.png", "m1²1.png", "m²10.png", "m²9.png"):
         (tmp_path / name).write_bytes(cv2.imencode(".png", np.ones((6, 8), np.uint8))[1])
     assert open_foreign(tmp_path).note == "4 pictures, m1²0.png to m²10.png"
+
+
+@pytest.mark.parametrize(
+    ("names", "doubted"),
+    [
+        (("t0.5", "t1.0", "t1.5"), False),
+        (("t0.5", "t0.25", "t0.75"), True),
+        (("mask 9", "mask 10"), False),
+        (("mask1", "mask01a"), False),
+        (("2026.11.28-9", "2026.11.28-10"), False),
+        (("v1.9", "v1.10"), True),
+    ],
+)
+def test_names_whose_decimal_numbers_would_give_another_order_are_doubted(tmp_path, names, doubted):
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.ones((6, 8), np.uint8))
+    note = open_foreign(tmp_path).note
+    assert note.startswith(f"{len(names)} pictures, ")
+    assert ("0.5 before 0.25" in note) == doubted
 
 
 def test_a_picture_that_is_partly_transparent_is_refused(tmp_path):

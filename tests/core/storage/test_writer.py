@@ -307,8 +307,9 @@ def test_a_refusing_disk_is_a_storage_error_that_names_the_row(tmp_path, header,
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(writer._file, "flush", full, raising=False)
-        with pytest.raises(StorageError, match="row 0 cannot be written"):
+        with pytest.raises(StorageError, match="row 0 cannot be written") as refused:
             writer.append(np.zeros((6, 8), np.uint16))
+        assert refused.value.remedy == "free the disk"  # there is no row that could be saved
         with pytest.raises(StorageError, match=r"event 'fault' cannot be written.*free the disk"):
             writer.event("fault")
         assert writer.rows_written == 0

@@ -174,6 +174,22 @@ def test_a_size_that_the_camera_would_change_is_refused_with_the_nearest():
         one.sensor.configure(SensorConfig(width=42, height=32))
 
 
+@pytest.mark.parametrize(
+    ("asked", "nearest"), [((47, 60), 46), ((1, 60), 4), ((200, 60), 46), ((46, 61), 60), ((46, 5), 8)]
+)
+def test_the_nearest_size_is_taken_also_where_the_sensors_own_is_none(asked, nearest):
+    """A sensor of 47 x 61 pixels in steps of 2 and 4."""
+    one = bench(GenicamModel(trigger_line=LINE, height=47, width=61))
+    height, width = asked
+    with pytest.raises(OutOfRangeError, match=rf"the nearest is {nearest}: set `(height|width)`") as refused:
+        one.sensor.configure(SensorConfig(height=height, width=width))
+    name = "height" if "`height`" in refused.value.remedy else "width"
+    mended = {"height": height, "width": width} | {name: nearest}
+    assert getattr(one.sensor.configure(SensorConfig(**mended)).format, name) == nearest
+    whole = one.sensor.configure(SensorConfig()).format
+    assert (whole.height, whole.width) == (46, 60)
+
+
 def test_the_delay_that_is_set_and_the_latency_that_is_known_are_in_the_exposure_and_in_the_settings():
     model = GenicamModel(trigger_line=LINE, latency_s=20e-6)
     one = bench(model, trigger_delay_s=3e-3, trigger_latency_s=20e-6)

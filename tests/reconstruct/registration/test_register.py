@@ -29,6 +29,16 @@ def test_off_asks_nothing(bench):
     assert register(shot, RegistrationSettings(mode="off")).shot is shot
 
 
+@pytest.mark.parametrize("settings", [RegistrationSettings(), RegistrationSettings(mode="off")])
+def test_the_frame_of_a_single_mask_is_refused(bench, settings):
+    """As captures with mode = "per-mask" write them: beside all masks, of which the frame has seen one."""
+    shot = replace(bench.shoot(), provenance={"mode": "per-mask", "mask_index": 2})
+    with pytest.raises(InputError, match=r'single mask \(mask_index 2 of .*nothing is coded.*mode = "per-exposure"'):
+        register(shot, settings)
+    alone = replace(shot, masks=shot.masks[:1], weights=shot.weights[:1])
+    assert register(alone, RegistrationSettings(mode="off")).shot is alone
+
+
 @pytest.mark.parametrize("moved", [(0.25, 0.0), (0.5, -0.35), (-3.6, 5.3), (17.0, -9.5)])
 def test_a_shift_is_found_to_a_hundredth_of_a_pixel(bench, moved):
     were = warped(bench.masks, down_px=moved[0], right_px=moved[1])
