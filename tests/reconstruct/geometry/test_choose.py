@@ -224,6 +224,19 @@ def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_
     assert same_path(found, scene.poses, 1e-6)
 
 
+@pytest.mark.parametrize(("stretched", "taken"), [((1, 1, 1, 1, 1), "stage"), ((1.6, 0.4, 1, 1.6, 0.4), "tracks")])
+def test_a_stage_that_tracks_bear_out_stands_whatever_its_depths_leave(
+    request_for, scene, monkeypatch, stretched, taken
+):
+    poses = scene.poses.copy()
+    poses[:, :3, 3] *= np.array(stretched)[:, None]
+    left = {"stage": 0.06, "tracks": 0.05}
+    monkeypatch.setattr(choose, "unexplained", lambda shot, views, geometry, lens: left[geometry.source])
+    found = find("auto", request_for(telemetry_world_to_camera=poses))
+    assert found.source == taken
+    assert (Code.STAGE_NOT_TAKEN in [note.code for note in found.notes]) == (taken == "tracks")
+
+
 def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_tracks(request_for, scene):
     """The stage reports its outer places too far and its inner ones too near."""
     late = scene.poses.copy()
