@@ -120,9 +120,15 @@ def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_s
     assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics).loosened()
 
 
-def test_how_exact_a_file_is_nobody_knows(request_for, camera_file):
+def test_a_files_poses_are_held_as_closely_as_a_stages_but_settle_no_order(request_for, camera_file, scene):
     found = find(camera_file(), request_for())
-    assert (found.pose_errors, found.order_given) == (None, False)
+    assert not found.order_given
+    assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics)
+    late = scene.poses.copy()
+    late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
+    contradicted = find(camera_file(poses=late), request_for())
+    assert (contradicted.verdict, contradicted.pose_errors.contradicted) == ("full", True)
+    assert reversed_geometry(found).pose_errors is None
 
 
 def test_a_stage_that_reported_nothing_is_an_error(request_for):
