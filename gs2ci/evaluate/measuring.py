@@ -3,8 +3,9 @@
 Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
 
 The standard error combines the errors of the two depths, each a share of the spread along the ray of the light whose
-median is the depth, and of the places within a pixel, on a surface as slanted as the neighbours say. Errors common to
-all depths are not included: those of the unit and of the path.
+median is the depth, those of the places within a pixel, on a surface as slanted as the neighbours say, and, in the unit
+of given poses, the error of all lengths together that follows from small turns of the cameras. Other errors common to
+all depths are not included: those of the unit, of the focal length and of the places of the cameras.
 """
 
 from dataclasses import dataclass
@@ -14,9 +15,11 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
+from gs2ci.reconstruct.geometry.telemetry import errors_of_given
 
 # The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
 # surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).
@@ -91,8 +94,25 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     direction = line / length if length > 0 else None
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
-    error = float(np.sqrt(sum(variances)))
+    error = float(np.hypot(np.sqrt(sum(variances)), length * _error_of_scale(run)))
     return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit)
+
+
+def _error_of_scale(run: FinishedRun) -> float:
+    """Return the standard error, as a share, of all lengths together in the unit of given poses; 0 in any other unit.
+
+    A turn that the prior on given poses allows moves the picture as travel past a nearer scene does. Of N cameras at t
+    from their mean, turns by independent errors of sigma change inverse depths by sigma / (sum t^2)^(1/2); travel along
+    the line of sight moves a picture as no turn does.
+    """
+    if run.report.geometry is None or run.report.geometry.unit_of is None or run.depth is None:
+        return 0.0
+    poses, middle = run.world_to_camera, len(run.world_to_camera) // 2
+    centres = camera_centres(poses) @ poses[middle, :3, :3].T
+    aside, along = np.split(np.square(centres - centres.mean(axis=0)).sum(axis=0), [2])
+    turn, known = errors_of_given(poses, run.intrinsics).rotation, run.depth[middle][run.depth[middle] > 0]
+    travel = float(aside.sum() + along.sum())
+    return turn * float(np.median(known)) * float(np.sqrt(aside.sum())) / travel if travel > 0 and known.size else 0.0
 
 
 def _slopes(depth: F32, column: int, row: int) -> F64:

@@ -48,6 +48,40 @@ def test_the_standard_error_is_that_of_repeated_measurements(wall):
     assert stated.standard_error == pytest.approx(expected, rel=0.05)
 
 
+def along_a_line(wall, way, unit_of="stage", count=8):
+    """The wall seen by cameras along a line, whose poses were given."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, 3] = np.linspace(-0.2, 0.2, count)[:, None] * way
+    geometry = wall.report.geometry.model_copy(update={"unit_of": unit_of})
+    report = wall.report.model_copy(update={"geometry": geometry})
+    maps = {
+        name: np.repeat(getattr(wall, name)[:1], count, axis=0)
+        for name in ("depth", "depth_spread", "depth_confidence")
+    }
+    return replace(wall, report=report, world_to_camera=poses, **maps)
+
+
+def test_turns_of_given_cameras_make_all_lengths_in_their_unit_unsure(wall):
+    rng, ends, turn = np.random.default_rng(0), ((2, 24), (60, 24)), 0.1 / 70.4
+    run = along_a_line(wall, (1.0, 0, 0))
+    stated = measure(run, *ends, 4).standard_error
+    alone = measure(along_a_line(wall, (1.0, 0, 0), unit_of=None), *ends, 4)
+    # The inverse depth of the wall by least squares, from pictures that the cameras' turns displace.
+    travel = run.world_to_camera[:, 0, 3]
+    seen = 0.25 * travel + turn * rng.standard_normal((4000, len(travel)))
+    scales = 4 * (seen @ (travel - travel.mean())) / np.square(travel - travel.mean()).sum()
+    assert stated == pytest.approx(np.hypot(alone.standard_error, alone.length * scales.std()), rel=0.05)
+    assert stated > 1.2 * alone.standard_error
+
+
+@pytest.mark.parametrize("way", [(0, 0, 1.0), (0, 0, 0)])
+def test_no_turn_looks_like_travel_along_the_line_of_sight(wall, way):
+    errors = [
+        measure(along_a_line(wall, way, unit_of), (2, 24), (60, 24), 4).standard_error for unit_of in ("file", None)
+    ]
+    assert errors[0] == errors[1]
+
+
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
 def test_the_places_within_pixels_lie_on_the_surface_as_it_is_slanted(wall, tilt_deg):
     normal, at_4 = np.array([np.sin(np.radians(tilt_deg)), 0.0, np.cos(np.radians(tilt_deg))]), np.array([0, 0, 4.0])

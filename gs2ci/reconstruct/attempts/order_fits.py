@@ -46,7 +46,9 @@ class OrderFits:
         # The measurement alone judges: surfaces estimated from the views of either order would confirm that order. And
         # it judges the depths as they are: with steps that move them fast, a wrong order soon leaves hardly more.
         short = shortened(self.settings.fit)
-        settings = replace(short, surfaces=None, relief=None, steps=replace(short.steps, in_view=None))
+        # The poses of both orders are free: a reversal is only near its minimum.
+        steps, poses = replace(short.steps, in_view=None), replace(short.poses, given_weight=0.0)
+        settings = replace(short, surfaces=None, relief=None, steps=steps, poses=poses)
         at, start = self._beginning(geometry)
         member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
         try:

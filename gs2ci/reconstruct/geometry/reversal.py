@@ -33,13 +33,13 @@ def reversed_geometry(geometry: Geometry) -> Geometry:
     """Return a geometry with its order of depth reversed: inverse depths reflected at their median, the path reversed.
 
     Exact for a distant scene and a small motion; for others it is a start for an adjustment. Depths of further views
-    are left out.
+    and standard errors of given poses are left out.
     """
     depth = geometry.inverse_depth.astype(np.float64)
     c = 2 * float(np.median(depth))
     reflected = np.maximum(c - depth, FARTHEST * c / 2).astype(np.float32)
     poses = reversed_poses(geometry.world_to_camera, c)
-    return replace(geometry, world_to_camera=poses, inverse_depth=reflected, view_depths=())
+    return replace(geometry, world_to_camera=poses, inverse_depth=reflected, view_depths=(), pose_errors=None)
 
 
 def reversed_poses(world_to_camera: F64, c: float) -> F64:

@@ -60,16 +60,25 @@ def _with_errors(found: Geometry, error: float | None) -> Geometry:
     Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
     the reversal requires.
     """
+    return replace(_held(found, error), order_given=True) if found.verdict == "full" else found
+
+
+def _held(found: Geometry, error: float | None = None) -> Geometry:
+    """Add the standard errors of given poses, within which the fit refines them.
+
+    Without them a fit of a small motion exchanges turning for travel, which views hardly show.
+
+    Args:
+        found: With given poses.
+        error: Standard error of positions in their unit; None if it is not stated.
+    """
     if found.verdict != "full":
         return found
-    contradicted = found.tracks > 0 and found.pose_errors is None
-    if contradicted:
-        # If tracks contradict the poses, they contradict the stage's stated error too.
-        errors = errors_of_given(found.world_to_camera, found.intrinsics).loosened()
-        return replace(found, order_given=True, pose_errors=errors)
+    if found.tracks > 0 and found.pose_errors is None:
+        # If tracks contradict the poses, they contradict the stated error too.
+        return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics).loosened())
     position = None if error is None or found.unit is None else error / found.unit
-    errors = errors_of_given(found.world_to_camera, found.intrinsics, position)
-    return replace(found, order_given=True, pose_errors=errors)
+    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
 
 
 @dataclass(frozen=True)
@@ -165,8 +174,7 @@ class FromFile:
             found = swept_between_points(request, cameras, found)
         elif not found.tracks:
             found = _without_tracks(request, poses, found)
-        # A file does not state how accurate its cameras are: the fit may refine them freely.
-        return replace(found, source=self.name, pose_errors=None, notes=(*notes, *found.notes))
+        return replace(_held(found), source=self.name, notes=(*notes, *found.notes))
 
 
 GIVEN: Final = (FromStage.name, FromFile.name)

@@ -52,19 +52,20 @@ class PoseErrors:
     Args:
         position: Of a camera's centre, in the unit of the poses.
         rotation: Of its orientation, rad.
+        contradicted: Whether tracks contradict the poses.
     """
 
     position: float
     rotation: float
+    contradicted: bool = False
 
     def loosened(self) -> "PoseErrors":
         """Get larger standard errors, for poses that tracks contradict.
 
-        They stay bounded, for two reasons. Exact poses leave track errors 1.03 to 1.11 times as large as adjusted ones
-        do, so that one in ten is contradicted wrongly; and without any prior a fit exchanges turning for travel, which
-        views hardly show.
+        They stay bounded, for two reasons. Some exact poses are contradicted, by errors that all tracks share; and
+        without any prior a fit exchanges turning for travel, which views hardly show.
         """
-        return PoseErrors(_CONTRADICTED * self.position, _CONTRADICTED * self.rotation)
+        return PoseErrors(_CONTRADICTED * self.position, _CONTRADICTED * self.rotation, contradicted=True)
 
 
 def stated_error(shot: Shot) -> float | None:

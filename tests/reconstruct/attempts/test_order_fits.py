@@ -78,6 +78,8 @@ def test_a_brief_fit_says_what_it_leaves_and_begins_elsewhere_with_another_numbe
     both.brief(geometry, 1)
     (_, settings, first), (_, _, second) = fits.made
     assert (settings.iterations, settings.surfaces, settings.relief) == (60, None, None)
+    # A reversed path has no standard errors: held poses of the other order would be at a disadvantage.
+    assert settings.poses.given_weight == 0
     assert first.start is start
     assert not first.start.means.equal(second.start.means)
 

@@ -120,9 +120,15 @@ def test_places_that_the_tracks_contradict_are_held_loosely_whatever_the_stage_s
     assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics).loosened()
 
 
-def test_how_exact_a_file_is_nobody_knows(request_for, camera_file):
+def test_a_files_poses_are_held_as_closely_as_a_stages_but_settle_no_order(request_for, camera_file, scene):
     found = find(camera_file(), request_for())
-    assert (found.pose_errors, found.order_given) == (None, False)
+    assert not found.order_given
+    assert found.pose_errors == errors_of_given(found.world_to_camera, found.intrinsics)
+    late = scene.poses.copy()
+    late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
+    contradicted = find(camera_file(poses=late), request_for())
+    assert (contradicted.verdict, contradicted.pose_errors.contradicted) == ("full", True)
+    assert reversed_geometry(found).pose_errors is None
 
 
 def test_a_stage_that_reported_nothing_is_an_error(request_for):
@@ -222,6 +228,19 @@ def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_
     assert found.notes[0].sentence.startswith("Geometry from stage. Residual of each source that was tried: 0.")
     assert found.notes[0].sentence.endswith(" by the tracks.")
     assert same_path(found, scene.poses, 1e-6)
+
+
+@pytest.mark.parametrize(("stretched", "taken"), [((1, 1, 1, 1, 1), "stage"), ((1.6, 0.4, 1, 1.6, 0.4), "tracks")])
+def test_a_stage_that_tracks_bear_out_stands_whatever_its_depths_leave(
+    request_for, scene, monkeypatch, stretched, taken
+):
+    poses = scene.poses.copy()
+    poses[:, :3, 3] *= np.array(stretched)[:, None]
+    left = {"stage": 0.06, "tracks": 0.05}
+    monkeypatch.setattr(choose, "unexplained", lambda shot, views, geometry, lens: left[geometry.source])
+    found = find("auto", request_for(telemetry_world_to_camera=poses))
+    assert found.source == taken
+    assert (Code.STAGE_NOT_TAKEN in [note.code for note in found.notes]) == (taken == "tracks")
 
 
 def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_tracks(request_for, scene):

@@ -3,8 +3,22 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.geometry.halves import camera_centres, expected_path_error, squared_distance
-from gs2ci.reconstruct.geometry.motion import Sightings, estimate_motion, predict_positions, start_motion
+from gs2ci.reconstruct.geometry.halves import (
+    _cells,
+    camera_centres,
+    expected_path_error,
+    squared_distance,
+    times_better_foretold,
+)
+from gs2ci.reconstruct.geometry.motion import (
+    Sightings,
+    adjust,
+    estimate_motion,
+    predict_positions,
+    start_motion,
+    wander_px,
+)
+from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 SIZE = (240, 320)
@@ -178,3 +192,54 @@ def test_centres_are_where_the_cameras_stand(tracked):
     scene = tracked()
     motion, _ = estimate_motion(scene.tracks, scene.intrinsics)
     np.testing.assert_allclose(camera_centres(motion), centres_of(motion.world_to_camera), atol=1e-12)
+
+
+def with_errors_of_neighbours(scene, noise_px, cells=14, seed=0):
+    """The scene's points in a few cells of the frame; those of one cell err alike in each view."""
+    rng, tracks = np.random.default_rng(seed), scene.tracks
+    cell = _cells(tracks, SIZE)
+    here = np.isin(cell, rng.permutation(np.unique(cell))[:cells])
+    positions = tracks.positions + noise_px * rng.normal(size=(cell.max() + 1, tracks.positions.shape[1], 2))[cell]
+    positions[:, tracks.reference] = tracks.positions[:, tracks.reference]
+    return Tracks(positions, tracks.reference).keep(here)
+
+
+def compared(scene, tracks, poses):
+    """How many times more given poses leave: than poses adjusted to the same tracks, and to the other half of them."""
+    given, _ = place_points(tracks, poses, scene.intrinsics, 1.0, np.inf)
+    adjusted = adjust(tracks, scene.intrinsics, start=given)
+    same = wander_px(given.errors_px, unknowns=1) / wander_px(adjusted.errors_px, unknowns=1)
+    return same, times_better_foretold(given, adjusted, tracks, scene.intrinsics, SIZE)
+
+
+def test_exact_poses_foretell_half_of_the_tracks_as_well_as_poses_adjusted_to_the_other(tracked):
+    """Adjusted to the same tracks, poses follow the errors that neighbours share."""
+    same, halves = [], []
+    for seed in range(8):
+        scene = tracked(seed=seed, points=300)
+        one, other = compared(scene, with_errors_of_neighbours(scene, 0.5, seed=seed), scene.poses)
+        same.append(one)
+        halves.append(other)
+    assert np.median(same) > 1.1
+    assert np.median(halves) < 1
+    assert max(halves) < 1.05
+
+
+def test_wrong_places_foretell_tracks_worse_than_their_other_half_does(tracked):
+    for seed in range(4):
+        scene, rng = tracked(seed=seed, points=300), np.random.default_rng(seed)
+        wrong = scene.poses.copy()
+        extent = np.linalg.norm(np.ptp(centres_of(wrong), axis=0))
+        wrong[:, :3, 3] += 0.1 * extent * rng.normal(size=(len(wrong), 3))
+        _, halves = compared(scene, with_errors_of_neighbours(scene, 0.5, seed=seed), wrong)
+        assert halves > 1.2
+
+
+def test_halves_without_a_track_or_with_points_behind_foretell_nothing(tracked):
+    scene = tracked(points=60)
+    given, tracks = place_points(scene.tracks, scene.poses, scene.intrinsics, 1.0, np.inf)
+    none = np.zeros(len(tracks), bool)
+    nothing = type(given)(**{**vars(given), "inverse_depth": given.inverse_depth[none]})
+    assert times_better_foretold(nothing, nothing, tracks.keep(none), scene.intrinsics, SIZE) == 0
+    backwards = type(given)(**{**vars(given), "translations": -given.translations})
+    assert times_better_foretold(backwards, given, tracks, scene.intrinsics, SIZE) == np.inf
