@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 from tests.reconstruct.registration.warps import blurred, warped
@@ -150,6 +152,34 @@ def test_a_black_level_is_found_and_given_back(bench, black):
     found = register(shot)
     assert found.misfit.black == pytest.approx(black, abs=0.02)
     assert np.allclose(found.as_given(found.shot.measurement), shot.measurement, atol=1e-5)
+
+
+def smooth_behind_wide_elements(seed, *, leak=0.0):
+    """Five views of 64 × 64 px, whose neighbours predict them whatever is added to them; masks as they were drawn."""
+    rng = np.random.default_rng(seed)
+    scene = gaussian_filter(rng.random((64, 64)), 6)
+    scene = 0.2 + 0.6 * (scene - scene.min()) / np.ptp(scene)
+    masks = (rng.random((5, 16, 16)) < 0.4).astype(float).repeat(4, 1).repeat(4, 2)
+    views = np.stack([np.roll(scene, k, axis=1) for k in range(5)])
+    light = (((1 - leak) * masks + leak) * views).sum(axis=0) + rng.normal(0, 0.02, scene.shape)
+    return Shot(light[..., None].astype(np.float32), masks.astype(np.float32)).check()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_black_level_behind_the_wide_elements_of_a_small_picture_is_found(seed):
+    shot = smooth_behind_wide_elements(seed)
+    assert not register(shot).is_changed
+    found = register(replace(shot, measurement=shot.measurement + np.float32(0.15)))
+    assert found.misfit.black == pytest.approx(0.15, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_leak_and_black_level_that_only_together_are_uncertain_are_corrected_within_their_errors(seed):
+    shot = smooth_behind_wide_elements(seed, leak=0.06)
+    found = register(replace(shot, measurement=shot.measurement + np.float32(0.1)))
+    assert found.is_changed
+    for name, value, true in (("leak", found.misfit.leak, 0.06), ("black", found.misfit.black, 0.1)):
+        assert abs(value - true) < 4 * found.errors.get(name, np.inf)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3, 1e6])
