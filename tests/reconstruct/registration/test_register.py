@@ -85,6 +85,26 @@ def test_square_masks_are_turned_back_by_a_right_angle(bench, turn, word):
     assert np.array_equal(found.shot.masks, square.masks)
 
 
+def few_elements(seed):
+    """Six views of 48 × 48 px, and the masks that coded them, of 24 × 24 elements."""
+    rng = np.random.default_rng(seed)
+    masks = (rng.random((6, 24, 24)) < 0.4).astype(np.float32).repeat(2, 1).repeat(2, 2)
+    scene = gaussian_filter(rng.random((48, 48)), 2)
+    scene = 0.1 + 0.8 * (scene - scene.min()) / np.ptp(scene)
+    light = (masks * np.stack([np.roll(scene, k, axis=1) for k in range(6)])).sum(axis=0)
+    light += rng.normal(0, 0.02, scene.shape)
+    return Shot(light[..., None].astype(np.float32), masks).check()
+
+
+@pytest.mark.parametrize("seed", [18, 476, 490, 1500, 1699])
+def test_turned_masks_of_few_elements_that_correlate_by_chance_as_given_are_turned_back(seed):
+    shot = few_elements(seed)
+    stated = np.ascontiguousarray(np.rot90(shot.masks, 1, (1, 2)))
+    found = register(replace(shot, masks=stated))
+    assert found.orientation == "turned by 90 degrees clockwise"
+    assert np.array_equal(found.shot.masks, shot.masks)
+
+
 @pytest.mark.parametrize("late", [1, 2, 5])
 def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
     found = register(bench.shoot(stated=np.roll(bench.masks, -late, axis=0)))
