@@ -44,8 +44,7 @@ from gs2ci.reconstruct.registration.ways import chosen, displaced, from_source, 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
-# Wrong masks of a few hundred elements reach such a peak in one of fifty pictures. Below twice of it, turned masks are
-# compared with it too.
+# Wrong masks of a few hundred elements reach a sure peak at times. Below twice of it, turned masks are compared too.
 _BEYOND_DOUBT: Final = 2 * SURE_PEAK
 # A picture with fewer elements of the pattern looks like itself turned too often.
 _LEAST_ELEMENTS: Final = 36

@@ -105,6 +105,13 @@ def test_turned_masks_of_few_elements_that_correlate_by_chance_as_given_are_turn
     assert np.array_equal(found.shot.masks, shot.masks)
 
 
+@pytest.mark.parametrize("seed", [80, 144, 444, 690, 739])
+def test_other_masks_of_few_elements_that_correlate_by_chance_are_left_alone(seed):
+    other = (np.random.default_rng(seed + 10**6).random((6, 24, 24)) < 0.4).astype(np.float32)
+    shot = replace(few_elements(seed), masks=other.repeat(2, 1).repeat(2, 2))
+    assert register(shot).shot is shot
+
+
 @pytest.mark.parametrize("late", [1, 2, 5])
 def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
     found = register(bench.shoot(stated=np.roll(bench.masks, -late, axis=0)))
