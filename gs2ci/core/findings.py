@@ -131,6 +131,7 @@ class Code(StrEnum):
     UNLIT_VIEWS = auto()
     FAINT_VIEWS = auto()
     SAME_MASKS = auto()
+    MASKS_REPEATED = auto()
     MASKS_DIFFER_LITTLE = auto()
     UNOPENED_PIXELS = auto()
     MOSTLY_UNOPENED = auto()

@@ -115,14 +115,19 @@ def _doubts_about_masks(shot: Shot) -> list[Finding]:
 
 
 def _doubts_about_differences(shot: Shot) -> list[Finding]:
-    """Report masks that are the same, or nearly, in all views."""
+    """Report masks that are the same, in all views or in some, or nearly the same in all."""
     if shot.views < 2:
         return []
     if (shot.masks == shot.masks[0]).all():
         return [finding(Code.SAME_MASKS)]
+    alike: dict[bytes, list[int]] = {}
+    for view in np.flatnonzero(shot.weights * shot.masks.any(axis=(1, 2))).tolist():
+        alike.setdefault(shot.masks[view].tobytes(), []).append(view)
+    repeated = [finding(Code.MASKS_REPEATED, views=views) for views in alike.values() if len(views) > 1]
     mean = float(shot.masks.mean(dtype=np.float64))
     share = float(np.sqrt(shot.masks.var(axis=0, dtype=np.float64).mean())) / mean if mean > 0 else np.inf
-    return [finding(Code.MASKS_DIFFER_LITTLE, share=share)] if share < _DIFFER_LITTLE else []
+    little = [finding(Code.MASKS_DIFFER_LITTLE, share=share)] if share < _DIFFER_LITTLE else []
+    return [*repeated, *little]
 
 
 def doubts_about_result(holdout: Holdout, views: F32) -> tuple[Finding, ...]:

@@ -24,7 +24,7 @@ from gs2ci.reconstruct.registration.coarse import (
     readable,
 )
 from gs2ci.reconstruct.registration.field import FieldEstimate, find_closer, find_field
-from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, refine
+from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, pixel_weights, refine
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import AFFINE, EDGES, GEOMETRY, LIGHT, LOW, NAMES, Misfit
 from gs2ci.reconstruct.registration.placement import Placement
@@ -61,6 +61,8 @@ _GROUPS: Final = (
     ("black",),
     ("widening_px",),
 )
+# A darker leak and a lighter black level are told apart by the scene alone.
+_ALIKE: Final = ("leak", "black")
 
 
 def propose(
@@ -92,7 +94,8 @@ def propose(
     found = _settled(problem, estimate, names)
     wider, of_edges = _with_edges(shot, problem, found) if edges and "leak" in sought else (None, {})
     tried |= of_edges
-    straightened = [one for one in (found, wider) if one is not None]
+    lit = _with_either(problem, found) if "leak" in sought and wider is None else []
+    straightened = [_beside_the_other(one, estimate) for one in (found, *lit, wider) if one is not None]
     closest = straightened[-1] if straightened else None
     straight = Misfit() if closest is None else closest.misfit
     whole = _problem(shot, element, whole=True)
@@ -169,6 +172,35 @@ def _with_its_light(problem: Problem, whole: Problem, field: FieldEstimate, ligh
         if not light:
             break
     return MisfitEstimate(field.misfit, {**field.errors, **({} if along is None else along.errors)})
+
+
+def _with_either(problem: Problem, found: MisfitEstimate | None) -> list[MisfitEstimate]:
+    """Estimate a leak and a black level, each without the other, if neither was accepted.
+
+    They are so similar that neither is significant if both are estimated, however large one of them is.
+
+    Returns:
+        Estimates with one of them in addition, as far as they are significant; the one that explains more comes last.
+    """
+    before = () if found is None else tuple(found.errors)
+    if set(_ALIKE) & set(before):
+        return []
+    start = Misfit() if found is None else found.misfit
+    asked = [refine(problem, start, tuple(k for k in NAMES if k in {*before, "blur_px2", name})) for name in _ALIKE]
+    settled = [_settled(problem, one, _let_in(one, problem)) for one in asked]
+    sure = [one for one in settled if one is not None and set(_ALIKE) & set(one.errors)]
+    weights = pixel_weights(problem.errors(start), start.placement.known(problem.size))
+    return sorted(sure, key=lambda one: -float(np.sum(weights * problem.errors(one.misfit) ** 2)))
+
+
+def _beside_the_other(found: MisfitEstimate, both: MisfitEstimate) -> MisfitEstimate:
+    """Return an estimate of a leak or a black level with the standard error that it has if both are estimated.
+
+    Part of what one of them explains may be the other's.
+    """
+    kept = set(_ALIKE) & set(found.errors)
+    wider = {name: max(found.errors[name], both.errors[name]) for name in kept if len(kept) == 1}
+    return replace(found, errors={**found.errors, **wider})
 
 
 def _with_edges(

@@ -23,6 +23,7 @@ from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.registration.admission import brief_views, level_of
 from gs2ci.reconstruct.registration.coarse import (
     ORIENTATIONS,
+    SURE_PEAK,
     Peak,
     element_px,
     find_peak,
@@ -44,6 +45,8 @@ from gs2ci.reconstruct.registration.ways import chosen, displaced, from_source, 
 # Masks blurred by less than this are recovered by filtering.
 _TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
+# Wrong masks of a few hundred elements reach a sure peak at times. Below twice of it, turned masks are compared too.
+_BEYOND_DOUBT: Final = 2 * SURE_PEAK
 # A picture with fewer elements of the pattern looks like itself turned too often.
 _LEAST_ELEMENTS: Final = 36
 
@@ -231,7 +234,7 @@ class _Registration:
         seen = readable(self.shot, element)
         reach = reach_of(self.shot.size, self.settings.most_shift_px)
         peak = find_peak(seen, fine_pattern(total, element), reach, element)
-        if peak.is_sure or total.size < _LEAST_ELEMENTS * element**2:
+        if peak.ratio >= _BEYOND_DOUBT or total.size < _LEAST_ELEMENTS * element**2:
             return peak, "as given"
         best, how = peak, "as given"
         for name, turn in ORIENTATIONS.items():

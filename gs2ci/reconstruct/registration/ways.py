@@ -13,7 +13,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import surely_larger
-from gs2ci.reconstruct.registration.admission import Corner, Trial, level_of
+from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, level_of
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
 from gs2ci.reconstruct.registration.misfit import FIELD, Misfit
@@ -96,9 +96,9 @@ def chosen(shot: Shot, ways: list[Way], rival: Way | None, seed: int) -> Way | N
     trial = Trial(shot, level_of(ways[0].shot), seed, _most_bent(bent, shot.size), unknown)
     if not trial.can_tell:
         return rival
-    squares = [trial.squares(way.shot) for way in ways]
+    shots = [shot if rival is None else rival.shot, *(way.shot for way in ways)]
+    before, *squares = counted(np.stack([trial.squares(one) for one in shots]))
     best = int(np.argmin([float(one.mean()) for one in squares]))
-    before = trial.squares(shot if rival is None else rival.shot)
     return ways[best] if surely_larger(before, squares[best]) else rival
 
 

@@ -93,6 +93,17 @@ def test_brightness_is_not_compared_behind_masks_that_do_not_tell_views_apart(sm
     assert Code.UNEVEN_VIEWS not in found
 
 
+def test_views_with_the_same_mask_are_named_and_those_without_light_are_not_among_them(smooth_shot):
+    masks = smooth_shot.masks.copy()
+    assert Code.MASKS_REPEATED not in found_in(smooth_shot)
+    masks[2] = masks[0]
+    assert found_in(replace(smooth_shot, masks=masks))[Code.MASKS_REPEATED].figures["views"] == [0, 2]
+    weights = np.array([1, 1, 0, 1], np.float32)
+    assert Code.MASKS_REPEATED not in found_in(replace(smooth_shot, masks=masks, weights=weights))
+    masks[:] = masks[0]
+    assert Code.MASKS_REPEATED not in found_in(replace(smooth_shot, masks=masks))
+
+
 @pytest.mark.parametrize(("open_share", "named"), [(0.1, False), (0.5, False), (0.75, False), (0.98, True)])
 def test_masks_that_differ_little_from_view_to_view_are_named(smooth_shot, open_share, named):
     masks = (np.random.default_rng(0).random(smooth_shot.masks.shape) < open_share).astype(np.float32)

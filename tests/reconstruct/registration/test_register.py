@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 from tests.reconstruct.registration.warps import blurred, warped
@@ -93,6 +95,33 @@ def test_square_masks_are_turned_back_by_a_right_angle(bench, turn, word):
     assert np.array_equal(found.shot.masks, square.masks)
 
 
+def few_elements(seed):
+    """Six views of 48 × 48 px, and the masks that coded them, of 24 × 24 elements."""
+    rng = np.random.default_rng(seed)
+    masks = (rng.random((6, 24, 24)) < 0.4).astype(np.float32).repeat(2, 1).repeat(2, 2)
+    scene = gaussian_filter(rng.random((48, 48)), 2)
+    scene = 0.1 + 0.8 * (scene - scene.min()) / np.ptp(scene)
+    light = (masks * np.stack([np.roll(scene, k, axis=1) for k in range(6)])).sum(axis=0)
+    light += rng.normal(0, 0.02, scene.shape)
+    return Shot(light[..., None].astype(np.float32), masks).check()
+
+
+@pytest.mark.parametrize("seed", [18, 476, 490, 1500, 1699])
+def test_turned_masks_of_few_elements_that_correlate_by_chance_as_given_are_turned_back(seed):
+    shot = few_elements(seed)
+    stated = np.ascontiguousarray(np.rot90(shot.masks, 1, (1, 2)))
+    found = register(replace(shot, masks=stated))
+    assert found.orientation == "turned by 90 degrees clockwise"
+    assert np.array_equal(found.shot.masks, shot.masks)
+
+
+@pytest.mark.parametrize("seed", [80, 144, 444, 690, 739])
+def test_other_masks_of_few_elements_that_correlate_by_chance_are_left_alone(seed):
+    other = (np.random.default_rng(seed + 10**6).random((6, 24, 24)) < 0.4).astype(np.float32)
+    shot = replace(few_elements(seed), masks=other.repeat(2, 1).repeat(2, 2))
+    assert register(shot).shot is shot
+
+
 @pytest.mark.parametrize("late", [1, 2, 5])
 def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
     found = register(bench.shoot(stated=np.roll(bench.masks, -late, axis=0)))
@@ -160,6 +189,34 @@ def test_a_black_level_is_found_and_given_back(bench, black):
     found = register(shot)
     assert found.misfit.black == pytest.approx(black, abs=0.02)
     assert np.allclose(found.as_given(found.shot.measurement), shot.measurement, atol=1e-5)
+
+
+def smooth_behind_wide_elements(seed, *, leak=0.0):
+    """Five views of 64 × 64 px, whose neighbours predict them whatever is added to them; masks as they were drawn."""
+    rng = np.random.default_rng(seed)
+    scene = gaussian_filter(rng.random((64, 64)), 6)
+    scene = 0.2 + 0.6 * (scene - scene.min()) / np.ptp(scene)
+    masks = (rng.random((5, 16, 16)) < 0.4).astype(float).repeat(4, 1).repeat(4, 2)
+    views = np.stack([np.roll(scene, k, axis=1) for k in range(5)])
+    light = (((1 - leak) * masks + leak) * views).sum(axis=0) + rng.normal(0, 0.02, scene.shape)
+    return Shot(light[..., None].astype(np.float32), masks.astype(np.float32)).check()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_black_level_behind_the_wide_elements_of_a_small_picture_is_found(seed):
+    shot = smooth_behind_wide_elements(seed)
+    assert not register(shot).is_changed
+    found = register(replace(shot, measurement=shot.measurement + np.float32(0.15)))
+    assert found.misfit.black == pytest.approx(0.15, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_leak_and_black_level_that_only_together_are_uncertain_are_corrected_within_their_errors(seed):
+    shot = smooth_behind_wide_elements(seed, leak=0.06)
+    found = register(replace(shot, measurement=shot.measurement + np.float32(0.1)))
+    assert found.is_changed
+    for name, value, true in (("leak", found.misfit.leak, 0.06), ("black", found.misfit.black, 0.1)):
+        assert abs(value - true) < 4 * found.errors.get(name, np.inf)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3, 1e6])
