@@ -133,7 +133,7 @@ def _network_decoder(name: str) -> Decoder:
 
 
 def _gap_tv_decoder(choice: Choice) -> Decoder:
-    settings = GapTvSettings(weight=_GAP_TV_WEIGHT)
+    settings = GapTvSettings(weight=_GAP_TV_WEIGHT, clamped=True)
     if choice.iterations is not None:
         settings = replace(settings, iterations=choice.iterations)
     fixed = replace(settings, coupling=choice.coupling).check() if choice.coupling is not None else None

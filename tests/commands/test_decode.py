@@ -56,6 +56,7 @@ def test_gap_tv_is_the_default_and_its_score_is_printed(tmp_path, file, capsys):
     assert views.shape == (4, 32, 40, 1)
     method = report["shots"][0]["method"]
     assert (method["name"], method["iterations"], method["weight"]) == ("gap-tv", 40, 0.3)
+    assert method["clamped"]
     assert f"PSNR {report['psnr_db']:.2f} dB" in printed
     assert "4 views from 1 exposure by gap-tv" in printed
     assert report["psnr_db"] > 20
