@@ -148,21 +148,21 @@ def _gap_tv_decoder(choice: Choice) -> Decoder:
 
 def _patch_decoder(choice: Choice) -> Decoder:
     if choice.until_s is not None:
-        return _hurried_decoder(choice.until_s)
+        return _hurried_decoder(choice.until_s, choice.seed)
     settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
     if choice.iterations is not None:
         settings = with_iterations(settings, choice.iterations)
     settings.check()
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
-        return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
+        return patch_decode(shot, settings, progress, choice.seed), {"name": choice.method, **asdict(settings)}, ()
 
     return decode
 
 
-def _hurried_decoder(until_s: float) -> Decoder:
+def _hurried_decoder(until_s: float, seed: int) -> Decoder:
     def decode(shot: Shot, progress: Progress) -> _Outcome:
-        found = decode_until(shot, until_s, progress=progress)
+        found = decode_until(shot, until_s, progress=progress, seed=seed)
         note = finding(Code.DECODE_HURRIED, steps=found.steps) if found.steps else finding(Code.DECODE_OUT_OF_TIME)
         said = {"name": "patches", **asdict(found.settings), "iterations": found.steps}
         return found.views, said, (note.advice,)
