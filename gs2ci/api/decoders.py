@@ -32,6 +32,7 @@ from gs2ci.reconstruct.learned.onnx_models import find_model
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
 from gs2ci.reconstruct.registration.register import Registered
 
 # Views, a record of the decode as plain values, and sentences about it.
@@ -212,9 +213,11 @@ def _denoiser(name: str) -> Denoiser:
 
 
 def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:
-    """Decode a shot; also return the prediction of the measurement from its views, and the seconds."""
-    began_s, shot = time.monotonic(), registered.shot
+    """Decode a shot without its faulty pixels; also return the measurement that its views predict, and the seconds."""
+    began_s = time.monotonic()
+    shot, faulty = close_faulty_pixels(registered.shot)
     views, method, notes = decode(shot, progress)
     seconds = time.monotonic() - began_s
     predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    return Decoded(shot, views, predicted, seconds, method, (*(note.advice for note in registered.notes), *notes))
+    said = (note.advice for note in (*registered.notes, *faulty))
+    return Decoded(shot, views, predicted, seconds, method, (*said, *notes))

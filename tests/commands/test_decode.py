@@ -8,6 +8,7 @@ import pytest
 import tyro
 from onnx import TensorProto, helper, save
 
+import gs2ci
 from gs2ci.commands.decode import run
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.records import Shot, Truth
@@ -184,3 +185,15 @@ def test_an_earlier_decode_stays_unless_it_is_to_be_replaced(tmp_path, file):
         command(file, "-o", tmp_path / "out")
     report, _ = command(file, "-o", tmp_path / "out", "--overwrite", "--iterations", 3)
     assert report["shots"][0]["method"]["name"] == "gap-tv"
+
+
+def test_hot_pixels_and_dead_lines_are_left_out_and_named():
+    rng = np.random.default_rng(0)
+    masks = (rng.random((4, 32, 40)) < 0.5).astype(np.float32)
+    truth = np.broadcast_to(np.linspace(0.2, 0.8, 40, dtype=np.float32)[None, None, :, None], (4, 32, 40, 1))
+    measured = (masks[..., None] * truth).sum(axis=0)
+    measured[10] = 0
+    measured[20, ::9] = 50
+    decoded = gs2ci.decode(gs2ci.Shot(measured, masks), registration="off", progress=gs2ci.Silent())
+    assert np.abs(decoded.views - truth).max() < 0.1
+    assert len(decoded.notes) == 2
