@@ -1,9 +1,9 @@
 """The noise of the readings, estimated while a decode runs, from pixels that it does not see.
 
 GAP explains every reading that it sees, its noise included, so their residuals tell nothing of the noise. At held-out
-pixels the residual is noise and what the views err there. Without noise it decreases to the last step; if it rises in
-the second half of the steps, the views have begun to follow noise. From then on the noise is what the residual has
-beyond the error that belongs to the denoiser's level.
+pixels the residual is noise and what the views err there. Without noise it mostly decreases to the last step; if it
+rises in the second half of the steps, the views have probably begun to follow noise. From then on the noise is what the
+residual has beyond the error that belongs to the denoiser's level.
 
 Here: that estimate. Not here: how a step weighs it (`pnp.ReadingNoise`), the noise that the views of a fitted scene
 tell (`gs2ci.reconstruct.measurement.noise`).
@@ -22,7 +22,7 @@ from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 # gain 0.1 dB more in noise, but water without noise loses 0.6 dB instead of 0.2.
 _ERROR_PER_LEVEL: Final = 1.0
 # The residual's rise over its least value in the second half of the steps, from which on readings have noise that a
-# decode follows: of clips without noise it decreases to the last step.
+# decode follows. Most clips without noise decrease to the last step; water rose too, and loses 0.2 dB.
 _LEAST_RISE: Final = 0.02
 # Fewer views are not watched: much of what a pixel shows of one or two views is its own reading, so that a held-out
 # pixel tells little of those that are seen. Nor are fewer steps: they end before noise is followed.
