@@ -32,6 +32,7 @@ from gs2ci.reconstruct.learned.onnx_models import find_model
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
 from gs2ci.reconstruct.registration.register import Registered
 
 # Views, a record of the decode as plain values, and sentences about it.
@@ -133,7 +134,7 @@ def _network_decoder(name: str) -> Decoder:
 
 
 def _gap_tv_decoder(choice: Choice) -> Decoder:
-    settings = GapTvSettings(weight=_GAP_TV_WEIGHT)
+    settings = GapTvSettings(weight=_GAP_TV_WEIGHT, clamped=True)
     if choice.iterations is not None:
         settings = replace(settings, iterations=choice.iterations)
     fixed = replace(settings, coupling=choice.coupling).check() if choice.coupling is not None else None
@@ -148,21 +149,21 @@ def _gap_tv_decoder(choice: Choice) -> Decoder:
 
 def _patch_decoder(choice: Choice) -> Decoder:
     if choice.until_s is not None:
-        return _hurried_decoder(choice.until_s)
+        return _hurried_decoder(choice.until_s, choice.seed)
     settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
     if choice.iterations is not None:
         settings = with_iterations(settings, choice.iterations)
     settings.check()
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
-        return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
+        return patch_decode(shot, settings, progress, choice.seed), {"name": choice.method, **asdict(settings)}, ()
 
     return decode
 
 
-def _hurried_decoder(until_s: float) -> Decoder:
+def _hurried_decoder(until_s: float, seed: int) -> Decoder:
     def decode(shot: Shot, progress: Progress) -> _Outcome:
-        found = decode_until(shot, until_s, progress=progress)
+        found = decode_until(shot, until_s, progress=progress, seed=seed)
         note = finding(Code.DECODE_HURRIED, steps=found.steps) if found.steps else finding(Code.DECODE_OUT_OF_TIME)
         said = {"name": "patches", **asdict(found.settings), "iterations": found.steps}
         return found.views, said, (note.advice,)
@@ -212,9 +213,11 @@ def _denoiser(name: str) -> Denoiser:
 
 
 def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:
-    """Decode a shot; also return the prediction of the measurement from its views, and the seconds."""
-    began_s, shot = time.monotonic(), registered.shot
+    """Decode a shot without its faulty pixels; also return the measurement that its views predict, and the seconds."""
+    began_s = time.monotonic()
+    shot, faulty = close_faulty_pixels(registered.shot)
     views, method, notes = decode(shot, progress)
     seconds = time.monotonic() - began_s
     predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    return Decoded(shot, views, predicted, seconds, method, (*(note.advice for note in registered.notes), *notes))
+    said = (note.advice for note in (*registered.notes, *faulty))
+    return Decoded(shot, views, predicted, seconds, method, (*said, *notes))

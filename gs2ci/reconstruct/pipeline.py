@@ -33,11 +33,10 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
 from gs2ci.reconstruct.measurement.brightness import Brightness
-from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
-from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import speeds
 from gs2ci.reconstruct.presets.budget import Budget
@@ -183,9 +182,8 @@ def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
-    alive, dead = close_dead_lines(shot)
-    sound, hot = close_hot_pixels(alive)
-    doubts = (*doubts_about(shot), *dead, *hot)
+    sound, faulty = close_faulty_pixels(shot)
+    doubts = (*doubts_about(shot), *faulty)
     for doubt in doubts:
         progress.say(doubt.sentence)
     return sound, doubts

@@ -8,6 +8,7 @@ import pytest
 import tyro
 from onnx import TensorProto, helper, save
 
+import gs2ci
 from gs2ci.commands.decode import run
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.records import Shot, Truth
@@ -56,6 +57,7 @@ def test_gap_tv_is_the_default_and_its_score_is_printed(tmp_path, file, capsys):
     assert views.shape == (4, 32, 40, 1)
     method = report["shots"][0]["method"]
     assert (method["name"], method["iterations"], method["weight"]) == ("gap-tv", 40, 0.3)
+    assert method["clamped"]
     assert f"PSNR {report['psnr_db']:.2f} dB" in printed
     assert "4 views from 1 exposure by gap-tv" in printed
     assert report["psnr_db"] > 20
@@ -183,3 +185,15 @@ def test_an_earlier_decode_stays_unless_it_is_to_be_replaced(tmp_path, file):
         command(file, "-o", tmp_path / "out")
     report, _ = command(file, "-o", tmp_path / "out", "--overwrite", "--iterations", 3)
     assert report["shots"][0]["method"]["name"] == "gap-tv"
+
+
+def test_hot_pixels_and_dead_lines_are_left_out_and_named():
+    rng = np.random.default_rng(0)
+    masks = (rng.random((4, 32, 40)) < 0.5).astype(np.float32)
+    truth = np.broadcast_to(np.linspace(0.2, 0.8, 40, dtype=np.float32)[None, None, :, None], (4, 32, 40, 1))
+    measured = (masks[..., None] * truth).sum(axis=0)
+    measured[10] = 0
+    measured[20, ::9] = 50
+    decoded = gs2ci.decode(gs2ci.Shot(measured, masks), registration="off", progress=gs2ci.Silent())
+    assert np.abs(decoded.views - truth).max() < 0.1
+    assert len(decoded.notes) == 2

@@ -31,6 +31,21 @@ class Denoiser(Protocol):
 
 
 @dataclass(frozen=True)
+class Clamped:
+    """Another denoiser, whose results are kept between black and white.
+
+    A step towards the measurement from views outside that range explains it by light that no scene sends.
+    """
+
+    denoise: Denoiser
+
+    def __call__(self, views: F32, sigma: float) -> F32:
+        """Denoise; arguments as for `Denoiser`."""
+        denoised = self.denoise(views, sigma)
+        return np.clip(denoised, 0, 1, out=denoised)
+
+
+@dataclass(frozen=True)
 class TotalVariation:
     """The minimiser of ½‖u − x‖² + λ TV(u), each colour apart, by a few steps of Chambolle's dual method.
 

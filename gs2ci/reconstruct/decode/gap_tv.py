@@ -15,7 +15,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import NotNegative, Positive
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.denoisers import TotalVariation
+from gs2ci.reconstruct.decode.denoisers import Clamped, Denoiser, TotalVariation
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
 
 # Total variation of this weight is the right prior for errors of power s² if differences between neighbours are
@@ -34,12 +34,15 @@ class GapTvSettings(Bounded):
         weight: Total-variation weight in units of a view's full scale.
         inner: Denoiser steps in each iteration.
         coupling: Weight of a difference between consecutive views relative to one between neighbouring pixels.
+        clamped: Whether every step keeps the views between black and white, and not only the last. Not for residuals,
+            which have either sign.
     """
 
     iterations: PositiveInt = 40
     weight: Positive = 0.07
     inner: PositiveInt = 5
     coupling: NotNegative = 0.0
+    clamped: bool = False
 
 
 def gap_tv(
@@ -72,12 +75,14 @@ def decode_signed(
 ) -> F32:
     """Decode without the bounds that light is positive and at most at full scale, for residuals.
 
-    Arguments, errors and shape as for `gap_tv`; the values are not clipped.
+    Arguments, errors and shape as for `gap_tv`; the values are not clipped, unless the settings say so.
     """
     settings = (settings or GapTvSettings()).check()
     # The weight stays the same in all iterations: the denoiser's sigma is used as the weight itself.
     schedule = PlugAndPlaySettings(sigmas=(settings.weight,), iterations=settings.iterations)
-    denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)
+    denoiser: Denoiser = TotalVariation(weight_per_sigma=1.0, inner=settings.inner, coupling=settings.coupling)
+    if settings.clamped:
+        denoiser = Clamped(denoiser)
     weighed = None if noise is None else ReadingNoise(noise, _error_power)
     return plug_and_play(shot, denoiser, schedule, progress, noise=weighed)
 

@@ -75,7 +75,7 @@ class ReadingNoise:
     accelerated GAP, bit for bit.
 
     Args:
-        power: σ², in squared units of the measurement, [H, W, C] as the measurement.
+        power: σ², in squared units of the measurement, [H, W, C] as the measurement. It is read before each step.
         error_power: Returns s², the expected squared error of a view before a step, from the denoiser's level there.
     """
 
@@ -129,7 +129,6 @@ def plug_and_play(
     levels = np.repeat(settings.sigmas, settings.iterations)
     # The measurement plus accumulated residual: it is zero before a first average, and the measurement for given views.
     target = np.zeros_like(measured) if start is None and noise is None else measured.copy()
-    weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(inverse_energy)
     if start is not None:
         views = _as_measured(planar(start), channels)
     elif settings.begin == "average":
@@ -142,6 +141,7 @@ def plug_and_play(
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
         nearest = views if multiplier is None else views - multiplier
+        weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(inverse_energy)
         error_power = 1.0 if noise is None else noise.error_power(sigma)
         row_energy = project_onto_measurement(
             nearest, masks, inverse_energy, measured, target, multiplier is None, weighed, error_power

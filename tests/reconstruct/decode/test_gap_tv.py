@@ -1,5 +1,7 @@
 """GAP-TV against its plain statement in numpy float64, and on the measurements that break decoders."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import CFA_PATTERNS, Shot
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed, gap_tv
 from gs2ci.reconstruct.decode.kernels import denoise_planes
 from gs2ci.reconstruct.measurement.coding import Coding
 
@@ -235,3 +237,15 @@ def test_progress_hears_of_every_iteration_and_its_relative_residual():
 def test_senseless_settings_are_refused(wrong):
     with pytest.raises(InputError, match=f"{next(iter(wrong))} = .* in GapTvSettings"):
         GapTvSettings(**wrong).check()
+
+
+def test_steps_that_keep_to_black_and_white_come_closer_to_a_picture_of_both(make_shot):
+    shot = make_shot()
+    truth = (shot.truth.views > np.median(shot.truth.views)).astype(np.float32)
+    measured = (shot.masks[..., None] * shot.weights[:, None, None, None] * truth).sum(axis=0)
+    bright = replace(shot, measurement=measured)
+    free, clamped = (decode_signed(bright, GapTvSettings(weight=0.3, clamped=one)) for one in (False, True))
+    assert free.min() < 0
+    assert clamped.min() >= 0
+    assert clamped.max() <= 1
+    assert np.square(clamped - truth).mean() < 0.95 * np.square(np.clip(free, 0, 1) - truth).mean()

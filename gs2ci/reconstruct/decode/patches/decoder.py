@@ -1,8 +1,8 @@
 """The patch decoder: GAP with groups of similar patches of nearly low rank, after DeSCI (Liu 2019).
 
 Here: the schedule, starting from GAP-TV's views. Not here: the loop (`pnp`), the denoiser (`denoiser`). Unlike in
-DeSCI, patches of a group are searched for in windows that follow the optical flow, and each iteration uses a part of
-the groups.
+DeSCI, patches of a group are searched for in windows that follow the optical flow, each iteration uses a part of the
+groups, and noise that held-out pixels show is weighed.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,10 @@ from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.denoisers import Clamped
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
+from gs2ci.reconstruct.decode.patches.heldout_noise import HeldoutNoise
 from gs2ci.reconstruct.decode.patches.matching import Lattice
 from gs2ci.reconstruct.decode.planes import planar
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
@@ -121,13 +123,16 @@ class PatchSettings(Bounded):
         return super().check()
 
 
-def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None) -> F32:
+def patch_decode(
+    shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None, seed: int = 42
+) -> F32:
     """Decode one coded measurement into approximate views, by groups of similar patches.
 
     Args:
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
         settings: How long, and which patches.
         progress: Receives each iteration and its relative residual.
+        seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
@@ -136,7 +141,16 @@ def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Pr
         InputError: The settings make no sense.
     """
     settings = (settings or PatchSettings()).check()
-    return patch_decode_from(shot, decode_signed(shot, settings.start), settings, progress)
+    noise, done = HeldoutNoise(shot, settings.iterations, seed), 0
+
+    def watch(planes: F32) -> bool:
+        nonlocal done
+        done += 1
+        noise.after(planes, settings.sigmas[done - 1], done, settings.iterations - done)
+        return False
+
+    start = decode_signed(shot, settings.start)
+    return patch_decode_from(shot, start, settings, progress, watch, noise.power, clamped=True)
 
 
 def patch_decode_from(
@@ -146,6 +160,8 @@ def patch_decode_from(
     progress: Progress | None = None,
     enough: Callable[[F32], bool] | None = None,
     noise: F32 | None = None,
+    *,
+    clamped: bool = False,
 ) -> F32:
     """Decode one coded measurement by groups of similar patches, starting from given views.
 
@@ -156,6 +172,7 @@ def patch_decode_from(
         progress: See `patch_decode`.
         enough: Called after each step with its views, [N, C, H, W]; if it returns True, that step is the last.
         noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
+        clamped: Whether every step keeps the views between black and white, and not only the last.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1].
@@ -165,12 +182,14 @@ def patch_decode_from(
     """
     schedule = PlugAndPlaySettings(sigmas=settings.check().sigmas, iterations=1)
     denoiser = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
-    weighed = None if noise is None else ReadingNoise(noise, _error_power)
-    decoded: F32 = np.clip(plug_and_play(shot, denoiser, schedule, progress, start, enough, weighed), 0, 1)
+    weighed = None if noise is None else ReadingNoise(noise, error_power)
+    denoise = Clamped(denoiser) if clamped else denoiser
+    decoded: F32 = np.clip(plug_and_play(shot, denoise, schedule, progress, start, enough, weighed), 0, 1)
     return decoded
 
 
-def _error_power(sigma: float) -> float:
+def error_power(sigma: float) -> float:
+    """Return the squared error that views are expected to have before a step of this level."""
     return _ERRORS_PER_LEVEL * sigma**2
 
 

@@ -18,12 +18,14 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.denoisers import Clamped
 from gs2ci.reconstruct.decode.gap_tv import decode_signed
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, error_power
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
+from gs2ci.reconstruct.decode.patches.heldout_noise import HeldoutNoise
 from gs2ci.reconstruct.decode.patches.matching import Lattice
 from gs2ci.reconstruct.decode.planes import planar
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
 
 # Steps vary in duration; each further one is expected to take so many times the last of its kind.
 _MARGIN: Final = 1.1
@@ -58,6 +60,7 @@ def decode_until(
     settings: PatchSettings | None = None,
     progress: Progress | None = None,
     clock: Callable[[], float] = time.monotonic,
+    seed: int = 42,
 ) -> InTime:
     """Decode one coded measurement by groups of similar patches, and end before a deadline.
 
@@ -67,19 +70,21 @@ def decode_until(
         settings: The first and the last noise level, the largest number of steps, and which patches.
         progress: Receives each step and its relative residual.
         clock: The time in seconds; never decreases.
+        seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
 
     Raises:
         InputError: The settings make no sense.
     """
     settings, progress = (settings or _sparse()).check(), progress or Silent()
     start = decode_signed(shot, settings.start, progress)
-    steps = _Steps(
-        SimilarPatches(planar(start), settings.lattice, settings.refind_every), settings, until_s, progress, clock
-    )
+    patches = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
+    noise = HeldoutNoise(shot, settings.iterations, seed)
+    steps = _Steps(patches, settings, until_s, progress, clock, noise)
     if clock() >= until_s:
         return InTime(np.clip(start, 0, 1), 0, settings)
     schedule = PlugAndPlaySettings(sigmas=(settings.first_sigma,), iterations=settings.iterations)
-    views = plug_and_play(shot, steps.denoise, schedule, progress, start, steps.enough)
+    weighed = ReadingNoise(noise.power, steps.error_power)
+    views = plug_and_play(shot, Clamped(steps.denoise), schedule, progress, start, steps.enough, weighed)
     return InTime(np.clip(views, 0, 1), len(steps.sigmas), settings)
 
 
@@ -96,6 +101,7 @@ class _Steps:
     until_s: float
     progress: Progress
     clock: Callable[[], float]
+    noise: HeldoutNoise
     sigmas: list[float] = field(default_factory=list)
     _began_s: float = 0.0
     # Durations of the latest step that searched for patches, and of the latest that did not.
@@ -112,7 +118,11 @@ class _Steps:
         self.sigmas.append(sigma)
         return self.patches(views, sigma)
 
-    def enough(self, _: F32) -> bool:
+    def error_power(self, sigma: float) -> float:
+        """Return the squared error expected before a step; of the passed levels only the first is used."""
+        return error_power(self.sigmas[-1] if self.sigmas else sigma)
+
+    def enough(self, planes: F32) -> bool:
         """Time a step, including the loop around it, and tell whether it was the last."""
         now_s, done = self.clock(), len(self.sigmas)
         took_s, self._began_s = now_s - self._began_s, now_s
@@ -121,6 +131,7 @@ class _Steps:
         else:
             self._plain_s = took_s
         left = self._affordable()
+        self.noise.after(planes, self.sigmas[-1], done, left)
         self.progress.expect(done + left)
         return left == 0 or self.sigmas[-1] <= self.settings.last_sigma
 

@@ -1,0 +1,89 @@
+"""The noise of the readings, from pixels that a decode by similar patches does not see, and what a decode gains."""
+
+import time
+
+import numpy as np
+import pytest
+from skimage import data
+
+from gs2ci.core.records import Shot, Truth
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct.decode.gap_tv import decode_signed
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, patch_decode_from
+from gs2ci.reconstruct.decode.patches.heldout_noise import HeldoutNoise
+from gs2ci.reconstruct.decode.patches.within_time import decode_until
+from gs2ci_sims.masks import random_masks
+
+SIDE, VIEWS, OPEN = 40, 6, 0.5
+
+
+def sliding(noise: float, views: int = VIEWS, seed: int = 0) -> Shot:
+    """Code a photograph that slides by 1 px per view; the noise as a share of the mean number of open masks."""
+    rng = np.random.default_rng(seed)
+    photograph = (data.camera()[::3, ::3] / 255).astype(np.float32)
+    truth = np.stack([photograph[20 : 20 + SIDE, 60 + i : 60 + i + SIDE, None] for i in range(views)])
+    masks = random_masks(views, (SIDE, SIDE), OPEN, rng)
+    coded = (masks[..., None] * truth).sum(axis=0) + noise * OPEN * views * rng.standard_normal((SIDE, SIDE, 1))
+    return Shot(coded.astype(np.float32), masks, truth=Truth(views=truth)).check()
+
+
+def mean_db(shot: Shot, views: np.ndarray) -> float:
+    return float(np.mean(psnr_per_view(views, shot.truth.views)))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_noisy_shot_is_decoded_better_than_by_explaining_its_noise(seed: int) -> None:
+    shot, settings = sliding(0.04, seed=seed), PatchSettings(iterations=48)
+    blindly = patch_decode_from(shot, decode_signed(shot, settings.start), settings)
+    assert mean_db(shot, patch_decode(shot, settings)) > mean_db(shot, blindly) + 1
+
+
+def test_a_decode_within_a_time_weighs_the_noise_too() -> None:
+    shot, settings = sliding(0.04), PatchSettings(iterations=48)
+    blindly = patch_decode_from(shot, decode_signed(shot, settings.start), settings)
+    hurried = decode_until(shot, time.monotonic() + 60, settings).views
+    assert mean_db(shot, hurried) > mean_db(shot, blindly) + 1
+
+
+def test_shots_without_noise_lose_next_to_nothing_by_being_asked() -> None:
+    lost, settings = [], PatchSettings(iterations=48)
+    for seed in range(3):
+        shot = sliding(0.0, seed=seed)
+        unasked = patch_decode_from(shot, decode_signed(shot, settings.start), settings, clamped=True)
+        lost.append(mean_db(shot, unasked) - mean_db(shot, patch_decode(shot, settings)))
+    assert np.mean(lost) < 0.1
+
+
+def after_steps(shot: Shot, rms: list[float], steps: int = 48) -> tuple[HeldoutNoise, list[np.ndarray]]:
+    """Show it views that err by so much at all pixels; also return the power after each step."""
+    watch = HeldoutNoise(shot, steps, 0)
+    powers = []
+    for i, error in enumerate(rms):
+        views = shot.truth.views + np.float32(error)
+        watch.after(np.ascontiguousarray(views.transpose(0, 3, 1, 2)), 1e-3, i + 1, steps - i - 1)
+        powers.append(watch.power.copy())
+    return watch, powers
+
+
+def test_a_residual_that_decreases_shows_no_noise() -> None:
+    _, powers = after_steps(sliding(0.0), np.geomspace(0.3, 0.01, 48).tolist())
+    assert all(np.median(power) == 0 for power in powers)
+
+
+def test_a_residual_that_rises_again_is_noise() -> None:
+    _, powers = after_steps(sliding(0.0), [*np.geomspace(0.3, 0.05, 30), *np.geomspace(0.05, 0.06, 18)])
+    assert np.median(powers[29]) == 0
+    # The masks' sum, 3 in the mean and 10.5 in the mean square, times an error of 0.05 to 0.06.
+    assert 10.5 * 0.05**2 * 0.8 < np.median(powers[-1]) < 10.5 * 0.06**2 * 1.2
+
+
+def test_pixels_are_held_out_of_all_but_the_last_steps() -> None:
+    _, powers = after_steps(sliding(0.0), [0.1] * 48)
+    hidden = [int((power > 1e9).sum()) for power in powers]
+    assert hidden[38] == round(0.02 * (powers[0] >= 0).sum() * sliding(0.0).lit.mean())
+    assert hidden[39:] == [0] * 9
+
+
+@pytest.mark.parametrize(("views", "steps"), [(2, 48), (VIEWS, 8)])
+def test_few_views_or_steps_are_not_watched(views: int, steps: int) -> None:
+    assert not HeldoutNoise(sliding(0.0, views), steps, 0).power.any()
