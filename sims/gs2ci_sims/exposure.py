@@ -179,7 +179,7 @@ def integrate(
     """
     intervals = chain.rig.timing.intervals_s(len(masks))
     path = chain.through(Stage.MOTION, path)
-    slices = chain.through(Stage.TIME, slices or nominal_slices(intervals))
+    slices = chain.through(Stage.TIME, slices or nominal_slices(intervals)).cut_by_rows(scene.size[0])
     weights = _first_row_s(slices) @ slices.mix / chain.rig.timing.interval_s
     if not weights.any():
         raise InputError(

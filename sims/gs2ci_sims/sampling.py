@@ -92,7 +92,7 @@ def choose_sampling(
     count = len(look.masks)
     chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
     irregular = slices is not None
-    slices = chain.through(Stage.TIME, slices or nominal_slices(look.intervals_s))
+    slices = chain.through(Stage.TIME, slices or nominal_slices(look.intervals_s)).cut_by_rows(look.scene.size[0])
     travel = _travel(look, slices)
     if travel[1][-1] == 0:
         whole = (float(travel[0][0]), float(travel[0][-1]))

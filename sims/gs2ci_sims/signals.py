@@ -5,6 +5,7 @@ Not here: their construction (`exposure`), the effects on them (`effects`), the 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ from gs2ci.core.arrays import F64
 from gs2ci.render.gaussians import Gaussians
 
 Index = NDArray[np.intp]
+
+ROW_PARTS: Final = 16
+"""Parts of the time in which the rows of a rolling shutter open, one after the other, and of that in which they close.
+Within a part each row's light is taken from all of it in the same way."""
 
 MovingScene = Callable[[float], Gaussians]
 """The Gaussians at a time in seconds; a scene at rest returns the same object every time."""
@@ -42,6 +47,11 @@ class Shutter:
         begin = np.maximum(start_s[:, None], self.opens_s + late)
         end = np.minimum(stop_s[:, None], self.closes_s + late)
         return np.asarray(np.maximum(end - begin, 0.0) / (stop_s - start_s)[:, None])
+
+    def turns_s(self, height: int) -> F64:
+        """Get times between the first and the last row's opening, and between their closing, close together, [T]."""
+        late = self.line_delay_s * (height - 1) * np.linspace(0, 1, ROW_PARTS + 1)
+        return np.concatenate([self.opens_s + late, self.closes_s + late])
 
 
 @dataclass(frozen=True)
@@ -93,6 +103,17 @@ class Slices:
         inner = np.clip(np.sort(times_s, axis=1), self.start_s[:, None], self.stop_s[:, None])
         edges = np.concatenate([self.start_s[:, None], inner, self.stop_s[:, None]], axis=1)
         return self._with_pieces(edges[:, :-1], edges[:, 1:]).without_empty()
+
+    def cut_by_rows(self, height: int) -> "Slices":
+        """Return the slices cut finely where rows of the sensor open and close: in the others they all do, or none.
+
+        Of a slice that a row opens within, its share of the light of the whole slice is taken, which is wrong where the
+        light changes in that time.
+        """
+        if self.shutter is None:
+            return self
+        turns = self.shutter.turns_s(height)
+        return self.split_at(np.broadcast_to(turns, (len(self.start_s), len(turns))))
 
     def without_empty(self) -> "Slices":
         """Return the slices with a positive length."""

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Stage
 from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.mirror_transition import MirrorTransition
+from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.rolling_shutter import RollingShutter
 from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.exposure import integrate
@@ -85,6 +87,14 @@ def test_the_weights_of_a_late_exposure_are_those_of_its_first_row():
     np.testing.assert_allclose(light.weights, [0.7, 1, 1, 1])
     with pytest.raises(InputError, match="misses all masks"):
         photons(StageMove((0.0, 0.0, 0.0)), [RollingShutter(1e-3), TriggerTiming(1.0)])
+
+
+@pytest.mark.parametrize(("late_s", "most"), [(0.01, 2e-5), (0.05, 6e-5), (0.3, 3e-4)])
+def test_how_the_time_of_a_moving_image_is_cut_hardly_matters(late_s, most):
+    """A lamp without drift has the slices cut in four once more, and changes nothing else."""
+    fast, rolling = StageMove((2.0, 0.6, 0.0)), RollingShutter(late_s / (SIZE[0] - 1))
+    coarse, fine = (photons(fast, [*more, MotionBlur(5), rolling]) for more in ([], [IlluminationDrift(1e-12)]))
+    assert np.abs(fine - coarse).max() < most * coarse.max()
 
 
 def test_no_line_delay_changes_nothing():
