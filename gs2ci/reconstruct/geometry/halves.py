@@ -16,7 +16,7 @@ all positions are measured. So the halves are adjusted with that view's position
 compared with a path for which they were not (`bundle`): the effect of these positions is then part of the difference.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -103,18 +103,15 @@ def times_better_foretold(
         Root mean square variation of errors along a half's tracks under the given poses, as a multiple of that under
         poses adjusted to the other half, median over halves: up to about 1 for exact poses. 0 if no half tells.
     """
-    settings, cells, rng = settings or MotionSettings(), _cells(tracks, size), np.random.default_rng(seed)
-    groups, squares = np.unique(cells), []
-    for _ in range(HALVINGS):
-        first = np.isin(cells, rng.permutation(groups)[: len(groups) // 2])
-        for half in (first, ~first):
-            if not (half.any() and (~half).any()):
-                continue
-            start = replace(adjusted, inverse_depth=adjusted.inverse_depth[half])
-            found = adjust(tracks.keep(half), intrinsics, settings, start)
-            left, of_given = (_left(motion, tracks.keep(~half), intrinsics, settings) for motion in (found, given))
-            if left > 0:
-                squares.append(of_given / left)
+    settings, squares = settings or MotionSettings(), []
+    for half in _halves(_cells(tracks, size), seed):
+        if not (half.any() and (~half).any()):
+            continue
+        start = replace(adjusted, inverse_depth=adjusted.inverse_depth[half])
+        found = adjust(tracks.keep(half), intrinsics, settings, start)
+        left, of_given = (_left(motion, tracks.keep(~half), intrinsics, settings) for motion in (found, given))
+        if left > 0:
+            squares.append(of_given / left)
     return float(np.sqrt(np.median(squares))) if squares else 0.0
 
 
@@ -133,10 +130,7 @@ def error_from_halves(path: F64, group: NDArray[np.int64], again: Callable[[Bool
     extent = float(np.linalg.norm(np.ptp(path, axis=0)))
     if extent == 0:
         return None
-    groups, rng, squares = np.unique(group), np.random.default_rng(seed), []
-    for _ in range(HALVINGS):
-        first = np.isin(group, rng.permutation(groups)[: len(groups) // 2])
-        squares += [squared_distance(again(half), path) for half in (first, ~first)]
+    squares = [squared_distance(again(half), path) for half in _halves(group, seed)]
     return float(np.sqrt(np.mean(squares))) / extent
 
 
@@ -160,6 +154,15 @@ def squared_distance(centres: F64, path: F64) -> float:
         values[-1] = -values[-1]
     # The residual at the least-squares scale. Rounding may make it slightly negative.
     return max(whole - float(values.sum()) ** 2 / spread, 0.0) / len(path)
+
+
+def _halves(group: NDArray[np.int64], seed: int) -> Iterator[Bool]:
+    """Yield each halving's two halves of the observations, [P], of whole groups [P]."""
+    groups, rng = np.unique(group), np.random.default_rng(seed)
+    for _ in range(HALVINGS):
+        first = np.isin(group, rng.permutation(groups)[: len(groups) // 2])
+        yield first
+        yield ~first
 
 
 def _left(motion: CameraMotion, tracks: Tracks, intrinsics: F64, settings: MotionSettings) -> float:

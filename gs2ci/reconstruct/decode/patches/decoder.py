@@ -141,12 +141,11 @@ def patch_decode(
         InputError: The settings make no sense.
     """
     settings = (settings or PatchSettings()).check()
-    noise, done = HeldoutNoise(shot, settings.iterations, seed), 0
+    noise, steps = HeldoutNoise(shot, settings.iterations, seed), enumerate(settings.sigmas, start=1)
 
     def watch(planes: F32) -> bool:
-        nonlocal done
-        done += 1
-        noise.after(planes, settings.sigmas[done - 1], done, settings.iterations - done)
+        done, sigma = next(steps)
+        noise.after(planes, sigma, done, settings.iterations - done)
         return False
 
     start = decode_signed(shot, settings.start)
