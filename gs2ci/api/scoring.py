@@ -9,7 +9,7 @@ import numpy as np
 from gs2ci.api.options import as_path, check_number, check_whole
 from gs2ci.api.runs import FOLDER_REMEDY, Run
 from gs2ci.api.shots import load
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, on_host
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 
@@ -156,8 +156,7 @@ def _depth(given: Any) -> F32:
     from gs2ci.core.foreign.assemble import load_single
 
     where = given if isinstance(given, str | Path) else "depth"
-    held = given.detach().cpu() if hasattr(given, "detach") else given
-    depth = load_single(Path(given)).values if isinstance(given, str | Path) else np.asarray(held)
+    depth = load_single(Path(given)).values if isinstance(given, str | Path) else np.asarray(on_host(given))
     if depth.ndim not in (2, 3) or depth.dtype.kind not in "uif":
         raise InputError(
             f"{where} holds no depth but {depth.dtype} of shape {list(depth.shape)}",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from gs2ci.api.options import as_path, check_choice, check_number, check_whole
+from gs2ci.core.arrays import on_host
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
@@ -281,8 +282,7 @@ def _given(name: str, value: ArrayOrFile) -> "Array | None":
     if isinstance(value, str | Path):
         return load_single(Path(value))
     try:
-        held = value.detach().cpu() if hasattr(value, "detach") else value
-        return Array(name, np.asarray(held, dtype=np.float64))
+        return Array(name, np.asarray(on_host(value), dtype=np.float64))
     except (TypeError, ValueError, RuntimeError) as error:  # the last of tensors without data, or lazily negated
         raise InputError(
             f"{name} is {type(value).__name__}, no array of numbers: {error}", allowed="an array, or the path of a file"

@@ -1,4 +1,6 @@
-"""Short names for types of arrays; shapes and units are in the docstrings that use them."""
+"""Short names for types of arrays; shapes and units are in the docstrings that use them. Tensors read by numpy."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,3 +12,8 @@ U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 Bool = NDArray[np.bool_]
+
+
+def on_host(given: Any) -> Any:
+    """Return a tensor without its graph and in the host's memory, as numpy reads it; anything else as it is."""
+    return given.detach().cpu() if hasattr(given, "detach") else given

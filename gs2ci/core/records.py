@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, Bool, on_host
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import check_distortion
 
@@ -226,8 +226,7 @@ def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
         if given is None and name in left_out:
             continue
         try:
-            # A tensor may be part of a graph, or be on a device.
-            held = given.detach().cpu() if hasattr(given, "detach") else given
+            held = on_host(given)
             found = np.asarray(held)
             # Objects would turn into NaN, text into numbers, complex numbers into their real parts.
             if found.dtype.kind not in "biuf":
