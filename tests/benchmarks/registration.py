@@ -139,15 +139,20 @@ def were(change: Callable[[Masks], Masks], noise: float = 0.004) -> Callable[[Sc
     return pair
 
 
-def stated(change: Callable[[Masks], Masks]) -> Callable[[Scene, int], Pair]:
-    """Expose through the masks that were drawn, and state changed ones."""
+def both(real: Callable[[Masks], Masks], change: Callable[[Masks], Masks]) -> Callable[[Scene, int], Pair]:
+    """Expose through the first masks made of those that were drawn, and state the second ones made of these."""
 
     def pair(scene: Scene, seed: int) -> Pair:
-        masks = inside(drawn(seed))
+        masks = real(inside(drawn(seed)))
         told = scene.expose(masks, 0.004, seed)
         return told, replace(told, masks=np.ascontiguousarray(np.clip(change(masks), 0, 1), np.float32))
 
     return pair
+
+
+def stated(change: Callable[[Masks], Masks]) -> Callable[[Scene, int], Pair]:
+    """Expose through the masks that were drawn, and state changed ones."""
+    return both(lambda masks: masks, change)
 
 
 def read(change: Callable[[F32], F32]) -> Callable[[Scene, int], Pair]:
@@ -166,6 +171,11 @@ def clipped(scene: Scene, seed: int) -> Pair:
     level = np.float32(np.quantile(shot.measurement.max(axis=2), 0.5))
     low = replace(shot, measurement=np.minimum(shot.measurement, level), saturated=None)
     return replace(low, saturated=(shot.measurement >= level).any(axis=2)), low
+
+
+def calibrated(masks: Masks, sigma: float) -> Masks:
+    """Add the noise of a calibration."""
+    return masks + np.random.default_rng(6).normal(0, sigma, masks.shape)
 
 
 def everything(masks: Masks) -> Masks:
@@ -192,6 +202,8 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
     **{f"blur σ {s:g} px": were(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
     **{f"edges {e:+g} px": were(lambda m, e=e: regrown(m, e, 10)) for e in (0.1, -0.1)},  # type: ignore[misc]
     **{f"stated blurred σ {s:g} px": stated(lambda m, s=s: blurred(m, s)) for s in (0.5, 1, 2)},  # type: ignore[misc]
+    **{f"stated with noise of σ {s:g}": stated(lambda m, s=s: calibrated(m, s)) for s in (0.02, 0.05, 0.1, 0.2)},  # type: ignore[misc]
+    "soft ones with noise of σ 0.05": both(lambda m: 0.03 + 0.9 * blurred(m, 0.5), lambda m: calibrated(m, 0.05)),
     **{f"stated {f:g} as open": stated(lambda m, f=f: f * m) for f in (0.8, 0.5)},  # type: ignore[misc]
     **{f"black level {b:+g}": read(lambda y, b=b: y + np.float32(b)) for b in (0.3, -0.3)},  # type: ignore[misc]
     **{f"unit × {u:g}": read(lambda y, u=u: y * np.float32(u)) for u in (0.001, 1000)},  # type: ignore[misc]

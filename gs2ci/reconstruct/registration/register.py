@@ -39,7 +39,7 @@ from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 from gs2ci.reconstruct.registration.proposals import beside, propose
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
-from gs2ci.reconstruct.registration.sharpen import binary_source
+from gs2ci.reconstruct.registration.sharpen import sources
 from gs2ci.reconstruct.registration.ways import chosen, displaced, from_source, ways_of
 
 # Masks blurred by less than this are recovered by filtering.
@@ -260,8 +260,7 @@ class _Registration:
         for estimate in proposed:
             tried |= beside(estimate, ())
         proposals = [way for estimate in proposed for way in ways_of(self.shot, estimate)]
-        source = binary_source(self.shot.masks) if peak.is_sure else None
-        if source is not None:
+        for source in sources(self.shot.masks) if peak.is_sure else ():
             # The edges of the sharp masks were derived from the soft ones: their width is not estimated again.
             again, _ = propose(replace(self.shot, masks=source.masks), peak, edges=False)
             estimates = again or [MisfitEstimate(Misfit(), {})]

@@ -1,4 +1,4 @@
-"""Sharpening of masks that are stated softer than they were.
+"""What masks of open and closed elements were, that are stated softer than they were, or with noise.
 
 A blurred calibration, or a resampled picture of the masks, gives soft masks. If the true elements are either open or
 closed, the masks alone show how they were softened: only undoing the right blur, or the right fraction of a pixel,
@@ -11,20 +11,25 @@ What open and closed elements pass is kept as it is stated, with its smooth chan
 decides how bright the views are, which no held-out pixel tells. So the softening has to be known exactly, blur beside
 interpolation included: with too little of it, closed elements would seem to pass more than they do, and open ones less.
 
+A calibration of few frames adds noise that differs from pixel to pixel. Elements are told apart all the same, and the
+masks are stated again without it, as soft as they were: elements, levels and softness explain far more pixels than they
+have parameters. Noise is cut off at 0 and 1, which shifts the means of what closed and open elements pass.
+
 If all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
 
-Here: both. Not here: whether they are used (`register`, by the measurement).
+Here: all three. Not here: whether they are used (`register`, by the measurement).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
 from scipy import fft
 from scipy.optimize import minimize
+from scipy.special import expit
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.registration.kernels import undo
 from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
 
@@ -62,12 +67,25 @@ _QUADRATIC: Final = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 _LEVEL_RIDGE: Final = 1e-9
 # Masks without any variance have none to explain.
 _TINY: Final = 1e-12
+# Noise of less than these variances is left as it is, in crisp masks and in soft ones: single elements of a real
+# modulator differ, too, and a blur is only nearly Gaussian.
+_NOISE_OF_CRISP: Final = 1e-5
+_NOISE_OF_SOFT: Final = 1e-4
+# Grey masks are not taken for noisy ones: of evenly grey ones a quarter lies in the middle quarter between open and
+# closed, with noise of σ 0.3 a tenth; and rounded they explain three quarters of their variance.
+_MIDDLE: Final = 0.125
+_GREY: Final = 0.2
+# Noise was cut off where more than this share of the elements of one kind is at the end of the range.
+_CUT: Final = 0.02
 # Open elements pass at least so much more than closed ones; and masks that are closer to 0 and 1 are rounded.
 _LEAST_STEP: Final = 0.05
 _ROUNDED: Final = 1e-3
 
 # Masks of at least this share of the largest variance show the elements of all.
 _SHOWS: Final = 0.5
+
+# How often levels and elements are found from each other.
+_ROUNDS: Final = 2
 
 _Hypothesis = tuple[float, float]
 
@@ -101,40 +119,174 @@ class Source:
     blur_px2: float = 0.0
 
 
-def binary_source(masks: F32) -> Source | None:
-    """Find the masks of open and closed elements from which the stated ones, [N, H, W], were softened.
+def sources(masks: F32) -> list[Source]:
+    """Find what masks of open and closed elements may have been that are stated as the given ones, [N, H, W].
 
     Returns:
-        Those masks; None if the stated ones are sharp already, or if neither a blur nor an interpolation of open and
-        closed elements gives them.
+        The sharp masks, if a blur or an interpolation of them gives the stated ones; the stated ones without their
+        noise, if they have any. Neither if the stated ones are sharp and exact, or grey.
     """
+    stated = masks.astype(np.float64)
     one = one_of(masks)
-    if softness(one) < CRISP or min(masks.shape[1:]) < _LEAST_SIDE_PX:
+    if min(masks.shape[1:]) < _LEAST_SIDE_PX or softness(stated) == 0:
+        return []
+    crisp = _crisp(stated)
+    without_noise = [] if crisp is None else crisp.without_noise(stated, _NOISE_OF_CRISP)
+    if softness(one) < CRISP:
+        return without_noise
+    softened = _softened(stated, one)
+    if crisp is not None and crisp.left(stated) <= softened.left(stated) / _BLUR_EXPLAINS:
+        return without_noise
+    ways = []
+    if softened.left(stated) <= _EXPLAINED:
+        ways.append(softened.sharp)
+    if softened.left(stated) <= _GREY:
+        ways += softened.without_noise(stated, _NOISE_OF_SOFT)
+    return ways
+
+
+def _crisp(stated: F64) -> "_Softened | None":
+    """Tell the elements of crisp masks with noise, [N, H, W], apart; None if they are grey.
+
+    An element between open and closed is open with the probability that the noise gives it, and passes as much.
+    """
+    opened = _open_or_closed(_Levels.of(stated, _open_or_closed(stated)).removed_from(stated))
+    levels = _Levels.of(stated, opened).without_cuts(stated, opened)
+    share = levels.removed_from(stated)
+    # Noise is not cut off between the levels.
+    between = (share > 0) & (share < 1)
+    deviations = np.minimum(share, 1 - share)[between]
+    if not between.any() or np.mean(deviations > 0.5 - _MIDDLE) * between.mean() > _MIDDLE:
         return None
-    open_share = stated = masks.astype(np.float64)
+    variance, odds = float(np.mean(deviations**2)), (opened.mean() + _TINY) / (1 - opened.mean() + _TINY)
+    probable = expit((share - 0.5) / max(variance, _TINY) + np.log(odds))
+    return _Softened(opened, probable, levels, "")
+
+
+def _softened(stated: F64, one: F64) -> "_Softened":
+    """Undo the softening that explains stated masks, [N, H, W], best; one of them, [1, H, W], tells it.
+
+    Elements are told apart better where what they pass is known, and that is known better where elements are. A
+    calibration that divides by a dim reference is cut off at 1: what would lie beyond is taken from what was found.
+    """
     softening = _Softening.of(one)
-    levels = _Levels.of(one, softening.undone(one).softened)
-    if levels.differ:
-        # Elements are told apart better where what they pass is known; then that is known better, too.
-        open_share = levels.removed_from(stated)
-        softening = _Softening.of(levels.removed_from(one))
-    found = softening.undone(open_share)
-    levels = _Levels.of(stated, found.softened)
-    if _left(stated, levels.given_to(found.softened)) > _EXPLAINED:
-        return None
-    transmissions = np.clip(levels.given_to(found.opened), 0.0, 1.0).astype(np.float32)
-    return Source(transmissions, found.how, found.shift_px, found.blur_px2)
+    found = softening.undone(one)
+    levels = _Levels.of(one, found.softened)
+    for _ in range(_ROUNDS if levels.differ else 0):
+        share = levels.removed_from(levels.uncut(one, found.softened))
+        softening = _Softening.of(share)
+        found = softening.undone(share)
+        levels = _Levels.of(levels.uncut(one, found.softened), found.softened)
+        if not levels.cut:
+            break
+    found = softening.undone(levels.removed_from(stated) if levels.differ else stated)
+    return replace(found, levels=_Levels.of(levels.uncut(stated, found.softened), found.softened))
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, alike in all masks."""
+
+    closed: F64
+    step: F64
+
+    @classmethod
+    def of(cls, stated: F64, softened: F64) -> Self:
+        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements."""
+        y, x = (np.linspace(-1, 1, side) for side in stated.shape[1:])
+        basis = np.stack([np.multiply.outer(y**i, x**j) for i, j in _QUADRATIC])
+        gram, moment = np.zeros((2 * len(basis),) * 2), np.zeros(2 * len(basis))
+        for mask, elements in zip(stated, softened, strict=True):
+            design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
+            gram += design @ design.T
+            moment += design @ mask.reshape(-1)
+        gram += np.eye(len(gram)) * (_LEVEL_RIDGE * np.trace(gram) / len(gram))
+        closed, step = np.tensordot(np.linalg.solve(gram, moment).reshape(2, -1), basis, axes=1)
+        return cls(closed, np.maximum(step, _LEAST_STEP))
+
+    @property
+    def differ(self) -> bool:
+        """Get whether they differ from 0 and 1 by more than rounding."""
+        return bool(max(np.abs(self.closed).max(), np.abs(self.step - 1).max()) > _ROUNDED)
+
+    def without_cuts(self, stated: F64, opened: F64) -> Self:
+        """Return what elements of crisp masks, [N, H, W], pass; noise cut off at 0 or 1 moves means, but no median."""
+        open_ = self.closed + self.step
+        closed, open_ = (
+            level + _median_beside(stated - level, opened == kind, (stated == end) & (opened == kind))
+            for level, kind, end in ((self.closed, 0, 0), (open_, 1, 1))
+        )
+        return replace(self, closed=closed, step=np.maximum(open_ - closed, _LEAST_STEP))
+
+    @property
+    def cut(self) -> bool:
+        """Get whether open elements pass more than can be stated."""
+        return bool((self.closed + self.step).max() > 1 + _ROUNDED)
+
+    def uncut(self, stated: F64, softened: F64) -> F64:
+        """Return stated masks, [N, H, W], with what softened elements pass beyond 1, where they are cut off."""
+        return stated + np.maximum(self.given_to(softened) - 1, 0)
+
+    def given_to(self, elements: F64) -> F64:
+        """Return the transmissions of elements, [N, H, W], from closed (0) to open (1)."""
+        return np.asarray(self.closed + self.step * elements, np.float64)
+
+    def removed_from(self, masks: F64) -> F64:
+        """Return from transmissions, [N, H, W], how far elements are open."""
+        return np.asarray((masks - self.closed) / self.step, np.float64)
 
 
 @dataclass(frozen=True)
 class _Softened:
-    """Open (1) and closed (0) elements, [N, H, W], the same as they would be stated, and the rest as for `Source`."""
+    """Elements of masks, as they are and as they are stated.
+
+    Args:
+        opened: Open (1) and closed (0), [N, H, W].
+        softened: The same as softly as they are stated.
+        levels: What they pass.
+        how: In words.
+        shift_px, blur_px2: As for `Source`.
+    """
 
     opened: F64
     softened: F64
+    levels: _Levels
     how: str
     shift_px: tuple[float, float] = (0.0, 0.0)
     blur_px2: float = 0.0
+
+    @property
+    def sharp(self) -> Source:
+        """Get the masks before they were softened."""
+        return Source(_transmissions(self.levels.given_to(self.opened)), self.how, self.shift_px, self.blur_px2)
+
+    def without_noise(self, stated: F64, least: float) -> list[Source]:
+        """Return the masks as soft as they are stated, [N, H, W], without what differs from mask to mask at one pixel.
+
+        What is alike in all masks is a pixel's own: it is kept, as far as the mean over masks is not noise. Masks that
+        have less than the given variance of noise have none.
+        """
+        given = np.clip(self.levels.given_to(self.softened), 0.0, 1.0)
+        if self.blur_px2 > 0 and len(stated) > 1:
+            residual = stated - given
+            own = residual.mean(axis=0)
+            noise = residual.var(axis=0, ddof=1).mean() / len(stated)
+            given += max(0.0, 1 - noise / max(float(np.mean(own**2)), _TINY)) * own
+        noise = float(np.mean((stated - given) ** 2))
+        return [Source(_transmissions(given), f"with noise of σ {np.sqrt(noise):.2g}")] if noise >= least else []
+
+    def left(self, stated: F64) -> float:
+        """Return the share of the variance of the stated masks, [N, H, W], that they leave."""
+        return _left(stated, np.clip(self.levels.given_to(self.softened), 0.0, 1.0))
+
+
+def _median_beside(deviations: F64, here: Bool, cut: Bool) -> float:
+    """Return the median of deviations, [N, H, W], of one kind of elements; 0 if hardly any of these are cut off."""
+    return float(np.median(deviations[here])) if cut.sum() > _CUT * here.sum() else 0.0
+
+
+def _transmissions(values: F64) -> F32:
+    return np.clip(values, 0.0, 1.0).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -179,9 +331,10 @@ class _Softening:
             interpolated = _open_or_closed(unshifted(masks, *self.told_at))
             moved = _moved(interpolated, *self.shift, self.also_px)
             if _left(masks, moved) < _left(masks, blurred):
-                return _Softened(interpolated, moved, self._how, (-self.shift[0], -self.shift[1]), self._blur_px2)
+                shift_px = (-self.shift[0], -self.shift[1])
+                return _Softened(interpolated, moved, _Levels.of(masks, moved), self._how, shift_px, self._blur_px2)
         how = f"blurred by σ {self.blur[0]:.2f} px"
-        return _Softened(unblurred, blurred, how, blur_px2=variance_of(self.blur[0]))
+        return _Softened(unblurred, blurred, _Levels.of(masks, blurred), how, blur_px2=variance_of(self.blur[0]))
 
     @property
     def _how(self) -> str:
@@ -217,41 +370,6 @@ def _interpolation_and_blur(soft: F64, shift: _Hypothesis) -> tuple[_Hypothesis,
 def _moved(elements: F64, down: float, right: float, also_px: float) -> F64:
     """Interpolate elements at a fraction of a pixel, and blur them by a standard deviation in px, which may be 0."""
     return gaussian(_shifted(elements, down, right), variance_of(also_px))
-
-
-@dataclass(frozen=True)
-class _Levels:
-    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, alike in all masks."""
-
-    closed: F64
-    step: F64
-
-    @classmethod
-    def of(cls, stated: F64, softened: F64) -> Self:
-        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements."""
-        y, x = (np.linspace(-1, 1, side) for side in stated.shape[1:])
-        basis = np.stack([np.multiply.outer(y**i, x**j) for i, j in _QUADRATIC])
-        gram, moment = np.zeros((2 * len(basis),) * 2), np.zeros(2 * len(basis))
-        for mask, elements in zip(stated, softened, strict=True):
-            design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
-            gram += design @ design.T
-            moment += design @ mask.reshape(-1)
-        gram += np.eye(len(gram)) * (_LEVEL_RIDGE * np.trace(gram) / len(gram))
-        closed, step = np.tensordot(np.linalg.solve(gram, moment).reshape(2, -1), basis, axes=1)
-        return cls(closed, np.maximum(step, _LEAST_STEP))
-
-    @property
-    def differ(self) -> bool:
-        """Get whether they differ from 0 and 1 by more than rounding."""
-        return bool(max(np.abs(self.closed).max(), np.abs(self.step - 1).max()) > _ROUNDED)
-
-    def given_to(self, elements: F64) -> F64:
-        """Return the transmissions of elements, [N, H, W], from closed (0) to open (1)."""
-        return np.asarray(self.closed + self.step * elements, np.float64)
-
-    def removed_from(self, masks: F64) -> F64:
-        """Return from transmissions, [N, H, W], how far elements are open."""
-        return np.asarray((masks - self.closed) / self.step, np.float64)
 
 
 _Way = Callable[[F64, float, float], F64]

@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.registration.misfit import variance_of
-from gs2ci.reconstruct.registration.sharpen import binary_source, unblur
+from gs2ci.reconstruct.registration.sharpen import sources, unblur
 from tests.reconstruct.registration.warps import blurred
+
+
+def binary_source(masks):
+    """Find the masks before they were softened; None if there are none."""
+    return next((one for one in sources(masks) if not one.how.startswith("with noise")), None)
+
+
+def without_noise(masks):
+    """Find the masks without their noise; None if they have none."""
+    return next((one for one in sources(masks) if one.how.startswith("with noise")), None)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +80,48 @@ def test_masks_that_never_were_open_or_closed_have_no_source(masks):
     grey = np.random.default_rng(8).random(masks.shape)
     assert binary_source(blurred(grey, 0.8).astype(np.float32)) is None
     assert binary_source(masks.astype(np.float32)) is None
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize(("closed", "open_"), [(0.0, 1.0), (0.04, 0.9)])
+def test_noise_of_a_calibration_is_taken_out_of_open_and_closed_elements(masks, closed, open_, sigma):
+    true = closed + (open_ - closed) * masks
+    noisy = np.clip(true + np.random.default_rng(7).normal(0, sigma, masks.shape), 0, 1)
+    (found,) = sources(noisy.astype(np.float32))
+    assert found.how.startswith("with noise of σ")
+    assert found.blur_px2 == 0
+    assert np.sqrt(np.mean((found.masks - true) ** 2)) < 0.35 * np.sqrt(np.mean((noisy - true) ** 2))
+
+
+def test_elements_between_open_and_closed_are_as_open_as_is_probable(masks):
+    noisy = np.clip(masks + np.random.default_rng(7).normal(0, 0.25, masks.shape), 0, 1)
+    found = without_noise(noisy.astype(np.float32)).masks
+    rounded = (noisy > 0.5).astype(float)
+    assert np.mean((found - masks) ** 2) < 0.75 * np.mean((rounded - masks) ** 2)
+    assert np.mean((found - masks) ** 2) < 0.6 * np.mean((noisy - masks) ** 2)
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.05])
+def test_noise_is_taken_out_of_soft_masks_and_what_every_pixel_has_of_its_own_is_kept(sigma):
+    rng = np.random.default_rng(9)
+    masks = (rng.random((8, 64, 80)) < 0.3).astype(float)
+    own = rng.lognormal(np.log(0.03), 0.5, masks.shape[1:])
+    true = own + (0.9 - own) * blurred(masks, 0.5)
+    noisy = np.clip(true + rng.normal(0, sigma, masks.shape), 0, 1)
+    found = without_noise(noisy.astype(np.float32)).masks
+    assert np.sqrt(np.mean((found - true) ** 2)) < 0.55 * np.sqrt(np.mean((noisy - true) ** 2))
+    assert np.abs((found - true).mean(axis=0)).mean() < np.abs((noisy - true).mean(axis=0)).mean()
+
+
+def test_exact_masks_and_grey_ones_have_no_noise(masks):
+    grey = np.random.default_rng(8).random(masks.shape)
+    for exact in (masks, 0.1 + 0.8 * masks, np.rint(255 * (0.1 + 0.8 * masks)) / 255, grey, blurred(masks, 0.8)):
+        assert without_noise(exact.astype(np.float32)) is None
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_masks_that_are_the_same_everywhere_have_no_source(level):
+    assert sources(np.full((3, 32, 32), level, np.float32)) == []
 
 
 def test_steps_find_what_filtering_leaves_out(masks):
