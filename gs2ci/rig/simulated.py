@@ -286,8 +286,8 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
         enables, start_s = table.trigger_out_2_bit == "enables", table.dlpc900_start_s
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=enables, start_latency_s=start_s)
     if isinstance(rig.modulator, DisplaySlmOptions):
-        greys = (rig.modulator.dark_level, rig.modulator.bright_level)
-        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s, greys=greys)
+        ends = (rig.modulator.dark_level, rig.modulator.bright_level)
+        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s, greys=ends)
     if isinstance(rig.modulator, VideoOutOptions):
         late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
         greys = rig.modulator.greys
