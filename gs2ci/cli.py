@@ -264,7 +264,7 @@ def _optional_values() -> "ConstructorRegistry":
 
 
 def _interrupted() -> int:
-    sys.stderr.write("interrupted; nothing half-written is left behind\n")
+    sys.stderr.write("interrupted; every file that has its final name is whole\n")
     return EXIT_INTERRUPTED
 
 
