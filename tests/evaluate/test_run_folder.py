@@ -200,7 +200,7 @@ def test_a_run_is_not_replaced_unless_asked(written, scene):
 
 def test_a_run_that_another_command_wrote_meanwhile_is_not_replaced_unless_asked(tmp_path):
     folder = tmp_path / "run"
-    refused = pytest.raises(StorageError, match="run cannot be written: Directory not empty.*choose another")
+    refused = pytest.raises(StorageError, match=r"run cannot be written: Directory not empty.*choose another")
     with refused, whole_folder(folder) as slower:
         (slower / "report.json").write_text("2")
         folder.mkdir()  # by another process
