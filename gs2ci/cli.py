@@ -76,9 +76,10 @@ _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted, 141 unread."""
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+    out = sys.stdout
+    if isinstance(out, io.TextIOWrapper) and (out.errors == "strict" or out.encoding.lower() != "utf-8"):
         # A finished work must not end in an error because its path, or ±, is none of the terminal's characters.
-        sys.stdout.reconfigure(errors="backslashreplace")
+        out.reconfigure(errors="backslashreplace")
     try:
         try:
             # In a context of its own, so that a second call in the same process starts clean.
@@ -263,7 +264,7 @@ def _optional_values() -> "ConstructorRegistry":
 
 
 def _interrupted() -> int:
-    sys.stderr.write("interrupted; nothing half-written is left behind\n")
+    sys.stderr.write("interrupted; every file that has its final name is whole\n")
     return EXIT_INTERRUPTED
 
 

@@ -34,10 +34,12 @@ The sections, and the values that other modules read from them (shapes: H, W sen
 Here: the file. Not here: the contents of a section (the procedures), whether a bundle still fits a bench (`fitting`).
 """
 
+import fcntl
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -171,6 +173,28 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
         StorageError: The file cannot be written.
     """
     check_bundle_place(path)
+    with _alone(path):
+        return _replaced(path, bundle)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Wait until no other process changes a bundle in this folder, and keep others out meanwhile.
+
+    The folder is locked, since the bundle is replaced by another file. Where the file system has no such locks, nothing
+    is kept out.
+    """
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _replaced(path: Path, bundle: Bundle) -> Path:
+    """Write a bundle where nothing else writes."""
     for section in bundle.sections.values():
         _check_section(section)
     partial = partial_of(path)
@@ -213,11 +237,13 @@ def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
         CalibrationError: The bundle belongs to other devices (`Reason.DOES_NOT_FIT`).
         NumericsError, StorageError: As `write_bundle` and `read_bundle`.
     """
-    bundle = read_bundle(path) if path.exists() else Bundle(provenance)
-    _check_devices(path, bundle, provenance, section.name)
-    of_this_rig = replace(section, rig=provenance.rig, temperature_c=provenance.temperature_c)
-    whole = replace(bundle.with_section(of_this_rig), provenance=provenance, path=path)
-    write_bundle(path, whole)
+    check_bundle_place(path)
+    with _alone(path):  # a section that another process adds between reading and writing would be lost
+        bundle = read_bundle(path) if path.exists() else Bundle(provenance)
+        _check_devices(path, bundle, provenance, section.name)
+        of_this_rig = replace(section, rig=provenance.rig, temperature_c=provenance.temperature_c)
+        whole = replace(bundle.with_section(of_this_rig), provenance=provenance, path=path)
+        _replaced(path, whole)
     return whole
 
 

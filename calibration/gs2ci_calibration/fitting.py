@@ -93,12 +93,12 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
     misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *other]
     if "masks" in bundle:
         misfits += _masks(bundle.sections["masks"], bench)
-    notes, now = [], _said_of_the_bench(provenance.rig)
-    changed = [
-        name
-        for name, section in bundle.sections.items()
-        if _said_of_the_bench(bundle.provenance.rig if section.rig is None else section.rig) != now
-    ]
+    texts = {
+        name: bundle.provenance.rig if section.rig is None else section.rig for name, section in bundle.sections.items()
+    }
+    said = {text: _said_of_the_bench(text) for text in {provenance.rig, *texts.values()}}  # most sections have the same
+    changed = [name for name, text in texts.items() if said[text] != said[provenance.rig]]
+    notes = []
     if changed:
         wholly = len(changed) == len(bundle.sections)
         since = "the calibration" if wholly else f"the measurement of {', '.join(changed)}"

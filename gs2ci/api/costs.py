@@ -122,7 +122,7 @@ def tradeoff(
         progress: Receives the trials.
 
     Raises:
-        InputError: A value cannot be used, or no trial fits into the time.
+        InputError: A value cannot be used, no trial fits into the time, or every one fails.
         StorageError: A file cannot be read or written.
 
     Example:
@@ -170,6 +170,8 @@ def tradeoff(
             Store(output / "cells", fresh=fresh),
             on_done=lambda done, _total: display.step(done),
         )
+    if all("error" in row for row in rows):
+        raise InputError(f"every trial failed, {wanted[0].name!r} because of: {rows[0]['error']}")
     rows = [{"trial": trial.name, "knob": trial.knob, **row} for trial, row in zip(wanted, rows, strict=True)]
     left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
     found = Tradeoff(measured.name, rows, left_out, command)

@@ -16,7 +16,7 @@ import numpy as np
 
 from gs2ci.api.options import check_choice
 from gs2ci.api.runs import Run, open_run
-from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.errors import InputError, StorageError, reason_of
 from gs2ci.core.whole_file import check_place
 
 if TYPE_CHECKING:
@@ -136,7 +136,10 @@ def _colmap(run: Run, folder: Path) -> _Write:
     from gs2ci.evaluate.whole_folder import write_pictures
 
     def write(path: Path) -> None:
-        shutil.copytree(folder / "colmap", path)
+        model = path / "sparse" / "0"
+        model.mkdir(parents=True)
+        for file in (folder / "colmap" / "sparse" / "0").iterdir():  # the error of `copytree` is a list of all files
+            shutil.copyfile(file, model / file.name)
         write_pictures(path / "images", run.views)
 
     return write
@@ -309,6 +312,7 @@ def _whole(target: Path, write: _Write) -> Path:
     """
     from gs2ci.evaluate.whole_folder import swap_in
 
+    made = target
     try:
         with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.name}.") as scratch:
             made = Path(scratch) / target.name
@@ -317,8 +321,12 @@ def _whole(target: Path, write: _Write) -> Path:
                 swap_in(made, target, Path(scratch) / "before")
             else:
                 made.replace(target)
-    except OSError as error:
+    except (OSError, StorageError) as error:
+        # The user knows the name of the output, and not the temporary one.
+        told = error.problem if isinstance(error, StorageError) else f"cannot be written: {reason_of(error)}"
+        told = told.replace(str(made), str(target))
         raise StorageError(
-            f"{target} cannot be written: {error}", remedy="check the free space and the permissions"
+            told if told.startswith(str(target)) else f"{target}: {told}",
+            remedy="check the free space and the permissions",
         ) from error
     return target

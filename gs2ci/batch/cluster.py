@@ -136,6 +136,7 @@ def local_workers(processes: int) -> Iterator[Any]:
     settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
     threads = max(1, int(machine()["usable_cores"]) // processes)
     with (
+        _hushed(),
         dask.config.set(settings),
         distributed.LocalCluster(
             n_workers=0, threads_per_worker=1, host=_HERE, dashboard_address=f"{_HERE}:0", silence_logs=_QUIET
@@ -152,6 +153,18 @@ def local_workers(processes: int) -> Iterator[Any]:
                 remedy="take fewer --processes, or 1, which needs no others",
             ) from error
         yield client
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Keep Dask's logs quiet, also while a cluster ends: by then it has undone its own `silence_logs`."""
+    logger = logging.getLogger("distributed")
+    level = logger.level
+    logger.setLevel(_QUIET)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 @contextmanager

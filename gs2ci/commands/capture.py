@@ -42,7 +42,7 @@ def run(
         rig: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
         out: The shot file to write, ends in .h5.
         dry_run: Connect, check and print the plan; move and write nothing.
-        shots: Number of shots, instead of the rig file's.
+        shots: Number of shots, instead of the rig file's; a longer burst is shortened to it.
         overwrite: Replace a finished file of that name.
         calibration: Bundle of `gs2ci calibrate` with the masks to use, instead of the one named in [calibration].
         probe: First check with one mask that the bundle still fits; needs a lit scene at rest.

@@ -123,7 +123,8 @@ def print_plan(decided: "Plan", console: Console) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("effect", "DN rms", "simulated", "why", "samples", "time"):
         side: Literal["left", "right"] = "right" if title in ("DN rms", "time") else "left"
-        table.add_column(title, justify=side, no_wrap=title != "samples", min_width=len(title))
+        wraps = title in ("why", "samples")  # the others say nothing true if they are cut
+        table.add_column(title, justify=side, no_wrap=not wraps, overflow="fold", min_width=len(title))
     table.add_row("(views)", "", "yes", "what is seen", f"{decided.views}", _share(decided.render_seconds, decided))
     for decision in decided.decisions:
         bound = decision.bound.rms_dn

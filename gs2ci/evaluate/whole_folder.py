@@ -89,10 +89,13 @@ def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = RUN_SCH
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         yield partial
-        swap_in(partial, folder, folder.parent / f".{folder.name}.{os.getpid()}.old")
+        if overwrite:
+            swap_in(partial, folder, folder.parent / f".{folder.name}.{os.getpid()}.old")
+        else:  # refused by the system if another command has filled the place meanwhile
+            partial.rename(folder)
     except OSError as error:
         raise StorageError(
-            f"{folder} cannot be written: {error}",
+            f"{folder} cannot be written: {reason_of(error)}",
             remedy="check the free space and the permissions, or choose another",
         ) from error
     finally:

@@ -107,14 +107,15 @@ class Rig:
         return self.bench.world.clock if self.bench else WallClock()
 
     def set_shots(self, shots: int) -> None:
-        """Set the number of shots, instead of the file's.
+        """Set the number of shots, instead of the file's; a longer burst becomes as short.
 
         Raises:
             InputError: Not 1 or more.
         """
         if shots < 1:
             raise InputError(f"--shots {shots}", allowed="1 or more")
-        capture = self.table.capture.model_copy(update={"shots": shots})
+        burst = min(self.table.capture.burst, shots)
+        capture = self.table.capture.model_copy(update={"shots": shots, "burst": burst})
         self.table = self.table.model_copy(update={"capture": capture})
 
     def open(self, trace_stem: Path | None = None, session: SessionLog | None = None) -> Devices:

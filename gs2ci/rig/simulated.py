@@ -286,10 +286,12 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
         enables, start_s = table.trigger_out_2_bit == "enables", table.dlpc900_start_s
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=enables, start_latency_s=start_s)
     if isinstance(rig.modulator, DisplaySlmOptions):
-        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s)
+        ends = (rig.modulator.dark_level, rig.modulator.bright_level)
+        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s, greys=ends)
     if isinstance(rig.modulator, VideoOutOptions):
         late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
-        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch)
+        greys = rig.modulator.greys
+        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch, greys=greys)
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 

@@ -121,12 +121,16 @@ def test_a_nexus_file_that_cannot_be_written_is_told(run):
         nexus.write_nexus(Path("nowhere/x.nxs"), run.report, run.views, None, exports._cameras(run))
 
 
-@pytest.mark.parametrize("to", ["gif", "mp4", "nexus", "spz", "colmap", "nerfstudio"])
-def test_a_disk_that_fills_up_is_told_and_leaves_nothing(run, small_files, tmp_path, to):
+@pytest.mark.parametrize("to", ["gif", "mp4", "nexus", "ply", "spz", "colmap", "nerfstudio"])
+def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, small_files, tmp_path, to):
     folder = tmp_path / "full"
     folder.mkdir()
-    with pytest.raises(StorageError, match="cannot be written"):
-        gs2ci.export(run, to, folder / exports.NAMES[to])
+    target = folder / exports.NAMES[to]
+    with pytest.raises(StorageError, match="cannot be written") as told:
+        gs2ci.export(run, to, target)
+    assert told.value.problem.startswith(str(target))
+    assert f"{folder}/." not in told.value.problem
+    assert told.value.problem.count(str(folder)) <= 2  # of a folder, also the file in it
     assert list(folder.iterdir()) == []
 
 

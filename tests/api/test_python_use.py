@@ -178,6 +178,14 @@ def test_an_interruption_leaves_everything_usable(examples):
         assert rig.capture(progress=gs2ci.Silent()).views == 4
 
 
+@pytest.mark.parametrize("more", ["shots = 4\nburst = 4", "shots = 6\nburst = 2"])
+def test_one_exposure_is_taken_on_a_bench_that_takes_several_in_a_burst(examples, more):
+    rig = examples / "rig.toml"
+    rig.write_text(rig.read_text().replace("masks = 4", f"masks = 4\n{more}"))
+    with gs2ci.open_rig("rig.toml") as opened:
+        assert opened.capture(progress=gs2ci.Silent()).truth.views.shape[0] == 4
+
+
 class Interrupting(gs2ci.Silent):
     """Presses Ctrl-C after so many steps of the fit, and once more at any later step where asked to."""
 

@@ -1,5 +1,6 @@
 """Workers that die, on a cluster of real processes."""
 
+import logging
 import os
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -88,6 +89,27 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(tmp_path, monkeypatch):
     with local_workers(1) as client:
         assert client.submit(os.getpid).result() != os.getpid()
     assert (tmp_path / "started").exists()
+
+
+def test_a_cluster_that_ends_prints_nothing(monkeypatch):
+    printed, handler, closing = [], logging.Handler(), distributed.LocalCluster.__exit__
+    monkeypatch.setattr(handler, "emit", printed.append)
+    logger = logging.getLogger("distributed")
+    logger.addHandler(handler)
+
+    def told_late(cluster, *error):
+        closing(cluster, *error)
+        logging.getLogger("distributed.batched").info("Batched Comm Closed")
+
+    monkeypatch.setattr(distributed.LocalCluster, "__exit__", told_late)
+    before = logger.level
+    try:
+        with local_workers(1):
+            pass
+    finally:
+        logger.removeHandler(handler)
+    assert logger.level == before
+    assert printed == []
 
 
 def test_local_workers_are_reached_from_this_machine_alone():

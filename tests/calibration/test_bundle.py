@@ -1,6 +1,8 @@
+import errno
 import json
 import os
 from dataclasses import replace
+from multiprocessing import get_context
 from types import SimpleNamespace
 
 import h5py
@@ -244,6 +246,34 @@ def test_whatever_goes_wrong_while_writing_leaves_nothing_half_written(path, mon
     with pytest.raises(StorageError if isinstance(error, RuntimeError) else TypeError):
         write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
     assert not list(path.parent.iterdir())
+
+
+def add_several(path, prefix, gate):
+    gate.wait()
+    for k in range(6):
+        add_section(path, section(f"{prefix}{k}"), BENCH)
+
+
+def test_processes_that_add_to_one_bundle_at_once_lose_nothing_and_do_not_fail(path):
+    context = get_context("spawn")
+    gate = context.Barrier(3)
+    workers = [context.Process(target=add_several, args=(path, prefix, gate)) for prefix in "abc"]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert [worker.exitcode for worker in workers] == [0, 0, 0]
+    assert sorted(read_bundle(path).sections) == [f"{prefix}{k}" for prefix in "abc" for k in range(6)]
+    assert sorted(file.name for file in path.parent.iterdir()) == ["bench.cal.h5", "bench.cal.json"]
+
+
+def test_a_file_system_without_locks_holds_bundles_all_the_same(path, monkeypatch):
+    def refuse(*arguments):
+        raise OSError(errno.EBADF, "no locks here")
+
+    monkeypatch.setattr("gs2ci_calibration.bundle.fcntl.flock", refuse)
+    add_section(path, section(), BENCH)
+    assert list(read_bundle(path).sections) == ["dark-flat"]
 
 
 def test_a_file_of_the_users_in_the_manifests_place_is_not_replaced(path):

@@ -1,7 +1,9 @@
 """The import command: its arguments, what it prints, what it writes, and that errors write nothing."""
 
+import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import tyro
@@ -185,3 +187,13 @@ def test_a_number_out_of_range_is_refused_by_its_option(tmp_path, words, problem
         command(tmp_path / "a.npz", "-o", tmp_path / "shot.h5", *words)
     assert caught.value.problem == problem
     assert "finite number" in caught.value.allowed or "whole number" in caught.value.allowed
+
+
+def test_a_file_whose_name_is_no_utf8_is_imported_under_a_name_that_can_be_read(tmp_path, arrays):
+    path = tmp_path / os.fsdecode(b"me\xfcss.npz")
+    np.savez(path, **arrays)
+    shot = command(path, "-o", tmp_path / "shot.h5")
+    assert np.array_equal(shot.measurement, arrays["meas"])
+    with h5py.File(tmp_path / "shot.h5") as file:
+        assert file.attrs["name"] == r"me\udcfcss"
+    assert_manifest_fits(tmp_path / "shot.h5")

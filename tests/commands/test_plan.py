@@ -52,6 +52,19 @@ def test_no_title_is_cut_on_a_narrow_terminal(rig):
     assert console.file.getvalue().split()[:7] == ["effect", "DN", "rms", "simulated", "why", "samples", "time"]
 
 
+@pytest.mark.parametrize("width", [60, 72, 80])
+def test_no_name_and_no_number_is_cut_on_a_narrow_terminal(rig, width):
+    wide, narrow = (Console(file=io.StringIO(), width=columns) for columns in (200, width))
+    decided = plan_of(rig)
+    for console in (wide, narrow):
+        plan.print_plan(decided, console)
+    told = narrow.file.getvalue()
+    assert "…" not in told
+    for line in wide.file.getvalue().splitlines()[1:]:
+        figures = [word for word in line.split() if word[0].isdigit()] if "within" not in line else []
+        assert {line.split()[0], *figures} <= set(told.split()), line
+
+
 def test_a_coarser_tolerance_on_the_command_line_goes_before_the_files(rig):
     assert len(plan_of(rig, 100.0).effects) < len(plan_of(rig).effects)
 

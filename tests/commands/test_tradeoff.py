@@ -70,6 +70,32 @@ def test_finished_trials_are_not_tried_again_unless_asked(measured, tried, tmp_p
         assert len(tried) == count
 
 
+def test_a_shot_of_which_every_trial_fails_is_an_error_and_leaves_no_pages(
+    measured, tmp_path, gs2ci, monkeypatch, capsys
+):
+    monkeypatch.setattr(costs, "probe", lambda shot: MODEL)
+    frame = replace(read_shot(measured), provenance={"mask_index": 0})
+    file = write_shots(tmp_path / "frames.h5", [frame])
+    assert gs2ci("tradeoff", file, "-o", tmp_path / "out", "--knobs", "preset") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "every trial failed, 'decode' because of: " in told
+    assert "frame of a single mask" in told
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["cells"]
+
+
+def test_one_trial_that_fails_does_not_end_the_others(measured, tried, tmp_path, monkeypatch):
+    good = trials.tried
+
+    def fails(shot, trial, seed):
+        if trial.name == "draft":
+            raise InputError("no draft of this")
+        return good(shot, trial, seed)
+
+    monkeypatch.setattr(trials, "tried", fails)
+    pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
+    assert "draft failed: no draft of this" in pages[2].read_text()
+
+
 def test_a_shot_in_memory_is_kept_beside_its_trials_and_replaces_nothing(measured, tried, tmp_path):
     before = measured.read_bytes()
     shot = read_shot(measured)

@@ -198,6 +198,17 @@ def test_a_run_is_not_replaced_unless_asked(written, scene):
     assert names(folder.parent) == {"run"}
 
 
+def test_a_run_that_another_command_wrote_meanwhile_is_not_replaced_unless_asked(tmp_path):
+    folder = tmp_path / "run"
+    refused = pytest.raises(StorageError, match=r"run cannot be written: Directory not empty.*choose another")
+    with refused, whole_folder(folder) as slower:
+        (slower / "report.json").write_text("2")
+        folder.mkdir()  # by another process
+        (folder / "report.json").write_text("1")
+    assert (folder / "report.json").read_text() == "1"
+    assert names(tmp_path) == {"run"}
+
+
 def test_an_empty_folder_is_filled(tmp_path, make_run, scene):
     (tmp_path / "run").mkdir()
     assert "report.json" in names(write_run(tmp_path / "run", *make_run(), scene))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from gs2ci.core.storage import read_calibration, read_shot
 from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.calibrating import bench_of, operator_of
+from gs2ci_calibration import fitting
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Estimate, Section
@@ -354,6 +356,17 @@ def test_a_change_since_some_of_the_steps_is_told_after_the_others_were_measured
     dark = replace(bundle.sections["dark-flat"], rig="name = 'before'")
     write_bundle(path, bundle.with_section(dark))
     assert loaded(path, probe=False).notes == ("the rig file has changed since the measurement of dark-flat",)
+
+
+def test_a_rig_file_that_several_sections_share_is_parsed_once(tmp_path, calibrate, loaded, monkeypatch):
+    path = tmp_path / "bench.cal.h5"
+    calibrate(path)
+    assert len(calibrate(path, "dark-flat").sections) > 1
+    parsed, parse = [], fitting.tomllib.loads
+    monkeypatch.setattr(fitting, "tomllib", SimpleNamespace(**vars(fitting.tomllib)))
+    monkeypatch.setattr(fitting.tomllib, "loads", lambda text: parsed.append(text) or parse(text))
+    assert loaded(path, probe=False).notes == ()
+    assert len(parsed) == 1
 
 
 def test_another_temperature_than_that_of_the_dark_frames_is_told(rig, tmp_path, calibrate, loaded):

@@ -144,6 +144,16 @@ def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
     assert rig.table.capture.shots == 7
 
 
+@pytest.mark.parametrize(("burst", "shots", "shorter"), [(1, 4, 1), (4, 1, 1), (4, 4, 4), (4, 8, 4), (4, 2, 2)])
+def test_a_burst_is_no_longer_than_the_shots_that_are_asked_for(tmp_path, burst, shots, shorter):
+    table = RigTable.model_validate(
+        {"modulator": {"kind": "dlpc900"}, "sensor": {"kind": "v4l2"}, "capture": {"shots": 4, "burst": burst}}
+    )
+    rig = Rig(table, "", tmp_path)
+    rig.set_shots(shots)
+    assert (rig.table.capture.shots, rig.table.capture.burst) == (shots, shorter)
+
+
 REAL = """
 import sys
 from pathlib import Path

@@ -14,6 +14,7 @@ from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.links import sdl_screen
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.ports import ScreenOutput
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
@@ -34,6 +35,48 @@ def test_the_doctor_finds_its_trigger_by_the_patch_and_nothing_wrong(tmp_path, m
     assert [one for one in found.values() if one.verdict == "bad"] == []
     assert "8 triggers gave 8 frames" in found["trigger loop"].detail
     assert found["modulator protocol"].verdict == "note"  # experimental
+
+
+@pytest.mark.parametrize(
+    ("kind", "levels"),
+    [
+        ("video", {"dark_level": 40, "bright_level": 200}),
+        ("video", {"dark_level": 255, "bright_level": 0}),
+        ("video", {"grey_table": [20, 160, 240]}),
+        ("video", {"grey_table": [250, 90, 80, 10]}),
+        ("santec", {"dark_level": 100, "bright_level": 900}),
+        ("santec", {"dark_level": 1023, "bright_level": 0}),
+    ],
+)
+def test_a_simulated_panel_passes_what_the_masks_say_whatever_its_levels(tmp_path, kind, levels):
+    world = TABLES["world"] | {"panel_response_s": 0.0}
+    table = RigTable.model_validate(TABLES | {"modulator": {"kind": kind, **levels}, "world": world})
+    bench = build_bench(table, Darkness())
+    devices = Rig(table, "", tmp_path, bench).open()
+    try:
+        modulator, info = devices.modulator, devices.modulator.connect()
+        size = (info.height, info.width)
+        shares = (0.0, 0.25, 0.5, 1.0)
+        masks = np.stack([np.full(size, round(255 * share), np.uint8) for share in shares])
+        modulator.upload(PatternSequence(masks, 8, exposure_s=0.2, pause_s=0.2, trigger=TriggerOut.NONE))
+        modulator.arm()
+        begin_s = bench.world.clock.now_s()
+        modulator.start()
+        modulator.wait_done(60.0)
+        bench.world.clock.sleep_s(0.1)
+        shown = bench.world.masks_between(begin_s, bench.world.clock.now_s())
+    finally:
+        devices.close()
+    passed = [float(one.levels.mean()) / one.top for one in shown]
+    # Levels are whole numbers. Whether a dark panel counts as one that shows a mask of zeros is the twin's affair.
+    assert [share for share in passed if share] == pytest.approx(shares[1:], abs=5e-3)
+
+
+def test_the_patch_of_a_simulated_panel_is_lit_at_its_bright_level(tmp_path):
+    modulator = TABLES["modulator"] | {"dark_level": 0, "bright_level": 90}
+    table = RigTable.model_validate(TABLES | {"modulator": modulator})
+    found = {one.what: one for one in examine(Rig(table, "", tmp_path, build_bench(table, Darkness())))}
+    assert "8 triggers gave 8 frames" in found["trigger loop"].detail
 
 
 @pytest.fixture

@@ -124,10 +124,14 @@ def test_nobody_hears_of_a_reader_that_has_seen_enough():
     assert child.returncode == cli.EXIT_UNREAD
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_what_a_terminal_has_no_character_for_is_printed_all_the_same(encoding, monkeypatch):
+@pytest.mark.parametrize(
+    ("encoding", "errors"),
+    # The last are Python's own of a locale without a character set.
+    [("utf-8", "strict"), ("ascii", "strict"), ("latin-1", "strict"), ("ascii", "surrogateescape")],
+)
+def test_what_a_terminal_has_no_character_for_is_printed_all_the_same(encoding, errors, monkeypatch):
     seen = io.BytesIO()
-    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(seen, encoding=encoding, errors="strict"))
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(seen, encoding=encoding, errors=errors))
     monkeypatch.setattr(cli, "_usage", lambda: "m\udce4.ply is written, ± 1\n")
     assert typed(monkeypatch, "--help") == 0
     assert seen.getvalue().decode(encoding).startswith("m\\udce4.ply is written, ")

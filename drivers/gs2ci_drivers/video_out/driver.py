@@ -81,11 +81,8 @@ class VideoOut(Modulator):
     def levels(self, mask: U8 | U16, bit_depth: int) -> U8:
         """Return a mask's grey levels, [H, W] uint8: by the table if given, otherwise linear from dark to bright."""
         shares = np.linspace(0, 1, 1 << bit_depth)
-        if self.settings.grey_table:
-            known = np.linspace(0, 1, len(self.settings.grey_table))
-            table = np.interp(shares, known, self.settings.grey_table)
-        else:
-            table = self.settings.dark_level + shares * (self.settings.bright_level - self.settings.dark_level)
+        greys = self.settings.greys
+        table = np.interp(shares, np.linspace(0, 1, len(greys)), greys)
         return np.asarray(np.rint(table).astype(np.uint8)[mask])
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
@@ -190,12 +187,11 @@ class VideoOut(Modulator):
         assert self.settings.trigger_patch is not None
         top, left, height, width = self.settings.trigger_patch
         drawn = picture.copy()
-        level = self.settings.bright_level if lit else self.settings.dark_level
-        drawn[top : top + height, left : left + width] = level
+        drawn[top : top + height, left : left + width] = self.settings.greys[-1 if lit else 0]
         return drawn
 
     def _dark(self) -> U8:
-        return np.full((self.info.height, self.info.width), self.settings.dark_level, np.uint8)
+        return np.full((self.info.height, self.info.width), self.settings.greys[0], np.uint8)
 
     def _refreshes(self, sequence: PatternSequence) -> int:
         return round(sequence.duration_s / self.refresh_s)

@@ -28,6 +28,8 @@ _TIFF: Final = {
 }
 # Numbers of tags: 0 as white or black, and whether the colours lie side by side (1) or in separate planes (2).
 _PHOTOMETRIC, _PLANES = _LAYOUT = (262, 284)
+# What ImageJ and tifffile write in a description: the number of images, or the shape of the whole array.
+_COUNT: Final = re.compile(rb"ImageJ=[^\0]*?\simages=(\d+)|\{\"shape\": \[([\d, ]+)\]")
 SIGNATURES: Final = (b"\x89PNG\r\n\x1a\n", *_TIFF, b"BM", b"P5")
 JPEG: Final = b"\xff\xd8\xff"
 
@@ -129,6 +131,14 @@ def _pages(file: Path) -> list[NDArray[Any]]:
                 allowed="a whole file",
                 remedy="it was cut off or is damaged: copy it or save it again",
             )
+        # A stack may have one page in the list, whose description counts those that lie behind it.
+        described = _described(stored.data, pages[0].size) if layouts else 0
+        if len(pages) < described:
+            raise InputError(
+                f"{file}: its description counts {described} images, but its list has {len(pages)} page(s)",
+                allowed="a TIFF that lists every page",
+                remedy="save it as single pictures in a folder, as .npy, or page by page (tifffile: truncate=False)",
+            )
         for page, layout in zip(pages, layouts, strict=False):
             _check_layout(file, np.asarray(page), layout)
     return [_in_order(file, np.asarray(page)) for page in pages]
@@ -187,6 +197,15 @@ def _layouts(stored: memoryview) -> list[dict[int, int]]:
     except (struct.error, OverflowError):
         return [*found.values(), {}]
     return list(found.values())
+
+
+def _described(stored: memoryview, page_size: int) -> int:
+    """Return how many pages of `page_size` numbers a TIFF's description counts; 0 if it counts none."""
+    found = _COUNT.search(stored)
+    if found is None:
+        return 0
+    images, shape = found.groups()
+    return int(images) if images else math.prod(int(side) for side in shape.split(b",")) // page_size
 
 
 @contextmanager

@@ -217,7 +217,8 @@ def create(file: h5py.File, header: CaptureHeader) -> None:
     file.attrs["run_uid"] = str(uuid.uuid4())
     file.attrs["software"] = f"gs2ci {__version__}"
     file.attrs["units"] = UNITS
-    file.attrs["name"] = header.name
+    # A file name that is not UTF-8 has lone surrogates in Python, which HDF5's texts cannot hold.
+    file.attrs["name"] = header.name.encode("utf-8", "backslashreplace").decode()
     config = file.create_dataset("config", data=header.config, dtype=h5py.string_dtype())
     config.attrs["sha256"] = hashlib.sha256(header.config.encode()).hexdigest()
     file.create_dataset("events", (0,), h5py.string_dtype(), maxshape=(None,), chunks=(256,))

@@ -23,6 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F64, U16
+from gs2ci.core.clock import Clock
 from gs2ci.core.errors import DeviceError, Gs2ciError, InputError
 from gs2ci.core.extras import missing_extra
 from gs2ci.core.progress import Silent
@@ -47,7 +48,7 @@ READ_S: Final = 1.0
 """How long a picture is waited for beyond its exposure."""
 PICTURES_PER_S: Final = 15.0
 MOVE_LOOK_S: Final = 0.05
-"""How often a moving stage is asked whether it rests, and whether it is to stop."""
+"""How often a moving stage is asked whether it rests, and whether it or an exposure is to stop."""
 LARGEST_JOG_MM: Final = 10.0
 DECODE_ITERATIONS: Final = 20
 FIRST_EXPOSURE_S: Final = 0.01
@@ -73,30 +74,64 @@ class LiveView:
     state: dict[str, Any] = field(default_factory=dict)
 
 
-class _Interruptible(Silent):
-    """Ends a capture at its next report, if that is requested.
+class _End:
+    """Ends an exposure, once, where one is being taken and its end is requested.
 
     Args:
         asked: Tells whether it is.
     """
 
     def __init__(self, asked: Callable[[], bool]) -> None:
-        super().__init__()
         self._asked = asked
+        self.taking = False
 
-    def stage(self, name: str, total: int | None = None) -> None:
-        """Raise a DeviceError if the end is requested."""
-        self._end_if_asked()
-
-    def step(self, done: int, **figures: float | int | str) -> None:
-        """Raise a DeviceError if the end is requested."""
-        self._end_if_asked()
-
-    def _end_if_asked(self) -> None:
-        if self._asked():
+    def if_asked(self) -> None:
+        """Raise a DeviceError if the end is requested; what brings the devices to rest afterwards is not ended."""
+        if self.taking and self._asked():
+            self.taking = False
             raise DeviceError(
                 "the exposure was ended: a request to disarm came", remedy="press the button again to take another"
             )
+
+
+class _Interruptible(Silent):
+    """Ends a capture at its next report, if that is requested."""
+
+    def __init__(self, end: _End) -> None:
+        super().__init__()
+        self._end = end
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Raise a DeviceError if the end is requested."""
+        self._end.if_asked()
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Raise a DeviceError if the end is requested."""
+        self._end.if_asked()
+
+
+class _EndingClock:
+    """A clock of modulator and stage between their commands: an exposure ends where they look at it, if requested.
+
+    Their links keep the rig's own clock, so that no command is left without its answer.
+    """
+
+    def __init__(self, clock: Clock, end: _End) -> None:
+        self._clock = clock
+        self._end = end
+
+    def now_s(self) -> float:
+        """Get the time in seconds; raise a DeviceError if the end is requested."""
+        self._end.if_asked()
+        return self._clock.now_s()
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Let time pass; raise a DeviceError if the end is requested meanwhile."""
+        until_s = self.now_s() + duration_s
+        while self._end.taking and duration_s > MOVE_LOOK_S:
+            self._clock.sleep_s(MOVE_LOOK_S)
+            duration_s = until_s - self.now_s()
+        self._clock.sleep_s(duration_s)
 
 
 class LiveBench:
@@ -111,6 +146,7 @@ class LiveBench:
         self._asked: SimpleQueue[tuple[Callable[[], None], Future[None]]] = SimpleQueue()
         self._ended = threading.Event()
         self._disarm_waits = threading.Event()  # set while a request to disarm waits
+        self._end = _End(self._asked_to_stop)
         self._lock = threading.Lock()
         self._view = LiveView()
         self._notes: list[str] = []
@@ -153,7 +189,12 @@ class LiveBench:
             DriverError: A device does not answer.
             InputError: The masks do not fit on the modulator.
         """
-        self._devices = self._rig.open()
+        devices = self._rig.open()
+        clock = _EndingClock(devices.clock, self._end)
+        for device in (devices.modulator, devices.stage):
+            if device is not None:
+                device.clock = clock
+        self._devices = replace(devices, clock=clock)
         try:
             self._codes, _, self._config = intended(self._rig, self._devices)
             if self._devices.stage is not None:
@@ -374,7 +415,7 @@ class LiveBench:
     def _take(self) -> None:
         """Take one coded exposure by the rig file and decode it; afterwards camera and modulator are off.
 
-        A request to disarm ends it during the upload of the masks, which takes longest, and before the masks are shown.
+        A request to disarm ends it during the upload of the masks, and wherever modulator or stage is waited for.
 
         Raises:
             DeviceError: It was ended.
@@ -388,14 +429,14 @@ class LiveBench:
         table = self._rig.table
         capture = table.capture.model_copy(update={"shots": 1, "burst": 1, "continuous": False})
         rig = replace(self._rig, table=table.model_copy(update={"capture": capture}))
-        self._taking = True
+        self._taking = self._end.taking = True
         self._publish()
         try:
             with tempfile.TemporaryDirectory(prefix="gs2ci-live-") as folder:
                 out = Path(folder) / "shot.h5"
                 began_s = time.monotonic()
                 prepared = prepare(rig, self._devices, self._calibrated)
-                record(rig, self._devices, prepared, out, replace=True, progress=_Interruptible(self._asked_to_stop))
+                record(rig, self._devices, prepared, out, replace=True, progress=_Interruptible(self._end))
                 took_s = time.monotonic() - began_s
                 shot = read_shot(out, 0)
             registered = register(shot)
@@ -403,7 +444,7 @@ class LiveBench:
                 self._note(note.advice)
             views = gap_tv(registered.shot, GapTvSettings(iterations=DECODE_ITERATIONS))
         finally:
-            self._taking = False
+            self._taking = self._end.taking = False
         drawn = np.rint(255 * np.sqrt(views)).astype(np.uint8)
         pictures = tuple(encode_png(view[:, :, 0] if view.shape[2] == 1 else view) for view in drawn)
         with self._lock:

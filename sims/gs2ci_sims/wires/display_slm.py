@@ -10,7 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.panel import Panel
+from gs2ci_sims.wires.panel import Panel, transmissions
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import World
 
@@ -23,6 +23,7 @@ WRONG_KIND = declare("slm.wrong_kind", "a status arrives as a frame of another k
 
 HEIGHT: Final = 1200
 WIDTH: Final = 1920
+TOP: Final = 1023
 _COMMAND_S: Final = 2e-3
 _IMAGE_S: Final = 0.145
 _USB_BAUD: Final = 2_000_000_000
@@ -38,12 +39,21 @@ class DisplaySlmTwin(SerialTwin):
         faults: The faults to inject.
         name: Prefix of its trigger line.
         response_s: Time constant of the liquid crystal.
+        greys: The panel's levels at which the optics pass no light and all of it.
     """
 
     def __init__(
-        self, world: World, faults: FaultSet | None = None, *, name: str = "slm0", response_s: float = 0.0
+        self,
+        world: World,
+        faults: FaultSet | None = None,
+        *,
+        name: str = "slm0",
+        response_s: float = 0.0,
+        greys: tuple[int, int] = (0, TOP),
     ) -> None:
         super().__init__(world.clock, faults, _USB_BAUD)
+        self._full = abs(greys[1] - greys[0])
+        self._passes = transmissions(greys, TOP, self._full)
         self.panel = Panel(world, f"{name}.out", self.faults, response_s)
         self._input = bytearray()
         self._restart()
@@ -140,11 +150,12 @@ class DisplaySlmTwin(SerialTwin):
             self._target = value
             self._rows.clear()
         elif head == "DS" and value in self.slots and self._from_memory:
-            self.panel.set(self.slots[value], 1023)
+            self.panel.set(self._passes[self.slots[value]], self._full)
             if self._pulses:
                 self.panel.pulse()
-        elif head == "GS" and value <= 1023:
-            self.panel.set(np.full((HEIGHT, WIDTH), value, np.uint16) if value else None, 1023)
+        elif head == "GS" and value <= TOP:
+            passed = self._passes[value]
+            self.panel.set(np.full((HEIGHT, WIDTH), passed) if passed else None, self._full)
         elif head == "TM" and value <= 1:
             self._pulses = value == 1
         else:
@@ -166,7 +177,7 @@ class DisplaySlmTwin(SerialTwin):
         low, high = buffer[:, 0 : 2 * WIDTH : 2], buffer[:, 1 : 2 * WIDTH : 2]
         pixels = low + high * np.uint16(256)
         expected = int.from_bytes(buffer[-1, -4:].tobytes(), "little")
-        if int(pixels.sum(dtype=np.uint64)) % 2**32 != expected or int(pixels.max()) > 1023:
+        if int(pixels.sum(dtype=np.uint64)) % 2**32 != expected or int(pixels.max()) > TOP:
             self._finish("NG", "image", _IMAGE_S)
             return
         self.slots[self._target] = pixels

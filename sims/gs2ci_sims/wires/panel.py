@@ -6,7 +6,7 @@ the DLPC900, which switch at once.
 
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,19 @@ _TOP_16 = 0xFFFF
 _STEPS_PER_TIME_CONSTANT = 2
 _TIME_CONSTANTS = 7
 _MEAN_OF_STEP = -math.expm1(-1 / _STEPS_PER_TIME_CONSTANT) * _STEPS_PER_TIME_CONSTANT
+
+
+def transmissions(greys: Sequence[int], top: int, full: int) -> U16:
+    """Return the light that optics pass at each of a panel's levels 0 to `top`, [top + 1], of `full` at most.
+
+    Args:
+        greys: The levels at transmissions 0 to 1 in equal steps, rising or falling; linear in between, constant beyond.
+        top: The panel's highest level.
+        full: The number that stands for a transmission of 1.
+    """
+    known, shares = np.asarray(greys), np.linspace(0, full, len(greys))
+    order = slice(None, None, 1 if known[0] < known[-1] else -1)
+    return np.rint(np.interp(np.arange(top + 1), known[order], shares[order])).astype(np.uint16)
 
 
 @enum.unique

@@ -13,9 +13,10 @@ from math import floor
 
 import numpy as np
 
-from gs2ci.core.arrays import U8
+from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.ports import ScreenOutput
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.panel import transmissions
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("screen.unplugged", "the display is unplugged (ENODEV)")
@@ -23,6 +24,8 @@ DOUBLED = declare("screen.doubled", "a picture is shown for two refreshes")
 DROPPED = declare("screen.dropped", "two pictures are taken within one refresh: the first is never shown")
 
 TOP = 255
+FULL = 0xFFFF
+"""The number that stands for a transmission of 1, so that a grey table is not rounded to 8 bits."""
 
 
 class ScreenTwin:
@@ -37,6 +40,7 @@ class ScreenTwin:
         refresh_hz: Pictures a second.
         frames_late: Refreshes by which its electronics delay a picture.
         patch: First row and column, rows and columns of the patch below the photodiode.
+        greys: The panel's levels at transmissions 0 to 1 in equal steps, rising or falling.
     """
 
     def __init__(
@@ -50,6 +54,7 @@ class ScreenTwin:
         refresh_hz: float = 60.0,
         frames_late: int = 0,
         patch: tuple[int, int, int, int] | None = None,
+        greys: tuple[int, ...] = (0, TOP),
     ) -> None:
         self.faults = faults or FaultSet()
         self.output = ScreenOutput("TWIN-1", height, width, refresh_hz)
@@ -59,9 +64,10 @@ class ScreenTwin:
         self._line = f"{name}.out"
         self._late_s = frames_late / refresh_hz
         self._patch = patch
+        self._passes = transmissions(greys, TOP, FULL)
         self._plugged = True
         self._opened = False
-        self._shown: U8 | None = None
+        self._shown: U16 | None = None
         self.fault = ""
 
     def unplug(self) -> None:
@@ -105,7 +111,7 @@ class ScreenTwin:
         if self.faults.take(DROPPED):
             following = floor(now_s / period_s + 1e-6)
         due_s = following * period_s
-        picture = np.array(levels)
+        picture = self._passes[levels]
         self._clock.at(due_s + self._late_s, lambda: self._show(picture) if self._opened else None)
         self._clock.sleep_s(due_s - now_s)
         self.refreshes += 1
@@ -121,13 +127,13 @@ class ScreenTwin:
             self._opened = False
             self._show(None)
 
-    def _show(self, picture: U8 | None) -> None:
+    def _show(self, picture: U16 | None) -> None:
         dark = picture is None or not picture.any()
         lit = False
         if not dark and self._patch is not None:
             assert picture is not None
             top, left, height, width = self._patch
-            lit = bool(picture[top : top + height, left : left + width].mean() > TOP / 2)
+            lit = bool(picture[top : top + height, left : left + width].mean() > FULL / 2)
             picture[top : top + height, left : left + width] = 0
             dark = not picture.any()
         shown = None if dark else picture
@@ -135,6 +141,6 @@ class ScreenTwin:
         both = shown is not None and self._shown is not None
         same = shown is self._shown or (both and bool(np.array_equal(np.asarray(shown), np.asarray(self._shown))))
         if not same:
-            self._world.show_mask(shown, TOP)
+            self._world.show_mask(shown, FULL)
         self._shown = shown
         self._world.bus.drive(self._line, lit)

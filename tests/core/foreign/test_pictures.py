@@ -247,3 +247,20 @@ def test_a_folder_without_pictures_and_a_damaged_picture_are_named(tmp_path, cap
         with pytest.raises(InputError, match=r"a\.png: (no picture can be read in it|cannot be read)"):
             open_foreign(tmp_path / "a.png")
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("colours", [False, True])
+@pytest.mark.parametrize("form", [{"imagej": True}, {"metadata": {"axes": "ZYX"}}, {}])
+def test_a_stack_that_lists_one_page_for_many_is_refused(tmp_path, form, colours):
+    pages = np.random.default_rng(0).integers(0, 255, (4, 6, 8, 3) if colours else (4, 6, 8)).astype(np.uint8)
+    form = form | {"photometric": "rgb" if colours else "minisblack"}
+    if colours and "metadata" in form:
+        form["metadata"] = {"axes": "ZYXS"}
+    path = tmp_path / "m.tif"
+    tifffile.imwrite(path, pages, **form)
+    assert np.array_equal(open_foreign(path).load("").values, pages)
+    tifffile.imwrite(path, pages, truncate=True, **form)
+    with pytest.raises(InputError, match=r"m\.tif: its description counts 4 images, but its list has 1 page.*folder"):
+        open_foreign(path)
+    tifffile.imwrite(path, pages[0], **({} if "metadata" in form else form))
+    assert open_foreign(path).load("").values.shape == pages[0].shape

@@ -64,7 +64,28 @@ def test_levels_are_linear_or_by_the_table():
     assert half[0, 0] == pytest.approx(200, abs=1)
 
 
-@pytest.mark.parametrize("table", [{"dark_level": 9, "bright_level": 9}, {"grey_table": [3]}, {"dark_level": 300}])
+def test_between_masks_and_at_the_end_the_panel_has_the_level_at_which_its_table_begins():
+    bench = Bench(grey_table=(255, 90, 10), trigger_patch=PATCH)
+    flips, flip = [], bench.twin.flip
+    bench.twin.flip = lambda levels: flips.append(levels.copy()) or flip(levels)
+    bench.play(bench.sequence(trigger=TriggerOut.PER_MASK))
+    assert [(flips[i] == 255).all() for i in (0, -1)] == [True, True]
+    patch = flips[2][PATCH[0] : PATCH[0] + PATCH[2], PATCH[1] : PATCH[1] + PATCH[3]]
+    assert {int(level) for level in patch.ravel()} == {10}
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"dark_level": 9, "bright_level": 9},
+        {"grey_table": [3]},
+        {"dark_level": 300},
+        {"grey_table": [7, 7]},
+        {"grey_table": [0, 200, 100]},
+        {"grey_table": [10, 200], "dark_level": 0},
+        {"grey_table": [0, 200], "bright_level": 255},
+    ],
+)
 def test_levels_that_cannot_be_are_refused(table):
     with pytest.raises(ValidationError):
         VideoOutOptions.model_validate({"kind": "video"} | table)

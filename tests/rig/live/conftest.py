@@ -32,12 +32,12 @@ superpixel = 2
 [capture]
 masks = 4
 density = 0.5
-mask_s = 0.02
+{capture}
 axis = "x"
 from_mm = 74.0
 to_mm = 75.0
 [optics]
-full_scale_e_per_s = 100000.0
+full_scale_e_per_s = {light_e_per_s}
 [world]
 scene = "planes"
 scene_units_per_mm = 0.02
@@ -53,10 +53,11 @@ def make_live(tmp_path):
     """Begin a live bench; it is closed at the end."""
     begun = []
 
-    def make(kind="v4l2", world="", tables="", modulator=MODULATOR):
+    def make(kind="v4l2", world="", tables="", modulator=MODULATOR, capture="mask_s = 0.02", light_e_per_s=1e5):
         path = tmp_path / "rig.toml"
         form = "Y12" if kind == "v4l2" else "Mono12"
-        path.write_text(RIG.format(kind=kind, format=form, world=world, modulator=modulator) + tables)
+        left = {"world": world, "modulator": modulator, "capture": capture, "light_e_per_s": light_e_per_s}
+        path.write_text(RIG.format(kind=kind, format=form, **left) + tables)
         bench = LiveBench(load_rig(path))
         bench.begin()
         begun.append(bench)

@@ -143,14 +143,20 @@ def test_a_panel_that_the_host_steps_goes_on_showing(make_live, monkeypatch, mod
     monkeypatch.setattr(live_bench, "HOLD_S", 1.2)
     monkeypatch.setattr(live_bench, "RENEWED_S", 0.8)
     hasten(monkeypatch, camera=camera)
-    bench = make_live(modulator=modulator)
-    clock = bench._rig.bench.world.clock
+    bench = make_live(modulator=modulator, world="panel_response_s = 0.0")  # else each mask fades into the next
+    world = bench._rig.bench.world
     bench.act("camera", on=camera)
+    begin_s = world.clock.now_s()
     bench.act("show", what=what)
-    begin_s = clock.now_s()
-    view = wait_for(bench, lambda view: clock.now_s() - begin_s > 2.0)
+    shown_s = world.clock.now_s()
+    view = wait_for(bench, lambda view: world.clock.now_s() - shown_s > 5.0)
     assert len(view.state["armed"]) == 1 + camera
     assert not [note for note in view.state["notes"] if "modulator" in note]
+    now_s = world.clock.now_s()
+    lit = [mask for mask in world.masks_between(begin_s, now_s) if mask.levels.any()]
+    assert len({mask.levels.tobytes() for mask in lit}) == {"mask": 1, "sequence": 4}[what]
+    assert lit[-1].end_s > now_s - 0.5
+    assert sum(min(mask.end_s, now_s) - max(mask.start_s, shown_s) for mask in lit if mask.end_s > shown_s) > 2.5
 
 
 def test_the_stage_is_jogged_within_its_limits(make_live):
@@ -252,6 +258,33 @@ def test_an_exposure_under_way_is_ended(make_live, monkeypatch, end):
     taking.join()
     assert refused
     assert len(shares) < 90
+    assert bench.armed == []
+    assert at_rest(bench)
+
+
+@pytest.mark.parametrize("end", [lambda bench: bench.act("disarm"), lambda bench: bench.close()])
+@pytest.mark.parametrize("modulator", [MODULATOR, 'kind = "video"\ntrigger_patch = [0, 0, 40, 40]'])
+def test_an_exposure_is_ended_while_its_masks_are_shown(make_live, monkeypatch, end, modulator):
+    bench = make_live(modulator=modulator, capture="mask_s = 2.0", light_e_per_s=1000.0)
+    world, sleep = bench._rig.bench.world, bench._rig.bench.world.clock.sleep_s
+    # Its seconds take a quarter of one, so that there is time to press the button.
+    monkeypatch.setattr(world.clock, "sleep_s", lambda seconds: (time.sleep(max(seconds, 0.0) / 4), sleep(seconds)))
+    refused = []
+
+    def take():
+        with pytest.raises(DeviceError, match="a request to disarm came") as error:
+            bench.act("take")
+        refused.append(error)
+
+    begin_s = world.clock.now_s()
+    taking = threading.Thread(target=take)
+    taking.start()
+    wait_for(bench, lambda view: world.masks_between(begin_s, world.clock.now_s()))
+    shown_s = world.clock.now_s()
+    end(bench)
+    taking.join()
+    assert refused
+    assert world.clock.now_s() - shown_s < 4.0  # of the 8 s of its masks
     assert bench.armed == []
     assert at_rest(bench)
 
