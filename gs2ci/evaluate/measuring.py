@@ -57,9 +57,10 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
         view: Which view, counted from 0.
 
     Raises:
-        InputError: The run has no depth or no spread of it, there is no such view or pixel, or there is no depth at a
-            pixel.
+        InputError: The run has no depth or no spread of it, or no camera path to measure it by; there is no such view
+            or pixel, or there is no depth at a pixel.
     """
+    run.report.check_depth()
     if run.depth is None or run.depth_spread is None or run.depth_confidence is None:
         raise InputError(
             f"{run.folder} holds no depth with its spread",

@@ -163,3 +163,11 @@ def test_what_cannot_be_measured_is_refused(wall):
         measure(replace(wall, depth=hole), (6, 5), (1, 1), 1)
     with pytest.raises(InputError, match="no depth with its spread"):
         measure(replace(wall, depth_spread=None), (1, 1), (2, 2), 0)
+
+
+@pytest.mark.parametrize("verdict", ["rotation_only", "static", "unsupported"])
+def test_without_a_camera_path_there_is_no_length(wall, verdict):
+    geometry = wall.report.geometry.model_copy(update={"verdict": verdict})
+    told = replace(wall, report=wall.report.model_copy(update={"geometry": geometry}))
+    with pytest.raises(InputError, match=r"no camera path was found.*sideways.*--geometry"):
+        measure(told, (10, 20), (50, 20), 1)

@@ -1,4 +1,4 @@
-"""Depth maps as other programs read them: 16-bit PNG with the length of its step, or EXR.
+"""Depth maps as other programs read them: 16-bit PNG with the length of its step and its unit, or EXR.
 
 Here: `write_depth_png`, `write_depth_exr`. Not here: where depth comes from.
 """
@@ -17,12 +17,13 @@ TOP: Final = 65_535
 SCALE_NAME: Final = "depth.json"
 
 
-def write_depth_png(folder: Path, depth: F32) -> float:
-    """Write each view's depth as a 16-bit PNG, and beside them the length of one step, in `depth.json`.
+def write_depth_png(folder: Path, depth: F32, unit: str) -> float:
+    """Write each view's depth as a 16-bit PNG, and beside them the length of one step and its unit, in `depth.json`.
 
     Args:
         folder: An existing folder.
         depth: [N, H, W], 0 at pixels without a depth.
+        unit: Of depth, as `Report.length_unit` says it.
 
     Returns:
         The step, in the unit of depth: depth = step × reading; a reading of 0 means no depth.
@@ -35,7 +36,7 @@ def write_depth_png(folder: Path, depth: F32) -> float:
         # A depth keeps a reading above 0, however small it is.
         reading = np.where(view > 0, np.maximum(np.round(view / step), 1), 0).astype(np.uint16)
         write_png(folder / f"depth_{index:03d}.png", reading)
-    (folder / SCALE_NAME).write_text(as_json({"unit_per_step": step, "unknown": 0, "views": len(depth)}))
+    (folder / SCALE_NAME).write_text(as_json({"unit_per_step": step, "unit": unit, "unknown": 0, "views": len(depth)}))
     return step
 
 
