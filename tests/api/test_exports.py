@@ -166,6 +166,16 @@ def test_what_is_not_seen_has_a_reading_of_its_own(tmp_path):
         depth_files.write_depth_exr(tmp_path / "nowhere", depth)
 
 
+def test_a_pixel_near_infinity_leaves_the_steps_of_the_others_short(tmp_path):
+    depth = np.linspace(190, 210, 400, dtype=np.float32).reshape(1, 20, 20)
+    depth[0, 0, 0], depth[0, 0, 1] = 9e6, 0
+    step = depth_files.write_depth_png(tmp_path, depth, "mm")
+    told = json.loads((tmp_path / "depth.json").read_text())
+    read = cv2.imread(str(tmp_path / "depth_000.png"), cv2.IMREAD_UNCHANGED)
+    assert (read[0, 0], read[0, 1]) == (told["this_or_farther"], told["unknown"])
+    np.testing.assert_allclose(read.flat[2:] * step, depth.flat[2:], rtol=2e-3)
+
+
 def test_exr_without_its_package_says_what_to_do(run, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "OpenEXR", None)
     with pytest.raises(InputError, match=r"needs the package OpenEXR.*depth-png.*gs2ci\[exr\]"):
