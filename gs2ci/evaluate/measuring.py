@@ -19,6 +19,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.geometry.telemetry import errors_of_given
@@ -33,6 +34,18 @@ _OF_SPREAD: Final = 0.6
 _PLACE_PX: Final = 0.25
 # Where no tracked point confirms depths in the unit of given poses, that error of all together is so many times larger.
 _UNTRACKED: Final = 4.0
+_AGAINST_DEPTH: Final = (
+    Code.PATH_UNCERTAIN,
+    Code.PATH_UNCONFIRMED,
+    Code.UNIFORM_MOTION,
+    Code.DEPTH_ORDER_OPEN,
+    Code.DEPTH_ORDER_UNTRIED,
+    Code.DEPTH_IN_NOISE,
+    Code.VGGT_DEPTH_TAKEN,
+    Code.SCENE_NOT_FOLLOWING,
+    Code.FOCAL_ASSUMED,
+)
+"""Findings that say not to rely on depth."""
 # Standard deviation of a position that is uniformly distributed within a pixel.
 _WITHIN_PIXEL_PX: Final = 12.0**-0.5
 
@@ -47,6 +60,7 @@ class Length:
         points: Both points, in the world of the path, [2, 3].
         confidence: Confidence of both depths.
         unit: As `Report.length_unit` says it.
+        doubts: Why the run's report advises not to rely on its depth, which no standard error includes; usually none.
     """
 
     length: float
@@ -54,6 +68,7 @@ class Length:
     points: F64
     confidence: tuple[float, float]
     unit: str
+    doubts: tuple[str, ...]
 
 
 def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view: int) -> Length:
@@ -106,7 +121,8 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
     error = float(np.hypot(np.sqrt(sum(variances)), length * _error_of_scale(run)))
-    return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit)
+    doubts = tuple(note.advice for note in run.report.notes if note.code in _AGAINST_DEPTH)
+    return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit, doubts)
 
 
 def _error_of_scale(run: FinishedRun) -> float:
