@@ -9,6 +9,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
@@ -87,7 +88,8 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
 def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 160, overwrite: bool = False) -> Path:
     """Write a mesh of the surfaces in a run's depth maps, as PLY with a colour per vertex.
 
-    The mesh is closed only if the views see a surface from all sides; otherwise it ends where they see no more.
+    The mesh is closed only if the views see a surface from all sides; otherwise it ends where they see no more. If
+    things move, it shows what the middle view sees.
 
     Args:
         run: A run that was saved, or its folder.
@@ -99,7 +101,7 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
         The path.
 
     Raises:
-        InputError: The run has no reliable depth, or `voxels` is out of bounds.
+        InputError: The run has no reliable depth, or no camera path, or `voxels` is out of bounds.
         StorageError: The output exists already or may not be replaced, or writing fails.
 
     Example:
@@ -107,12 +109,17 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
         'mesh.ply'
     """
     from gs2ci.evaluate.exports.mesh import fuse, write_mesh
+    from gs2ci.evaluate.points import Cameras, of_one_moment
 
     opened = run if isinstance(run, Run) else open_run(run)
     target = Path(path)
     _check_free(target, opened, overwrite=overwrite)
-    made = fuse(_depth(opened), opened.views, _cameras(opened), opened.depth_confidence, voxels=voxels)
-    return write_mesh(target, made)
+    depth, confidence = _depth(opened), opened.depth_confidence
+    motion = opened.report.motion
+    seen = of_one_moment(len(depth), moves=motion is not None and motion.moves)
+    cameras = Cameras(opened.path[seen], opened.intrinsics, opened.distortion)
+    sure = None if confidence is None else confidence[seen]
+    return write_mesh(target, fuse(depth[seen], opened.views[seen], cameras, sure, voxels=voxels))
 
 
 _Write = Callable[[Path], object]
@@ -163,7 +170,7 @@ def _nerfstudio(run: Run, folder: Path) -> _Write:
 def _depth_png(run: Run, folder: Path) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_png
 
-    return _into_a_folder(write_depth_png, _depth(run))
+    return _into_a_folder(partial(write_depth_png, unit=run.report.length_unit), _depth(run))
 
 
 def _depth_exr(run: Run, folder: Path) -> _Write:
@@ -175,7 +182,8 @@ def _depth_exr(run: Run, folder: Path) -> _Write:
 def _nexus(run: Run, folder: Path) -> _Write:
     from gs2ci.evaluate.exports.nexus import write_nexus
 
-    return lambda path: write_nexus(path, run.report, run.views, run.depth, _cameras(run))
+    depth = None if run.report.lacks_path else run.depth
+    return lambda path: write_nexus(path, run.report, run.views, depth, _cameras(run))
 
 
 def _into_a_folder(write_files: "Callable[[Path, F32], object]", depth: "F32") -> _Write:
@@ -242,8 +250,9 @@ def _depth(run: Run) -> "F32":
     """Return a run's depth.
 
     Raises:
-        InputError: It has none.
+        InputError: It has none, or no camera path to measure it by.
     """
+    run.report.check_depth()
     if run.depth is None:
         raise InputError(
             "the run holds no depth",

@@ -47,6 +47,8 @@ def run(
         for text, point, confidence in zip((pixel, other_pixel), found.points, found.confidence, strict=True):
             place = ", ".join(f"{value:.5g}" for value in point)
             console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
+        for doubt in found.doubts:
+            console.print(doubt, markup=False)
         answer({**plain_json(found), "view": chosen})
     return found.length
 

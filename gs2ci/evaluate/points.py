@@ -68,6 +68,11 @@ class Points:
     confidence: F32
 
 
+def of_one_moment(count: int, *, moves: bool) -> slice:
+    """Select of so many views those that see all surfaces at the same places: all; if things move, the middle one."""
+    return slice(count // 2, count // 2 + 1) if moves else slice(None)
+
+
 def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Points:
     """Collect the surface points that the first, the middle and the last view see.
 

@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, Finding
 from gs2ci.core.json_text import first_fault
 from gs2ci.core.run_records import SECONDS_KEYS, Verdict
@@ -370,6 +370,20 @@ class Report(ReportSection):
     def lacks_path(self) -> bool:
         """Get whether no camera path was found: depth and path then show where the fit moved a camera at rest."""
         return self.geometry is not None and self.geometry.verdict != "full"
+
+    def check_depth(self) -> None:
+        """Check that depth was measured: without a path it shows where the fit left the Gaussians, not the scene.
+
+        Raises:
+            InputError: No camera path was found.
+        """
+        if self.lacks_path:
+            raise InputError(
+                "no camera path was found in this run, and without one its depth says nothing of the scene",
+                allowed="a run whose report.json has the geometry.verdict full",
+                remedy="reconstruct a shot during which the camera moved sideways, or name the source of its path with "
+                "--geometry",
+            )
 
     @property
     def known_at_rest(self) -> bool:

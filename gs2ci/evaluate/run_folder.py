@@ -10,7 +10,8 @@
       decode.npy     the views of the decode alone, as views.npy
       scene_views.npy  the Gaussians rendered, without refinement, as views.npy
       exposed_views.npy  only if masks were fitted with moments: the light during each mask's time, as views.npy
-      depth.npy      [N, H, W] float32, the unit of the path, 0 at pixels without a depth; absent if none was found
+      depth.npy      [N, H, W] float32, the unit of the path, 0 at pixels without a depth; if no path was found
+                     (`geometry.verdict`), where the fit left the Gaussians, which says nothing of the scene
       depth_spread.npy      the same shape: spread along the ray of where the light is absorbed, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is absorbed within 5 % of its depth
       disagreement.npy  [N, H, W] float32, full scale 1: difference between the fits; absent if there was one
@@ -20,7 +21,8 @@
       displacement.npy  likewise: [H, W, 2] float32, displacement over the exposure of what each pixel shows, px
       motion.png     the same in one picture
       moments/       only on request: pictures spread over the exposure, and a scene file of each if things move
-      points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
+      points.ply     points of the surfaces that the views see: normals, colours, confidence; if things move, those of
+                     the middle view alone; absent without a path
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
       registered.h5  only if registration corrected something: the corrected measurement, used from then on
@@ -48,9 +50,9 @@ from gs2ci.evaluate.motion_picture import write_motion_picture
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
-from gs2ci.evaluate.points import Cameras, points_of, write_points
+from gs2ci.evaluate.points import Cameras, of_one_moment, points_of, write_points
 from gs2ci.evaluate.registration_picture import write_registration_picture
-from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME
+from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.whole_folder import REPORT_NAME, view_names, whole_folder, write_pictures
 from gs2ci.render.gaussians import Gaussians
@@ -93,7 +95,7 @@ def write_run(
     with whole_folder(folder, overwrite=overwrite) as partial:
         report = build_report(shot, result)
         _write_images(partial, result)
-        _write_scene(partial, result, scene)
+        _write_scene(partial, result, report, scene)
         _write_motion(partial, result, scene)
         if moments is not None:
             _write_moments(partial, shot, result, scene, moments)
@@ -122,13 +124,15 @@ def _write_images(folder: Path, result: RunResult) -> None:
     write_pictures(folder / "views", result.views)
 
 
-def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
+def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
     write_ply(folder / "scene.ply", scene)
-    if result.depth is not None and result.depth_confidence is not None:
-        cameras = Cameras(result.world_to_camera, result.intrinsics, result.distortion)
-        write_points(folder / "points.ply", points_of(result.depth, result.depth_confidence, result.views, cameras))
     poses, lens = result.world_to_camera, result.distortion
+    if result.depth is not None and result.depth_confidence is not None and not report.lacks_path:
+        seen = of_one_moment(len(poses), moves=scene.motion is not None)
+        cameras = Cameras(poses[seen], result.intrinsics, lens)
+        found = points_of(result.depth[seen], result.depth_confidence[seen], result.views[seen], cameras)
+        write_points(folder / "points.ply", found)
     transforms = nerfstudio_transforms(poses, result.intrinsics, size, lens)
     (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"

@@ -46,6 +46,7 @@ class ViewerScene:
         opacities: In [0, 1], [G, 1].
         camera_to_world: [N, 4, 4], OpenCV axes.
         fov: Vertical field of view, radians.
+        aspect: Width of the cameras' field of view by its height, that of the pictures only if pixels are square.
         pictures: The recovered views, small, [N] of [h, w, 3].
     """
 
@@ -55,6 +56,7 @@ class ViewerScene:
     opacities: F32
     camera_to_world: F64
     fov: float
+    aspect: float
     pictures: list[U8]
 
     @property
@@ -81,7 +83,7 @@ def load_scene(folder: Path) -> ViewerScene:
     scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
     axes = rotation_matrices(gaussians.quaternions) * (scale * gaussians.log_scales.exp())[:, None, :]
     poses[:, :3, 3] *= scale
-    height = evidence.views.shape[1]
+    height, width = evidence.views.shape[1:3]
     return ViewerScene(
         means=(scale * gaussians.means).numpy(),
         covariances=(axes @ axes.transpose(1, 2)).numpy(),
@@ -89,6 +91,7 @@ def load_scene(folder: Path) -> ViewerScene:
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,
         fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),
+        aspect=(width / evidence.focal_x_px) / (height / evidence.focal_y_px),
         pictures=[shrink(to_eight_bit(view), PICTURE_SIDE_PX) for view in evidence.views],
     )
 
@@ -145,7 +148,7 @@ def _show(server: Any, scene: ViewerScene) -> None:
         frustum = server.scene.add_camera_frustum(
             f"/cameras/{index + 1}",
             fov=scene.fov,
-            aspect=picture.shape[1] / picture.shape[0],
+            aspect=scene.aspect,
             scale=scene.symbol,
             thickness=SYMBOL_LINE_PX,
             thickness_units="screen",

@@ -106,6 +106,8 @@ def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
             assert entry["title"].asstr()[()] == run.report.name
             cameras = entry["instrument/detector/cameras"]
             np.testing.assert_array_equal(cameras["world_to_camera"], run.path)
+            unit = "scene units" if opened is plain else "mm"
+            assert cameras["world_to_camera"].attrs["description"].endswith(f"lengths in {unit}")
         assert not by_class(plain["entry"], "NXuser")
         assert "start_time" not in plain["entry"]
         (user,), (sample,) = by_class(file["entry"], "NXuser"), by_class(file["entry"], "NXsample")
@@ -140,12 +142,14 @@ def test_a_picture_that_the_disk_cuts_is_told(small_files, tmp_path):
     with pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
         write_pictures(tmp_path / "views", views)
     with pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
-        depth_files.write_depth_png(tmp_path, views[..., 0])
+        depth_files.write_depth_png(tmp_path, views[..., 0], "mm")
 
 
 def test_depth_as_png_and_exr(run):
     folder = gs2ci.export(run, "depth-png", "png")
-    step = json.loads((folder / "depth.json").read_text())["unit_per_step"]
+    told = json.loads((folder / "depth.json").read_text())
+    step = told["unit_per_step"]
+    assert told["unit"] == "scene units"
     read = np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob("*.png"))])
     assert read.dtype == np.uint16
     np.testing.assert_allclose(read * step, run.depth, atol=0.51 * step)
@@ -157,12 +161,23 @@ def test_depth_as_png_and_exr(run):
 
 def test_what_is_not_seen_has_a_reading_of_its_own(tmp_path):
     depth = np.float32([[[0.0, 1e-9, 5.0]]])
-    depth_files.write_depth_png(tmp_path, depth)
+    depth_files.write_depth_png(tmp_path, depth, "mm")
+    assert json.loads((tmp_path / "depth.json").read_text())["unit"] == "mm"
     assert cv2.imread(str(tmp_path / "depth_000.png"), cv2.IMREAD_UNCHANGED).tolist() == [[0, 1, 65535]]
     with pytest.raises(StorageError, match="cannot be written"):
-        depth_files.write_depth_png(tmp_path / "nowhere", depth)
+        depth_files.write_depth_png(tmp_path / "nowhere", depth, "mm")
     with pytest.raises(StorageError, match="cannot be written"):
         depth_files.write_depth_exr(tmp_path / "nowhere", depth)
+
+
+def test_a_pixel_near_infinity_leaves_the_steps_of_the_others_short(tmp_path):
+    depth = np.linspace(190, 210, 400, dtype=np.float32).reshape(1, 20, 20)
+    depth[0, 0, 0], depth[0, 0, 1] = 9e6, 0
+    step = depth_files.write_depth_png(tmp_path, depth, "mm")
+    told = json.loads((tmp_path / "depth.json").read_text())
+    read = cv2.imread(str(tmp_path / "depth_000.png"), cv2.IMREAD_UNCHANGED)
+    assert (read[0, 0], read[0, 1]) == (told["this_or_farther"], told["unknown"])
+    np.testing.assert_allclose(read.flat[2:] * step, depth.flat[2:], rtol=2e-3)
 
 
 def test_exr_without_its_package_says_what_to_do(run, monkeypatch):
@@ -269,6 +284,39 @@ def test_a_mesh_from_the_command_line(run, gs2ci, capsys):
     assert len(trimesh.load("m.ply").faces) > 50
     assert gs2ci("mesh", "run", "--voxels", 24, "-o", "m.ply") == 2
     assert "--overwrite" in capsys.readouterr().err
+
+
+def with_geometry(folder, **changes):
+    """The same run, as if its report said something else."""
+    report = json.loads((folder / "report.json").read_text())
+    report["geometry"].update(changes)
+    (folder / "report.json").write_text(json.dumps(report))
+    return gs2ci.open_run(folder)
+
+
+def test_depth_without_a_camera_path_is_not_handed_on(run, examples):
+    still = with_geometry(examples / "run", verdict="rotation_only")
+    for to in ("depth-png", "depth-exr"):
+        with pytest.raises(InputError, match="no camera path was found"):
+            gs2ci.export(still, to, "there")
+    with pytest.raises(InputError, match="no camera path was found"):
+        gs2ci.mesh(still, "there.ply")
+    with pytest.raises(InputError, match="no camera path was found"):
+        gs2ci.measure(still, (8, 12), (24, 12))
+    assert not (examples / "there").exists()
+    with h5py.File(gs2ci.export(still, "nexus")) as file:
+        assert "depth" not in file["entry"]
+
+
+def test_the_mesh_of_a_moving_scene_is_what_the_middle_view_sees(run, examples):
+    report = json.loads((examples / "run" / "report.json").read_text())
+    own = dict.fromkeys(("explained", "blocks", "gaussians_share", "pixels_share", "median_px", "most_px"))
+    moves = {"asked": "auto", "tried": True, "moves": True, "heldout_rms": {}, "chosen": "moving", **own}
+    (examples / "run" / "report.json").write_text(json.dumps({**report, "motion": moves}))
+    # A thing that is nearest in the middle view, the third.
+    np.save(examples / "run" / "depth.npy", run.depth * np.float32([2, 2, 1, 2])[:, None, None])
+    ahead = trimesh.load(gs2ci.mesh("run", "moving.ply", voxels=32)).vertices @ run.path[2, 2, :3] + run.path[2, 2, 3]
+    assert ahead.max() < 1.05 * run.depth[2].max()
 
 
 def test_places_that_are_taken_and_parts_that_are_missing_are_refused(run, gs2ci, capsys, examples):

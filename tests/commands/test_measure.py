@@ -1,6 +1,7 @@
 """The tape measure on the command line."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,28 @@ def test_a_length_is_printed_with_its_error_and_both_points(folder, capsys):
     assert measure.run(folder, "3,6", "13,6", view=1) == pytest.approx(1.0, rel=1e-6)
     assert "(view 1)" in capsys.readouterr().out
     assert (folder / "points.ply").read_bytes().startswith(b"ply\n")
+
+
+def test_what_the_report_says_against_depth_is_repeated(folder, capsys):
+    assert measured_json(folder, capsys)["doubts"] == []
+    report = json.loads((folder / "report.json").read_text())
+    notes = (
+        finding(Code.DEPTH_ORDER_OPEN, errors=0.5),
+        finding(Code.FOCAL_ESTIMATED, focal_px=20.0, spread=0.1, view_angle_deg=49.0),
+    )
+    report["notes"] = [asdict(note) for note in notes]
+    (folder / "report.json").write_text(json.dumps(report))
+    measure.run(folder, "3,6", "13,6")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Near and far may be exchanged" in said
+    assert "focal length" not in said
+    (doubt,) = measured_json(folder, capsys)["doubts"]
+    assert doubt == notes[0].advice
+
+
+def measured_json(folder, capsys):
+    measure.run(folder, "3,6", "13,6", json=True)
+    return json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("text", ["3", "3,4,5", "a,b", "1.5,2"])

@@ -12,9 +12,26 @@ from gs2ci.evaluate.run_folder import write_run
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-# Of the light; depth errs by 0.6 of it.
+# Of the light; depth errs by 0.6 of it, and by what places that err by 0.25 px leave open.
 SPREAD = 0.01
 ERROR = 0.6 * SPREAD
+PLACE_PX = 0.25
+
+
+def error_of_depth(run, view, pixel):
+    """As a share: by least squares from places in all views, whose common shift is not known."""
+    column, row = pixel
+    focal, middle = np.diag(run.intrinsics)[:2], run.intrinsics[:2, 2]
+    ray = np.array([(column + 0.5 - middle[0]) / focal[0], (row + 0.5 - middle[1]) / focal[1], 1.0, 0.0])
+    step, there = 1e-5, []
+    for share in (-step, step):
+        at = ray * run.depth[view, row, column] * (1 + share) + (0, 0, 0, 1)
+        seen = np.array([pose @ np.linalg.inv(run.world_to_camera[view]) @ at for pose in run.world_to_camera])
+        there.append(seen[:, :2] / seen[:, 2:3] * focal)
+    design = (there[1] - there[0]) / (2 * step)
+    shift = np.tile(np.eye(2), (len(design), 1))
+    normal = np.linalg.inv(np.column_stack([design.ravel(), shift]).T @ np.column_stack([design.ravel(), shift]))
+    return float(np.hypot(ERROR, PLACE_PX * np.sqrt(normal[0, 0])))
 
 
 @pytest.fixture
@@ -39,8 +56,11 @@ def test_a_length_on_a_wall_is_that_of_its_pixels(wall):
 def test_the_standard_error_is_that_of_repeated_measurements(wall):
     rng = np.random.default_rng(0)
     stated, lengths = measure(wall, (10, 12), (50, 40), 0), []
+    error = np.zeros(wall.depth.shape)
+    for column, row in ((10, 12), (50, 40)):
+        error[0, row, column] = error_of_depth(wall, 0, (column, row))
     for _ in range(3000):
-        moved = wall.depth * (1 + ERROR * rng.standard_normal(wall.depth.shape)).astype(np.float32)
+        moved = wall.depth * (1 + error * rng.standard_normal(wall.depth.shape)).astype(np.float32)
         cameras = wall.intrinsics.copy()
         lengths.append(measure(replace(wall, depth=moved, intrinsics=cameras), (10, 12), (50, 40), 0).length)
     within_pixel = 4 / 70.4 / 12**0.5
@@ -66,20 +86,45 @@ def test_turns_of_given_cameras_make_all_lengths_in_their_unit_unsure(wall):
     run = along_a_line(wall, (1.0, 0, 0))
     stated = measure(run, *ends, 4).standard_error
     alone = measure(along_a_line(wall, (1.0, 0, 0), unit_of=None), *ends, 4)
+    places = PLACE_PX / (70.4 / 4 * np.sqrt(np.square(np.linspace(-0.2, 0.2, 8)).sum()))
     # The inverse depth of the wall by least squares, from pictures that the cameras' turns displace.
     travel = run.world_to_camera[:, 0, 3]
     seen = 0.25 * travel + turn * rng.standard_normal((4000, len(travel)))
     scales = 4 * (seen @ (travel - travel.mean())) / np.square(travel - travel.mean()).sum()
-    assert stated == pytest.approx(np.hypot(alone.standard_error, alone.length * scales.std()), rel=0.05)
+    together = np.hypot(scales.std(), places)
+    assert stated == pytest.approx(np.hypot(alone.standard_error, alone.length * together), rel=0.05)
     assert stated > 1.2 * alone.standard_error
 
 
-@pytest.mark.parametrize("way", [(0, 0, 1.0), (0, 0, 0)])
-def test_no_turn_looks_like_travel_along_the_line_of_sight(wall, way):
-    errors = [
-        measure(along_a_line(wall, way, unit_of), (2, 24), (60, 24), 4).standard_error for unit_of in ("file", None)
+def test_a_camera_at_rest_gives_lengths_no_unit_to_err_in(wall):
+    still = [
+        measure(along_a_line(wall, (0, 0, 0), unit_of), (2, 24), (60, 24), 4).standard_error
+        for unit_of in ("file", None)
     ]
-    assert errors[0] == errors[1]
+    assert still[0] == still[1]
+
+
+def test_no_turn_looks_like_travel_along_the_line_of_sight(wall):
+    run, alone = (along_a_line(wall, (0, 0, 1.0), unit_of) for unit_of in ("file", None))
+    ends = ((2, 24), (60, 24))
+    found, local = measure(run, *ends, 4), measure(alone, *ends, 4)
+    of_all = np.sqrt(found.standard_error**2 - local.standard_error**2) / local.length
+    # A point at r px from the axis moves by r t / z.
+    rows, columns = np.mgrid[:48, :64] + 0.5
+    away = np.median(np.hypot(columns - 32, rows - 24)) / 4
+    # The middle view is a half step off the middle of the path: 1 % of the depth.
+    assert of_all == pytest.approx(PLACE_PX / (away * np.sqrt(np.square(np.linspace(-0.2, 0.2, 8)).sum())), rel=0.05)
+    untracked = run.report.model_copy(update={"geometry": run.report.geometry.model_copy(update={"tracks": 0})})
+    unsure = measure(replace(run, report=untracked), *ends, 4).standard_error
+    assert np.sqrt(unsure**2 - local.standard_error**2) / local.length == pytest.approx(4 * of_all)
+
+
+def test_a_point_that_hardly_moves_through_the_views_has_an_uncertain_depth(wall):
+    run = along_a_line(wall, (0, 0, 1.0), None)
+    near_axis, at_rim = (measure(run, pixel, pixel, 4).standard_error for pixel in ((36, 24), (62, 24)))
+    assert near_axis / at_rim == pytest.approx(30.5 / 4.5, rel=0.1)
+    # None errs by more than itself.
+    assert measure(run, (32, 24), (32, 24), 4).standard_error < 1.5 * 2**0.5 * 4
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
@@ -93,7 +138,11 @@ def test_the_places_within_pixels_lie_on_the_surface_as_it_is_slanted(wall, tilt
 
     rows, columns = np.mgrid[:48, :64] + 0.5
     depth = np.broadcast_to(seen(np.stack([columns, rows], axis=-1))[..., 2], wall.depth.shape)
-    sure = replace(wall, depth=depth.astype(np.float32), depth_spread=np.zeros_like(wall.depth))
+    # So far apart that places in the views leave nothing of depth open.
+    apart = np.tile(np.eye(4), (3, 1, 1))
+    apart[:, 0, 3] = (-1e4, 0, 1e4)
+    exact = {"world_to_camera": apart, "depth_spread": np.zeros_like(wall.depth)}
+    sure = replace(wall, depth=depth.astype(np.float32), **exact)
     rng = np.random.default_rng(0)
     off = []
     for _ in range(300):
@@ -107,9 +156,10 @@ def test_the_places_within_pixels_lie_on_the_surface_as_it_is_slanted(wall, tilt
 def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
     depth = wall.depth.copy()
     depth[0, 24, 33] = 8.0
-    # Next to the axis: 4 and 8 away, 0.6 % each.
-    found = measure(replace(wall, depth=depth), (32, 24), (33, 24), 0)
-    assert found.standard_error == pytest.approx(0.6 * np.hypot(0.04, 0.08), rel=0.05)
+    # Next to the axis: 4 and 8 away.
+    far = replace(wall, depth=depth)
+    errors = [distance * error_of_depth(far, 0, pixel) for distance, pixel in ((4, (32, 24)), (8, (33, 24)))]
+    assert measure(far, (32, 24), (33, 24), 0).standard_error == pytest.approx(np.hypot(*errors), rel=0.05)
     assert measure(wall, (32, 24), (32, 24), 0).length == 0
     assert measure(wall, (32, 24), (32, 24), 0).standard_error > 0.024
 
@@ -163,3 +213,11 @@ def test_what_cannot_be_measured_is_refused(wall):
         measure(replace(wall, depth=hole), (6, 5), (1, 1), 1)
     with pytest.raises(InputError, match="no depth with its spread"):
         measure(replace(wall, depth_spread=None), (1, 1), (2, 2), 0)
+
+
+@pytest.mark.parametrize("verdict", ["rotation_only", "static", "unsupported"])
+def test_without_a_camera_path_there_is_no_length(wall, verdict):
+    geometry = wall.report.geometry.model_copy(update={"verdict": verdict})
+    told = replace(wall, report=wall.report.model_copy(update={"geometry": geometry}))
+    with pytest.raises(InputError, match=r"no camera path was found.*sideways.*--geometry"):
+        measure(told, (10, 20), (50, 20), 1)

@@ -169,6 +169,28 @@ def test_the_colmap_cloud_is_thinned_to_the_most_opaque(tmp_path, make_run, scen
     np.testing.assert_allclose(np.sort(kept, axis=0), np.sort(wanted, axis=0), atol=1e-6)
 
 
+def points_seen(folder):
+    header = (folder / "points.ply").read_bytes().partition(b"end_header")[0].decode()
+    return int(header.split("element vertex")[1].split()[0])
+
+
+def test_surface_points_are_of_one_moment_if_things_move_and_none_without_a_path(tmp_path, make_run, scene):
+    shot, result = make_run(count=4)
+    sure = np.full(result.depth.shape, 0.9, np.float32)
+    flat = replace(result, depth=np.full_like(sure, 4), depth_spread=1 - sure, depth_confidence=sure)
+    inner = 46 * 62
+    assert points_seen(write_run(tmp_path / "still", shot, flat, scene)) == 3 * inner
+    # Confident in the middle view alone, so that the points can come from no other.
+    middle = np.where(np.arange(4)[:, None, None] == 2, sure, 0)
+    moving = replace(scene, motion=torch.zeros(len(scene), 1, 3))
+    shifted = replace(flat, depth_confidence=middle, displacement=np.zeros((48, 64, 2), np.float32))
+    assert points_seen(write_run(tmp_path / "moving", shot, shifted, moving)) == inner
+    everywhere = replace(flat, displacement=np.zeros((48, 64, 2), np.float32))
+    assert points_seen(write_run(tmp_path / "moving_too", shot, everywhere, moving)) == inner
+    at_rest = replace(flat, geometry={**flat.geometry, "verdict": "static"})
+    assert not (write_run(tmp_path / "rest", shot, at_rest, scene) / "points.ply").exists()
+
+
 def test_an_empty_scene_is_written_too(tmp_path, make_run, scene):
     folder = write_run(tmp_path / "run", *make_run(), scene.map(lambda tensor: tensor[:0]))
     assert pycolmap.Reconstruction(folder / "colmap" / "sparse" / "0").num_points3D() == 0

@@ -74,6 +74,15 @@ def test_pictures_and_field_of_view_are_the_runs(write, make_run):
     assert np.tan(shown.fov / 2) == pytest.approx(6 / focal)
 
 
+def test_cameras_of_pixels_that_are_not_square_see_as_far_to_the_side_as_they_did(write):
+    folder = write()
+    told = json.loads((folder / "cameras.json").read_text())
+    (folder / "cameras.json").write_text(json.dumps({**told, "fl_x": 30.0, "fl_y": 20.0}))
+    shown = load_scene(folder)
+    assert shown.aspect * np.tan(shown.fov / 2) == pytest.approx(8 / 30)
+    assert np.tan(shown.fov / 2) == pytest.approx(6 / 20)
+
+
 def test_symbols_are_as_large_as_the_cameras_are_apart_within_limits(write):
     shown = load_scene(write())
     for step, size in ((0.0, 0.025), (0.5, 0.3), (100.0, 0.5)):

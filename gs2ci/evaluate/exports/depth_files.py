@@ -1,4 +1,4 @@
-"""Depth maps as other programs read them: 16-bit PNG with the length of its step, or EXR.
+"""Depth maps as other programs read them: 16-bit PNG with the length of its step and its unit, or EXR.
 
 Here: `write_depth_png`, `write_depth_exr`. Not here: where depth comes from.
 """
@@ -15,27 +15,35 @@ from gs2ci.evaluate.whole_folder import write_png
 
 TOP: Final = 65_535
 SCALE_NAME: Final = "depth.json"
+# Depths beyond so many median ones are all written as the last reading: steps that reach a single pixel near infinity
+# would be longer than the scene.
+_FARTHEST: Final = 100.0
 
 
-def write_depth_png(folder: Path, depth: F32) -> float:
-    """Write each view's depth as a 16-bit PNG, and beside them the length of one step, in `depth.json`.
+def write_depth_png(folder: Path, depth: F32, unit: str) -> float:
+    """Write each view's depth as a 16-bit PNG, and beside them the length of one step and its unit, in `depth.json`.
 
     Args:
         folder: An existing folder.
         depth: [N, H, W], 0 at pixels without a depth.
+        unit: Of depth, as `Report.length_unit` says it.
 
     Returns:
-        The step, in the unit of depth: depth = step × reading; a reading of 0 means no depth.
+        The step, in the unit of depth: depth = step × reading; a reading of 0 means no depth, and the last, 65535, this
+        depth or a larger one.
 
     Raises:
         StorageError: The disk refuses.
     """
-    step = max(float(depth.max(initial=0.0)), 1e-30) / TOP
+    known = depth[depth > 0].astype(np.float64)
+    top = min(float(known.max()), _FARTHEST * float(np.median(known))) if known.size else 1.0
+    step = max(top, 1e-30) / TOP
     for index, view in enumerate(depth):
         # A depth keeps a reading above 0, however small it is.
-        reading = np.where(view > 0, np.maximum(np.round(view / step), 1), 0).astype(np.uint16)
+        reading = np.where(view > 0, np.clip(np.round(view / step), 1, TOP), 0).astype(np.uint16)
         write_png(folder / f"depth_{index:03d}.png", reading)
-    (folder / SCALE_NAME).write_text(as_json({"unit_per_step": step, "unknown": 0, "views": len(depth)}))
+    told = {"unit_per_step": step, "unit": unit, "unknown": 0, "this_or_farther": TOP, "views": len(depth)}
+    (folder / SCALE_NAME).write_text(as_json(told))
     return step
 
 

@@ -17,7 +17,7 @@ from skimage.measure import marching_cubes
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.lens import distorted
+from gs2ci.core.lens import distorted, stretch
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import Cameras
 from gs2ci.render.ply import named_columns, ply_bytes
@@ -161,6 +161,8 @@ def _seen(points: F64, cameras: Cameras, view: int, size: tuple[int, ...]) -> tu
     before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
     slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
     if cameras.distortion is not None:
+        # Far outside the frame the lens's polynomial folds back into it.
+        before &= stretch(slopes, cameras.distortion) > 0
         slopes = distorted(slopes, cameras.distortion)
     across = matrix[0, 0] * slopes[:, 0] + matrix[0, 2]
     down = matrix[1, 1] * slopes[:, 1] + matrix[1, 2]

@@ -62,7 +62,7 @@ def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, camer
         if depth is not None:
             unit = report.length_unit
             _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
-        _instrument(entry, cameras, views.shape)
+        _instrument(entry, cameras, views.shape, report.length_unit)
         _write_metadata(entry, metadata)
         entry["report"] = report.text()
         file.flush()
@@ -95,7 +95,7 @@ def _data(entry: Any, name: str, values: F32, axes: Sequence[str], units: str, t
             group[axis].attrs["units"] = "px" if axis in ("x", "y") else ""
 
 
-def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...]) -> None:
+def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...], unit: str) -> None:
     instrument = _group(entry, "instrument", "NXinstrument")
     instrument["name"] = "snapshot compressive camera"
     detector = _group(instrument, "detector", "NXdetector")
@@ -103,7 +103,10 @@ def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...]) -> None:
     # NeXus has no class for a pinhole: a collection may hold anything, and each array says what it is.
     found = _group(detector, "cameras", "NXcollection")
     arrays: dict[str, tuple[F64 | None, str]] = {
-        "world_to_camera": (cameras.world_to_camera, "[view, 4, 4], OpenCV axes: x right, y down, z ahead"),
+        "world_to_camera": (
+            cameras.world_to_camera,
+            f"[view, 4, 4], OpenCV axes: x right, y down, z ahead; lengths in {unit}",
+        ),
         "intrinsics": (cameras.intrinsics, "[3, 3] px, the centre of the first pixel at 0.5"),
         "distortion": (cameras.distortion, "k1, k2, p1, p2, k3, as OpenCV has them"),
     }

@@ -455,7 +455,7 @@ def _borne_out(found: _Found, adjusted: CameraMotion, settings: GeometrySettings
     """Tell whether tracks contradict given poses no more than their own noise explains.
 
     Positions off by 5 % of the path are contradicted in two scenes of four; if tracks are few or the camera moves
-    forward, they are not (`python -m tests.benchmarks given_poses`: the fit is free where both columns agree).
+    forward, they are not (scenes of `python -m tests.benchmarks given_poses`).
     """
     height, width = found.geometry.inverse_depth.shape
     how, intrinsics = settings.motion, found.geometry.intrinsics

@@ -90,3 +90,19 @@ def test_what_cannot_be_believed_is_left_out_and_nothing_is_refused(all_around):
     single[0, 10, 10] = single[0, 60, 60] = 2.0
     with pytest.raises(InputError, match="make no surface"):
         fuse(single, views, all_around, voxels=8)
+
+
+def test_nothing_far_outside_the_frame_is_seen_through_a_lens_whose_polynomial_folds():
+    """A wall at 4 before one camera, and one before another in the same place that is turned to the side by 63°."""
+    lens, matrix = np.array([-0.2, 0, 0, 0, 0.0]), np.array([[40.0, 0, 24], [0, 40.0, 24], [0, 0, 1]])
+    turn = np.radians(63)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, :3, :3] = [[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]]
+    depth = np.full((2, 48, 48), 4, np.float32)
+    made = fuse(depth, np.full((*depth.shape, 1), 0.5, np.float32), Cameras(poses, matrix, lens), voxels=64)
+    for pose in poses:
+        local = made.vertices @ pose[:3, :3].T
+        ahead = (np.abs(local[:, :2]) < 1.2).all(axis=1) & (local[:, 2] > 0)
+        # Marching cubes make a few vertices for each step of a tenth.
+        assert ahead.sum() > 300
+        np.testing.assert_allclose(local[ahead, 2], 4, atol=0.15)

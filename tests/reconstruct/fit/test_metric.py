@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -36,10 +38,10 @@ def geometry(unit, poses):
     return Geometry(poses, INTRINSICS, "file", flat, 1, 99, 0.5, 2.0, "full", (), "stage", unit=unit)
 
 
-def rendered(fit):
+def rendered(fit, times=None):
     backend = load_backend("cpu", RasterSettings())
     poses = torch.from_numpy(fit.world_to_camera).float()
-    return backend.views(fit.scene, poses, torch.from_numpy(INTRINSICS).float(), SIZE)[0].numpy()
+    return backend.views(fit.scene, poses, torch.from_numpy(INTRINSICS).float(), SIZE, times=times)[0].numpy()
 
 
 @pytest.mark.parametrize("unit", [0.3, 640.0])
@@ -76,3 +78,23 @@ def test_without_a_unit_that_can_be_rendered_nothing_changes_and_nothing_is_clai
     measured, after = in_given_unit(geometry(unit, ensemble.best.world_to_camera), ensemble)
     assert after is ensemble
     assert measured.unit is None
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_gaussians_that_a_fit_drove_far_away_look_the_same_in_any_unit(ensemble, moves):
+    """Their sizes are beyond what renderers draw: cut at one length, they would be smaller in a larger unit."""
+    scene = ensemble.best.scene
+    away = torch.logspace(2, 12, 40)
+    sizes = (0.05 * away).log()[:, None].expand(-1, 3) + 0.2 * scene.log_scales
+    directions = scene.means * torch.tensor([0.5, 0.5, 0]) + torch.tensor([0, 0, 1.0])
+    motion = 0.05 * away[:, None, None] * torch.tensor([[1.0, 0.3, 0]]) if moves else None
+    far = replace(scene, means=away[:, None] * directions, log_scales=sizes, motion=motion)
+    fits = replace(ensemble, best=replace(ensemble.best, scene=far))
+    _, after = in_given_unit(geometry(640.0, ensemble.best.world_to_camera), fits)
+    times = torch.tensor([-1.0, 0.0, 1.0])
+    before, shown = (rendered(fit, times) for fit in (fits.best, after.best))
+    assert before.max() > 0.2
+    np.testing.assert_allclose(shown, before, atol=5e-3)
+    assert after.best.scene.means.norm(dim=1).max() < 640 * 3e5
+    order = torch.argsort(far.means[:, 2])
+    assert bool((after.best.scene.means[order, 2].diff() > 0).all())
