@@ -69,6 +69,10 @@ class Attempts:
             The first look, with the best decode so far; the best attempt; and the report why its scene is still or
             moves.
         """
+        better, tried, report = self._all(first)
+        return better, self.fits.with_order(first, tried), report
+
+    def _all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         still = self.fits.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE

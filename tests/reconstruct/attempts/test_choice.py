@@ -85,6 +85,9 @@ class Tries:
         assert not hurried
         return look
 
+    def with_order(self, _first, tried):
+        return tried
+
     def completed(self, tried, beside=(), left=None):
         assert left == tried.fits[0].views
         self.completions += 1
