@@ -144,7 +144,8 @@ class Attempts:
     def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
         """Fit a still scene along a path from matched features, if the path turns far or the scene explains too little.
 
-        Tracks through views far apart may agree on a path that is wrong. The fit's own views show that path again.
+        Tracks through views far apart may agree on a path that is wrong. The fit's own views show that path again. The
+        fits along the other path replace companions as those of a doubtful path do.
 
         Returns:
             The first look, with the longer decode if one was made and is better; and the better attempt.
@@ -165,7 +166,10 @@ class Attempts:
         found = fits.settle_order(found, hurried=False)
         how = How(alone=True, rival=self._rival(tried))
         attempts = {source: tried, FromWide.name: fits.attempt(found, found.decoded, how)}
-        return first, fits.completed(self._compared(attempts)[0])
+        taken, residuals = self._compared(attempts)
+        chosen = _name_of(taken, attempts)
+        beside = () if chosen == source else tried.fits
+        return first, fits.completed(taken, beside, residuals[chosen])
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""

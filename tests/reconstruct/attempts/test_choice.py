@@ -314,8 +314,10 @@ class Apart(Tries):
         decoder = "patches" if better else "gap-tv"
         monkeypatch.setattr(choice.Attempts, "_decoded_better", lambda _, look: replace(look, decoder=decoder))
 
-    def completed(self, tried):
+    def completed(self, tried, beside=(), left=None):
+        assert left == tried.fits[0].views
         self.completions += 1
+        self.beside = [fit.views for fit in beside]
         return tried
 
     def attempt(self, look, views, how):
@@ -343,6 +345,7 @@ def test_a_scene_behind_the_decode_is_tried_along_matched_features(monkeypatch, 
     assert tries.taken() == taken
     assert tries.asked == asked
     assert tries.completions == (asked and joins)
+    assert list(tries.beside) == ([leaves["first"]] if taken == "wide" else [])
     assert all(how.rival.heldout == {100: 0.03} for name, how in tries.made if name == "wide")
 
 
