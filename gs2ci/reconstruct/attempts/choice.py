@@ -157,7 +157,8 @@ class Attempts:
         if self.fits.halt.asked or not (may_match and (turns_far(path) or self._is_behind_decode(tried))):
             return first, tried
         first = self._decoded_better(first)
-        if first.decoder != "patches" or self.fits.halt.asked:
+        # Beside a motion without tracks, features were matched before any fit.
+        if first.decoder != "patches" or needs_rest(first) or self.fits.halt.asked:
             return first, tried
         fits = self.fits
         found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)

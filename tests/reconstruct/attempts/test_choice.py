@@ -364,6 +364,12 @@ def test_the_longer_decode_is_kept_and_has_to_be_better(monkeypatch, moving):
     assert (tries.taken(), tries.after.decoder, tries.asked) == ("first", "gap-tv", 0)
 
 
+def test_beside_a_motion_without_tracks_features_are_not_matched_after_the_fits_again(monkeypatch, moving):
+    tries = Apart({"first": 0.06}, monkeypatch, moving, joins=True)
+    untracked = replace(tries.first, geometry=replace(tries.first.geometry, source="uniform"))
+    assert (tries.taken(untracked), tries.after.decoder, tries.asked) == ("first", "patches", 0)
+
+
 @pytest.mark.parametrize("source", ["wide", "stage", "file"])
 def test_paths_of_another_source_or_of_features_already_tried_are_not_tried_again(monkeypatch, moving, source):
     tries = Apart({"first": 0.06}, monkeypatch, moving, joins=True)
