@@ -6,8 +6,9 @@ with a camera at rest: if the scene shows only a periodic pattern or a gradient,
 and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
 fits along two paths differ at least as much as two along one. If the path turns far, or the scene is hardly better than
-a decode, features of all pairs of views are matched again (`far_apart`). If the fits' residual looks like motion,
-moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+a decode, features of all pairs of views are matched again (`far_apart`), unless they were before any fit. If the fits'
+residual looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt
+is made of (`fits.py`).
 """
 
 import math
