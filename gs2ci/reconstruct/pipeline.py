@@ -1,6 +1,6 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole reconstruction on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► views far apart: longer
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► nothing tracked: longer
     decode, geometry) (─► order of depth) ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits)
     (─► fine fit) ─► their mean ─► residual ─► combine and judge by the held-out pixels
 
@@ -21,7 +21,7 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts.choice import Attempts
 from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
-from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer, needs_rest
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
@@ -102,8 +102,12 @@ def reconstruct(
     first = (look_closer if again else look)(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
-    if again and joins_in_part(first):
-        first = look_far_apart(first, holdout, lens, settings, progress, clock.lap) or first
+    partly = joins_in_part(first)
+    if again and (partly or (settings.poses == "auto" and needs_rest(first))):
+        # A motion without tracks explains the measurement so far that weights corrected along it are better than those
+        # given.
+        weighted = holdout if partly else first.holdout
+        first = look_far_apart(first, weighted, lens, settings, progress, clock.lap) or first
     holdout = first.holdout
     fits = Fits(
         holdout=holdout,

@@ -6,8 +6,9 @@ with a camera at rest: if the scene shows only a periodic pattern or a gradient,
 and a fit from rest ends several dB better. Both further fits are stopped if they are far behind after a quarter of the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
 fits along two paths differ at least as much as two along one. If the path turns far, or the scene is hardly better than
-a decode, features of all pairs of views are matched again (`far_apart`). If the fits' residual looks like motion,
-moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt is made of (`fits.py`).
+a decode, features of all pairs of views are matched again (`far_apart`), unless they were before any fit. If the fits'
+residual looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt
+is made of (`fits.py`).
 """
 
 import math
@@ -69,6 +70,10 @@ class Attempts:
             The first look, with the best decode so far; the best attempt; and the report why its scene is still or
             moves.
         """
+        better, tried, report = self._all(first)
+        return better, self.fits.with_order(first, tried), report
+
+    def _all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         still = self.fits.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
@@ -140,7 +145,8 @@ class Attempts:
     def _far_apart(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
         """Fit a still scene along a path from matched features, if the path turns far or the scene explains too little.
 
-        Tracks through views far apart may agree on a path that is wrong. The fit's own views show that path again.
+        Tracks through views far apart may agree on a path that is wrong. The fit's own views show that path again. The
+        fits along the other path replace companions as those of a doubtful path do.
 
         Returns:
             The first look, with the longer decode if one was made and is better; and the better attempt.
@@ -152,7 +158,8 @@ class Attempts:
         if self.fits.halt.asked or not (may_match and (turns_far(path) or self._is_behind_decode(tried))):
             return first, tried
         first = self._decoded_better(first)
-        if first.decoder != "patches" or self.fits.halt.asked:
+        # Beside a motion without tracks, features were matched before any fit.
+        if first.decoder != "patches" or needs_rest(first) or self.fits.halt.asked:
             return first, tried
         fits = self.fits
         found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)
@@ -161,7 +168,10 @@ class Attempts:
         found = fits.settle_order(found, hurried=False)
         how = How(alone=True, rival=self._rival(tried))
         attempts = {source: tried, FromWide.name: fits.attempt(found, found.decoded, how)}
-        return first, fits.completed(self._compared(attempts)[0])
+        taken, residuals = self._compared(attempts)
+        chosen = _name_of(taken, attempts)
+        beside = () if chosen == source else tried.fits
+        return first, fits.completed(taken, beside, residuals[chosen])
 
     def _in_order(self, again: FirstLook, views: F32) -> FirstLook:
         """Settle the depth order of a path that was found in the views of a fit, [N, H, W, C]."""

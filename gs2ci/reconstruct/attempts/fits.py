@@ -16,7 +16,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
-from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, may_be_reversed, settle, unsettled
 from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
@@ -83,11 +83,46 @@ class Fits:
         """Settle the order of depth by short fits if the first look leaves it open.
 
         If hurried, or if the settings say not to try both orders, the doubt is only reported. Poses given by a stage
-        are not tested. Poses from a file settle the sign themselves, so no doubt is reported.
+        are not tested. Poses from a file settle the sign themselves, so no doubt is reported. Short fits never reverse
+        a path that no tracks confirm; so they wait until it is known whether its scene is taken (`with_order`).
         """
-        geometry, settings = first.geometry, self.settings
-        if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
+        geometry = first.geometry
+        if not self._is_order_open(geometry):
             return first
+        if self._tries_orders and not hurried:
+            if not may_be_reversed(geometry):
+                return first
+            geometry = self._compared_orders(first)
+        elif geometry.source in ESTIMATED:
+            geometry = unsettled(geometry)
+        self._say_beyond(first.geometry, geometry)
+        return replace(first, geometry=geometry)
+
+    def with_order(self, first: FirstLook, tried: Attempt) -> Attempt:
+        """Return the attempt that is taken, with what short fits say of the order of depth if they were not made yet.
+
+        Args:
+            first: The first look. An attempt along a path that no tracks confirm is along that of the first look, or
+                along one that was found in views of a scene along it.
+            tried: The attempt.
+        """
+        geometry, began = tried.geometry, first.geometry
+        if may_be_reversed(geometry) or not (self._tries_orders and self._is_order_open(geometry)):
+            return tried
+        told = unsettled(began) if self.halt.asked else self._compared_orders(first)
+        self._say_beyond(began, told)
+        notes = (*geometry.notes, *told.notes[len(began.notes) :])
+        return replace(tried, geometry=replace(geometry, order_errors=told.order_errors, notes=notes))
+
+    @property
+    def _tries_orders(self) -> bool:
+        return self.settings.try_orders and self.settings.fit.iterations >= LEAST_SCHEDULE
+
+    def _is_order_open(self, geometry: Geometry) -> bool:
+        return self.settings.withheld == Withheld() and is_open(geometry, self.settings.geometry.criteria)
+
+    def _compared_orders(self, first: FirstLook) -> Geometry:
+        """Return the geometry of a look in the order of depth that short fits prefer, with what they say of it."""
 
         def begin(began: Geometry) -> tuple[Geometry, Gaussians]:
             # Depths of further views belong to one order only.
@@ -96,17 +131,16 @@ class Fits:
         def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
             return replace(self._trying(how), mask_moments=None).fit_one(at)
 
-        fits = OrderFits(self.fitted, settings, begin, fit_one)
-        given = geometry.source not in ESTIMATED
-        if settings.try_orders and not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-            geometry = settle(geometry, fits.brief, self.progress, given=given)
-        elif not given:
-            geometry = unsettled(geometry)
+        fits = OrderFits(self.fitted, self.settings, begin, fit_one)
+        given = first.geometry.source not in ESTIMATED
+        return settle(first.geometry, fits.brief, self.progress, given=given)
+
+    def _say_beyond(self, before: Geometry, geometry: Geometry) -> None:
+        """Report the notes that a geometry has beyond those that it had before, and end the fits' lap."""
         for note in geometry.notes:
-            if note not in first.geometry.notes:
+            if note not in before.notes:
                 self.progress.say(note.sentence)
         self.clock.lap("fit")
-        return replace(first, geometry=geometry)
 
     def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
         """Return the same with the fits that a budget allows: a few iterations are timed, and a step of polishing.

@@ -78,6 +78,11 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
     return geometry.verdict == "full" and not surely
 
 
+def may_be_reversed(geometry: Geometry) -> bool:
+    """Tell whether short fits may reverse a geometry: one that no tracks confirm keeps its order whatever they say."""
+    return geometry.source != _UNTRACKED
+
+
 def unsettled(geometry: Geometry) -> Geometry:
     """Add the note that the order of depth is open and that no short fits were made."""
     return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
@@ -106,7 +111,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, giv
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
     travel = 0.0 if given else _travel_errors(geometry)
     found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, given=given)
-    if geometry.source == _UNTRACKED and errors < 0:
+    if not may_be_reversed(geometry) and errors < 0:
         return _contested(geometry, -errors)
     if given:
         agreed = len(found) >= _LEAST_PAIRS_AGAINST_GIVEN and all(ratio < 0 for ratio in found)

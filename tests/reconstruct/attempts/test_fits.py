@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Code
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.attempts import fits, order
-from gs2ci.reconstruct.attempts.attempt import How
-from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.attempts.attempt import Attempt, How
+from gs2ci.reconstruct.first_look import FirstLook, from_rest
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import members
@@ -62,7 +62,8 @@ def asked(monkeypatch):
 
     def record(geometry, _fit_briefly, _progress, *, given):
         calls.append(given)
-        return replace(geometry, order_errors=3.0)
+        open_still = finding(Code.DEPTH_ORDER_OPEN, errors=3.0)
+        return replace(geometry, order_errors=3.0, notes=(*geometry.notes, open_still))
 
     monkeypatch.setattr(fits, "settle", record)
     return calls
@@ -95,6 +96,26 @@ def test_depths_of_further_views_take_no_part_in_the_comparison_of_orders(first,
 def test_a_file_is_told_from_tracks(first, asked):
     settled(replace(first, geometry=replace(first.geometry, source="file")), LONG)
     assert asked == [True]
+
+
+def test_a_path_without_tracks_is_asked_for_its_order_only_if_its_scene_is_taken(first, asked):
+    uniform = replace(first, geometry=replace(first.geometry, source="uniform"))
+    assert settled(uniform, LONG) is uniform
+    assert asked == []
+    made = fits.Fits(first.holdout, first.holdout, None, LONG, lambda views: views, Silent(), Stopwatch())
+    note = finding(Code.PATH_FOUND_AGAIN)
+    taken = Attempt(uniform, replace(uniform.geometry, notes=(note,)), (), None)
+    for other in (from_rest(uniform).geometry, first.geometry, replace(taken.geometry, order_errors=9.0)):
+        elsewhere = replace(taken, geometry=other)
+        assert made.with_order(uniform, elsewhere) is elsewhere
+    assert asked == []
+    told = made.with_order(uniform, taken).geometry
+    assert (asked, told.order_errors, told.notes) == ([False], 3.0, (note, finding(Code.DEPTH_ORDER_OPEN, errors=3.0)))
+    made.halt.begin()
+    assert made.halt.ask()
+    halted = made.with_order(uniform, taken).geometry
+    assert [one.code for one in halted.notes] == [Code.PATH_FOUND_AGAIN, Code.DEPTH_ORDER_UNTRIED]
+    assert asked == [False]
 
 
 def test_a_stage_is_not_asked_for_its_order(first, asked):

@@ -85,6 +85,21 @@ def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypa
     assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if joins else "tracks")
 
 
+@pytest.mark.parametrize(("poses", "matched"), [("auto", True), ("tracks", False)])
+def test_beside_a_motion_without_tracks_features_are_matched_before_any_fit(shot, monkeypatch, poses, matched):
+    seen = []
+
+    def again(first, holdout, *_):
+        seen.append(holdout is first.holdout)
+        return replace(first, geometry=replace(first.geometry, source="wide"))
+
+    monkeypatch.setattr(pipeline, "needs_rest", lambda _: True)
+    monkeypatch.setattr(pipeline, "look_far_apart", again)
+    settings = replace(BRIEF, look_again=True, fits=1, poses=poses)
+    assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if matched else "tracks")
+    assert seen == ([True] if matched else [])
+
+
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
     monkeypatch.setattr(choice, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
