@@ -17,6 +17,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.patches.decoder import error_power
 from gs2ci.reconstruct.decode.planes import interleaved
 from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 
@@ -35,9 +36,9 @@ _AVERAGED: Final = 4
 # The last steps see all pixels: one step in so many, and at least these.
 _STEPS_PER_SEEING: Final = 6
 _LEAST_SEEING: Final = 4
-# A decode goes down at most to this share of its last level: 3 dB better on a clip of 55 dB. With 0.67, two clips of
-# 37 to 39 dB are 0.02 to 0.09 dB better.
-_LEAST_LEVEL: Final = 0.5
+# A decode goes down at most to this share of its last level. With 0.5, a clip of 55 dB gains 3 dB more, but clips of 37
+# to 41 dB are 0.02 to 0.16 dB worse.
+_LEAST_LEVEL: Final = 2 / 3
 # A power beside which a reading counts for nothing, far below float32's largest number.
 _UNREAD: Final = np.float32(1e12)
 
@@ -95,5 +96,5 @@ class HeldoutNoise:
         """Return the noise level at which to end: the stated one, or that of the views' errors if these are smaller."""
         if np.isinf(self._now):
             return stated
-        level = math.sqrt(self._now / (_ERROR_PER_LEVEL * self._energy))
+        level = math.sqrt(self._now / (self._energy * error_power(1.0)))
         return min(stated, max(level, _LEAST_LEVEL * stated))

@@ -77,7 +77,7 @@ def test_a_machine_that_slows_down_makes_fewer_steps_and_ends_in_time_all_the_sa
 def test_it_goes_down_to_a_lower_level_where_the_views_err_less(decoded, seconds):
     found, clock = decoded(seconds, even)
     assert found.steps == len(clock.sigmas)
-    assert BRIEF.last_sigma / 2 <= clock.sigmas[-1] < 0.9 * BRIEF.last_sigma
+    assert 0.66 * BRIEF.last_sigma < clock.sigmas[-1] < 0.9 * BRIEF.last_sigma
     assert all(after <= before for before, after in pairwise(clock.sigmas))
 
 
