@@ -24,8 +24,8 @@ from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DENOISER_NA
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
-from gs2ci.reconstruct.decode.patches.within_time import decode_until
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, with_iterations
+from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_models import find_model

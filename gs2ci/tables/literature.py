@@ -26,7 +26,8 @@ from gs2ci.reconstruct.choices import ModelName
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.decode.pnp import plug_and_play
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior

@@ -25,8 +25,8 @@ from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
-from gs2ci.reconstruct.decode.patches.within_time import decode_until
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from tests.benchmarks.decoders import AS_PUBLISHED, data_folder, ffdnet
 

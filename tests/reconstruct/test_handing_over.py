@@ -10,7 +10,8 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement

@@ -16,7 +16,8 @@ from gs2ci.evaluate.moments import render_moments
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct import moving
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, patch_decode_from
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times

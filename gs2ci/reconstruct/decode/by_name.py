@@ -11,7 +11,8 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 
 
 def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings | None:

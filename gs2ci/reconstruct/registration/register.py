@@ -47,6 +47,8 @@ _TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
 # Wrong masks of a few hundred elements reach a sure peak at times. Below twice of it, turned masks are compared too.
 _BEYOND_DOUBT: Final = 2 * SURE_PEAK
+# A negative mean beyond this share of the root mean square is no noise: light of the wrong sign reaches 0.8 to 1.
+_MOST_NEGATIVE: Final = 0.5
 # A picture with fewer elements of the pattern looks like itself turned too often.
 _LEAST_ELEMENTS: Final = 36
 
@@ -148,10 +150,11 @@ def register(
         The corrected measurement; the same shot object if nothing is corrected.
 
     Raises:
-        InputError: The settings make no sense, or the shot is the frame of a single mask.
+        InputError: The settings make no sense, the shot is the frame of a single mask, or its readings are negative.
     """
     settings, progress = (settings or RegistrationSettings()).check(), progress or Silent()
     _check_coded(shot)
+    _check_positive(shot)
     if settings.mode == "off":
         return Registered(shot)
     progress.stage("registration")
@@ -173,6 +176,22 @@ def _check_coded(shot: Shot) -> None:
             f"{shot.name} is the frame of a single mask (mask_index {mask} of {shot.views}), in which nothing is coded",
             allowed='exposures that span all masks: mode = "per-exposure" or "gate" in [capture]',
             remedy="capture again in such a mode",
+        )
+
+
+def _check_positive(shot: Shot) -> None:
+    """Refuse readings of the wrong sign, which every decoder explains by black views. Noise around 0 has no such mean.
+
+    Raises:
+        InputError: The mean of the readings is negative and more than half of their root mean square.
+    """
+    readings = shot.measurement[shot.usable].astype(np.float64)
+    mean = float(readings.sum()) / max(1, readings.size)
+    if mean < -_MOST_NEGATIVE * float(np.sqrt(np.sum(readings**2) / max(1, readings.size))):
+        raise InputError(
+            f"the readings of {shot.name} are negative, {mean:.3g} on average",
+            allowed="sums of light, which are positive but for noise",
+            remedy="turn their sign, or subtract a dark frame that is not brighter than the exposure",
         )
 
 

@@ -7,7 +7,8 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.by_name import decode_by_name, patch_settings
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.settings import Settings
 
 BRIEF = GapTvSettings(iterations=10)

@@ -41,6 +41,20 @@ def test_the_frame_of_a_single_mask_is_refused(bench, settings):
     assert register(alone, RegistrationSettings(mode="off")).shot is alone
 
 
+@pytest.mark.parametrize("settings", [RegistrationSettings(), RegistrationSettings(mode="off")])
+@pytest.mark.parametrize("turn", [lambda y: -y, lambda y: y - 3 * y.max()])
+def test_readings_of_the_wrong_sign_are_refused(bench, settings, turn):
+    shot = bench.shoot()
+    with pytest.raises(InputError, match=r"readings of .* are negative, -.* on average.*turn their sign"):
+        register(replace(shot, measurement=turn(shot.measurement)), settings)
+
+
+def test_the_noise_of_a_dark_frame_is_not_refused(bench):
+    shot = bench.shoot()
+    noise = np.random.default_rng(0).normal(-0.001, 0.01, shot.measurement.shape).astype(np.float32)
+    assert register(replace(shot, measurement=noise), RegistrationSettings(mode="off")).shot.measurement is noise
+
+
 @pytest.mark.parametrize("moved", [(0.25, 0.0), (0.5, -0.35), (-3.6, 5.3), (17.0, -9.5)])
 def test_a_shift_is_found_to_a_hundredth_of_a_pixel(bench, moved):
     were = warped(bench.masks, down_px=moved[0], right_px=moved[1])

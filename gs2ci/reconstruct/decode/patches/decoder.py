@@ -1,8 +1,9 @@
 """The patch decoder: GAP with groups of similar patches of nearly low rank, after DeSCI (Liu 2019).
 
-Here: the schedule, starting from GAP-TV's views. Not here: the loop (`pnp`), the denoiser (`denoiser`). Unlike in
-DeSCI, patches of a group are searched for in windows that follow the optical flow, each iteration uses a part of the
-groups, and noise that held-out pixels show is weighed.
+Here: the schedules, and the decode that starts from given views. Not here: the one that starts from GAP-TV's and weighs
+the noise that held-out pixels show (`within_time`), the loop (`pnp`), the denoiser (`denoiser`). Unlike in DeSCI,
+patches of a group are searched for in windows that follow the optical flow, and each iteration uses a part of the
+groups.
 """
 
 from collections.abc import Callable
@@ -18,10 +19,8 @@ from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.denoisers import Clamped
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
-from gs2ci.reconstruct.decode.patches.heldout_noise import HeldoutNoise
 from gs2ci.reconstruct.decode.patches.matching import Lattice
 from gs2ci.reconstruct.decode.planes import planar
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, ReadingNoise, plug_and_play
@@ -123,35 +122,6 @@ class PatchSettings(Bounded):
         return super().check()
 
 
-def patch_decode(
-    shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None, seed: int = 42
-) -> F32:
-    """Decode one coded measurement into approximate views, by groups of similar patches.
-
-    Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
-        settings: How long, and which patches.
-        progress: Receives each iteration and its relative residual.
-        seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
-
-    Returns:
-        Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
-
-    Raises:
-        InputError: The settings make no sense.
-    """
-    settings = (settings or PatchSettings()).check()
-    noise, steps = HeldoutNoise(shot, settings.iterations, seed), enumerate(settings.sigmas, start=1)
-
-    def watch(planes: F32) -> bool:
-        done, sigma = next(steps)
-        noise.after(planes, sigma, done, settings.iterations - done)
-        return False
-
-    start = decode_signed(shot, settings.start)
-    return patch_decode_from(shot, start, settings, progress, watch, noise.power, clamped=True)
-
-
 def patch_decode_from(
     shot: Shot,
     start: F32,
@@ -159,19 +129,16 @@ def patch_decode_from(
     progress: Progress | None = None,
     enough: Callable[[F32], bool] | None = None,
     noise: F32 | None = None,
-    *,
-    clamped: bool = False,
 ) -> F32:
     """Decode one coded measurement by groups of similar patches, starting from given views.
 
     Args:
-        shot: See `patch_decode`.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
         start: The first views, in which similar patches are first searched for, [N, H, W, C] float32.
         settings: How long, and which patches; their own start is not used.
-        progress: See `patch_decode`.
+        progress: Receives each iteration and its relative residual.
         enough: Called after each step with its views, [N, C, H, W]; if it returns True, that step is the last.
         noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
-        clamped: Whether every step keeps the views between black and white, and not only the last.
 
     Returns:
         Views, [N, H, W, C] float32 in [0, 1].
@@ -182,8 +149,7 @@ def patch_decode_from(
     schedule = PlugAndPlaySettings(sigmas=settings.check().sigmas, iterations=1)
     denoiser = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     weighed = None if noise is None else ReadingNoise(noise, error_power)
-    denoise = Clamped(denoiser) if clamped else denoiser
-    decoded: F32 = np.clip(plug_and_play(shot, denoise, schedule, progress, start, enough, weighed), 0, 1)
+    decoded: F32 = np.clip(plug_and_play(shot, denoiser, schedule, progress, start, enough, weighed), 0, 1)
     return decoded
 
 

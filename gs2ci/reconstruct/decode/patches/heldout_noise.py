@@ -1,20 +1,23 @@
-"""The noise of the readings, estimated while a decode runs, from pixels that it does not see.
+"""The noise of the readings, and the level at which a decode ends, from pixels that it does not see.
 
 GAP explains every reading that it sees, its noise included, so their residuals tell nothing of the noise. At held-out
 pixels the residual is noise and what the views err there. Without noise it mostly decreases to the last step; if it
 rises in the second half of the steps, the views have probably begun to follow noise. From then on the noise is what the
-residual has beyond the error that belongs to the denoiser's level.
+residual has beyond the error that belongs to the denoiser's level. Where the residual is smaller than the error that
+belongs to the last level, a decode may go on to a lower level: the views, and so the readings, err less.
 
-Here: that estimate. Not here: how a step weighs it (`pnp.ReadingNoise`), the noise that the views of a fitted scene
-tell (`gs2ci.reconstruct.measurement.noise`).
+Here: these estimates. Not here: how a step weighs the noise (`pnp.ReadingNoise`), the noise that the views of a fitted
+scene tell (`gs2ci.reconstruct.measurement.noise`).
 """
 
+import math
 from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.patches.decoder import error_power
 from gs2ci.reconstruct.decode.planes import interleaved
 from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 
@@ -33,6 +36,9 @@ _AVERAGED: Final = 4
 # The last steps see all pixels: one step in so many, and at least these.
 _STEPS_PER_SEEING: Final = 6
 _LEAST_SEEING: Final = 4
+# A decode goes down at most to this share of its last level. With 0.5, a clip of 55 dB gains 3 dB more, but clips of 37
+# to 41 dB are 0.02 to 0.16 dB worse.
+_LEAST_LEVEL: Final = 2 / 3
 # A power beside which a reading counts for nothing, far below float32's largest number.
 _UNREAD: Final = np.float32(1e12)
 
@@ -59,7 +65,7 @@ class HeldoutNoise:
             float((self._holdout.weighted.astype(np.float64) ** 2).sum(axis=0).mean()) if self._blind else 0.0
         )
         self._residuals: list[float] = []
-        self._least, self._shows, self._noise = float("inf"), False, 0.0
+        self._now, self._least, self._shows, self._noise = float("inf"), float("inf"), False, 0.0
         self.power: F32 = np.zeros_like(shot.measurement)
         self.power[pixels] = _UNREAD
 
@@ -76,7 +82,7 @@ class HeldoutNoise:
             return
         self._residuals.append((self._holdout.residual_rms(interleaved(planes)) or 0.0) ** 2)
         error = _ERROR_PER_LEVEL * self._energy * sigma**2
-        now = float(np.mean(self._residuals[-_AVERAGED:]))
+        self._now = now = float(np.mean(self._residuals[-_AVERAGED:]))
         if done > left:
             self._least = min(self._least, now)
             self._shows = self._shows or now > (1 + _LEAST_RISE) * self._least
@@ -85,3 +91,10 @@ class HeldoutNoise:
             self.power[:] = self._noise
         self._blind = left > max(_LEAST_SEEING, (done + left) // _STEPS_PER_SEEING)
         self.power[self._holdout.pixels] = _UNREAD if self._blind else self._noise
+
+    def last_sigma(self, stated: float) -> float:
+        """Return the noise level at which to end: the stated one, or that of the views' errors if these are smaller."""
+        if np.isinf(self._now):
+            return stated
+        level = math.sqrt(self._now / (self._energy * error_power(1.0)))
+        return min(stated, max(level, _LEAST_LEVEL * stated))

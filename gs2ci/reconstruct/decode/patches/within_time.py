@@ -1,13 +1,17 @@
-"""The patch decode within a given time: as many steps as fit, at noise levels that decrease with the time used.
+"""The patch decode from GAP-TV's views, of a number of steps or of as many as fit into a time.
 
-A short decode is best made of many cheap steps: its reference patches lie side by side and do not overlap by half, as
-those of the whole schedule do. Every step is timed; the remaining time determines the number of further steps and the
-next noise level. So the last step is at the last level, whatever else runs on the machine, and the result depends on
-the machine's speed.
+The noise levels decrease to the last of the schedule, or to a lower one where held-out pixels show that the views err
+less (`heldout_noise`).
+
+Within a time, a short decode is best made of many cheap steps: its reference patches lie side by side and do not
+overlap by half, as those of the whole schedule do. Every step is timed; the remaining time determines the number of
+further steps and the next noise level. So the last step is at the last level, whatever else runs on the machine, and
+the result depends on the machine's speed.
 
 Here: the clock, the levels, the end. Not here: where the time comes from (`gs2ci.api.decoding`), the steps (`decoder`).
 """
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -54,6 +58,26 @@ class InTime:
     settings: PatchSettings
 
 
+def patch_decode(
+    shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None, seed: int = 42
+) -> F32:
+    """Decode one coded measurement into approximate views, by groups of similar patches.
+
+    Args:
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
+        settings: How long, and which patches.
+        progress: Receives each iteration and its relative residual.
+        seed: Seed of the draw of the pixels that tell the noise of the readings; the last steps see them too.
+
+    Returns:
+        Views, [N, H, W, C] float32 in [0, 1]; C is 3 with a colour filter array.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    return decode_until(shot, math.inf, settings or PatchSettings(), progress, seed=seed).views
+
+
 def decode_until(
     shot: Shot,
     until_s: float,
@@ -76,7 +100,7 @@ def decode_until(
         InputError: The settings make no sense.
     """
     settings, progress = (settings or _sparse()).check(), progress or Silent()
-    start = decode_signed(shot, settings.start, progress)
+    start = decode_signed(shot, settings.start)
     patches = SimilarPatches(planar(start), settings.lattice, settings.refind_every)
     noise = HeldoutNoise(shot, settings.iterations, seed)
     steps = _Steps(patches, settings, until_s, progress, clock, noise)
@@ -113,8 +137,8 @@ class _Steps:
         if not self.sigmas:
             self._began_s = self.clock()
         else:
-            left, last = max(self._affordable(), 1), self.settings.last_sigma
-            sigma = self.sigmas[-1] * (last / self.sigmas[-1]) ** (1 / left)
+            left, last = max(self._affordable(), 1), self.noise.last_sigma(self.settings.last_sigma)
+            sigma = self.sigmas[-1] * min(1.0, last / self.sigmas[-1]) ** (1 / left)
         self.sigmas.append(sigma)
         return self.patches(views, sigma)
 
@@ -133,7 +157,7 @@ class _Steps:
         left = self._affordable()
         self.noise.after(planes, self.sigmas[-1], done, left)
         self.progress.expect(done + left)
-        return left == 0 or self.sigmas[-1] <= self.settings.last_sigma
+        return left == 0
 
     def _affordable(self) -> int:
         """Return the number of steps for which there is still time."""

@@ -9,7 +9,8 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, with_iterations
+from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 
 BRIEF = PatchSettings(iterations=8, first_sigma=0.1, last_sigma=0.03)
 

@@ -8,7 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.patches import within_time
+from gs2ci.reconstruct.decode.patches import heldout_noise, within_time
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
 from gs2ci.reconstruct.decode.patches.within_time import decode_until
@@ -35,6 +35,12 @@ class Clock:
 
 
 @pytest.fixture
+def unwatched(monkeypatch):
+    """Hide no pixels: the views do not change the levels."""
+    monkeypatch.setattr(heldout_noise, "HELDOUT_SHARE", 0.0)
+
+
+@pytest.fixture
 def decoded(make_shot, monkeypatch):
     def decode(seconds, costs, settings=BRIEF):
         clock = Clock(monkeypatch, costs)
@@ -47,6 +53,7 @@ def even(_, seeks):
     return 2.0 if seeks else 1.0
 
 
+@pytest.mark.usefixtures("unwatched")
 @pytest.mark.parametrize("seconds", [5, 9, 20, 31.5])
 def test_it_ends_in_time_at_the_last_level_having_used_what_there_was(decoded, seconds):
     found, clock = decoded(seconds, even)
@@ -57,6 +64,7 @@ def test_it_ends_in_time_at_the_last_level_having_used_what_there_was(decoded, s
     assert all(after < before for before, after in pairwise(clock.sigmas))
 
 
+@pytest.mark.usefixtures("unwatched")
 def test_a_machine_that_slows_down_makes_fewer_steps_and_ends_in_time_all_the_same(decoded):
     steady, _ = decoded(40, even)
     slowed, clock = decoded(40, lambda step, seeks: even(step, seeks) * (3 if step > 8 else 1))
@@ -65,6 +73,15 @@ def test_a_machine_that_slows_down_makes_fewer_steps_and_ends_in_time_all_the_sa
     assert clock.sigmas[-1] == pytest.approx(BRIEF.last_sigma, rel=0.2)
 
 
+@pytest.mark.parametrize("seconds", [30, 1e6])
+def test_it_goes_down_to_a_lower_level_where_the_views_err_less(decoded, seconds):
+    found, clock = decoded(seconds, even)
+    assert found.steps == len(clock.sigmas)
+    assert 0.66 * BRIEF.last_sigma < clock.sigmas[-1] < 0.9 * BRIEF.last_sigma
+    assert all(after <= before for before, after in pairwise(clock.sigmas))
+
+
+@pytest.mark.usefixtures("unwatched")
 def test_no_more_steps_are_made_than_there_is_a_use_for(decoded):
     found, clock = decoded(1e6, even)
     assert found.steps == BRIEF.iterations
