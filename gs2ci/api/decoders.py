@@ -106,7 +106,7 @@ def check_budget(method: DecodeMethod, iterations: int | None, *, given: bool) -
 def _plugged_decoder(name: str) -> Decoder:
     found = load(DECODER_GROUP, name)
     if found is None:
-        raise InputError(f"no method {name!r}", allowed=allowed(DECODER_GROUP, DECODE_METHODS))
+        raise InputError(f"no method {name!r}", allowed=f"{allowed(DECODER_GROUP, DECODE_METHODS)}, onnx:FILE")
 
     def decode(shot: Shot, progress: Progress) -> _Outcome:
         progress.stage(name)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.api.options import check_number, check_seed, check_whole
-from gs2ci.core.errors import InputError
-from gs2ci.core.whole_file import write_whole
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.whole_file import check_earlier, write_whole
 
 # About two masks of eight are open at a pixel, so four times full scale still fits the sensor's well.
 OPEN_SHARE: Final = 0.25
@@ -22,8 +22,9 @@ MOST_VIEWS: Final = 400
 LEAST_PX: Final = 16
 MOST_PX: Final = (540, 960)
 
+_MARK: Final = "# Written by `gs2ci demo`."
 RIG: Final = """\
-# Written by `gs2ci demo`. Take another shot: gs2ci capture --rig {path} -o shot.h5
+{mark} Take another shot: gs2ci capture --rig {path} -o shot.h5
 name = "motorcycle"
 
 [modulator]
@@ -87,7 +88,7 @@ def demo_rig(
     """Write the rig file of a simulated bench in front of a motorcycle, as `gs2ci demo` does.
 
     Args:
-        path: The rig file to write; parents are created.
+        path: The rig file to write; parents are created. An earlier demonstration's is replaced, any other file is not.
         views: Masks during the exposure.
         height: Height of the measurement, in pixels, a multiple of 2.
         width: Width of the measurement, in pixels, a multiple of 4.
@@ -99,7 +100,7 @@ def demo_rig(
 
     Raises:
         InputError: A number cannot be used.
-        StorageError: Writing fails.
+        StorageError: Another file lies there, or writing fails.
 
     Example:
         >>> with gs2ci.open_rig(gs2ci.demo_rig("demo.toml", height=64, width=96)) as rig:
@@ -107,6 +108,7 @@ def demo_rig(
         'motorcycle'
     """
     check_demo(views, height, width, parallax_px, seed)
+    check_earlier(path, _MARK.encode(), "a demonstration's rig file")
     return write_rig(Path(path), views=views, size=(height, width), parallax_px=parallax_px, seed=seed)
 
 
@@ -121,6 +123,23 @@ def check_demo(views: int, height: int, width: int, parallax_px: float, seed: in
     _check_side("--width", width, 4, MOST_PX[1])
     check_number("--parallax-px", parallax_px, 0, width)
     check_seed(seed)
+
+
+def check_demo_place(folder: Path) -> None:
+    """Check that a demonstration replaces nothing in a folder but an earlier one.
+
+    Raises:
+        StorageError: A rig file, shot or run there is none of a demonstration.
+    """
+    rig = folder / "rig.toml"
+    check_earlier(rig, _MARK.encode(), "a demonstration's rig file")
+    for name in () if rig.exists() else ("shot.h5", "shot.h5.partial", "run"):
+        if (folder / name).exists():
+            raise StorageError(
+                f"{folder / name} exists, and no demonstration made it, so that it is not replaced",
+                allowed="a new folder, or that of an earlier demonstration",
+                remedy="choose another place with -o",
+            )
 
 
 def _check_side(option: str, length_px: int, step_px: int, most_px: int) -> None:
@@ -156,6 +175,7 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     return write_whole(
         path,
         RIG.format(
+            mark=_MARK,
             path=path,
             height=size[0],
             width=size[1],

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from gs2ci.api.demonstration import check_demo, demo_rig
+from gs2ci.api.demonstration import check_demo, check_demo_place, demo_rig
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands import capture, reconstruct
 from gs2ci.commands.answers import AsJson, answered
@@ -27,7 +27,8 @@ def run(
     The drivers are the real ones; the devices below their ports and the world around them are simulated.
 
     Args:
-        output: The folder for rig file, shot file and run folder; an earlier demonstration there is replaced.
+        output: The folder for rig file, shot file and run folder; an earlier demonstration there is replaced, and
+            nothing else.
 
     Returns:
         The run folder.
@@ -37,6 +38,7 @@ def run(
     from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output / "run", overwrite=True)
+    check_demo_place(output)
     shot = output / "shot.h5"
     rig = demo_rig(output / "rig.toml", **options)
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration holds no data worth keeping

@@ -18,13 +18,15 @@ from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import open_display
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
-from gs2ci.core.whole_file import check_place, write_whole
+from gs2ci.core.whole_file import check_earlier, check_place, write_whole
 
 if TYPE_CHECKING:
     from gs2ci_sims.explaining import Explanation
     from gs2ci_sims.simulation_plan import Plan
     from gs2ci_sims.sweeping import FigureSweep
 
+# What a picture that matplotlib drew has near its beginning.
+_DRAWN: Final = b"Matplotlib"
 LAW_WIDTH: Final = 32
 """Largest width of the column of laws in characters; a longer law gets a separate line."""
 
@@ -79,6 +81,7 @@ def _swept(
 
     if picture is not None:
         check_place(picture)
+        check_earlier(picture, _DRAWN, "a drawing")
     figures = [figure for text in quantities for figure in text.split(",")]
     with open_display() as display:
         sweeps = sweep(rig, figures, points=points, progress=display, **options)

@@ -139,13 +139,17 @@ def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
         near = get_close_matches(str(given), kinds, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         return f"{asked} in [{_dotted(where)}]; allowed: {', '.join(map(repr, kinds))}{hint}"
+    told = _in_plain_words(problem["msg"])
+    whole, models = _table(model, where)
+    if problem["type"] == "value_error" and (models or not where):  # of keys that do not go together
+        return f"[{whole}]: {told}" if whole else told
     shown = repr(problem.get("input"))[:80]
-    return f"{key!r} in {place} is {shown}: {_in_plain_words(problem['msg'])}"
+    return f"{key!r} in {place} is {shown}: {told}"
 
 
 def _in_plain_words(message: str) -> str:
     """Express pydantic's message in the terms of a settings file."""
-    said = message.split(", unable to", maxsplit=1)[0]
+    said = message.removeprefix("Value error, ").split(", unable to", maxsplit=1)[0]
     for theirs, ours in _PLAIN_WORDS.items():
         said = said.replace(theirs, ours)
     return said

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gs2ci.api.demonstration import write_rig
+from gs2ci.api.demonstration import check_demo_place, demo_rig, write_rig
 from gs2ci.commands import capture
 from gs2ci.commands.demo import run
 from gs2ci.core.errors import InputError, StorageError
@@ -71,3 +71,25 @@ def test_what_no_demonstration_can_be_is_refused_by_its_option(tmp_path, wish):
     with pytest.raises(InputError, match=f"--{name.replace('_', '-')} {value:g}; allowed: a .* what to do: "):
         run(tmp_path / "demo", **wish)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["rig.toml", "shot.h5", "shot.h5.partial", "run/report.json"])
+def test_what_no_demonstration_made_is_not_replaced_by_one(tmp_path, name):
+    mine = tmp_path / name
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text('{"schema": "gs2ci.report/2"}')
+    with pytest.raises(StorageError, match="is not replaced"):
+        run(tmp_path, views=2, height=16, width=16)
+    assert mine.read_text() == '{"schema": "gs2ci.report/2"}'
+    assert [path.name for path in tmp_path.iterdir()] == [name.partition("/")[0]]
+
+
+def test_a_rig_file_of_ones_own_is_not_replaced_by_that_of_a_demonstration_which_its_own_is(tmp_path):
+    own, made = tmp_path / "own.toml", tmp_path / "demo.toml"
+    own.write_text('name = "mine"')
+    with pytest.raises(StorageError, match="is not replaced"):
+        demo_rig(own)
+    assert own.read_text() == 'name = "mine"'
+    for seed in (1, 2):
+        assert f"seed = {seed}" in demo_rig(made, views=2, height=16, width=16, seed=seed).read_text()
+    check_demo_place(tmp_path / "nothing yet")

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from gs2ci.api.plans import plan as plan_of
 from gs2ci.commands import plan
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.progress import Silent
 from gs2ci.rig.opening import load_rig
 from gs2ci.rig.recording import prepare, record
@@ -246,3 +246,14 @@ def test_a_sweep_that_cannot_be_is_refused(rig, options, words):
     rig.write_text(RIG.replace("height = 16", 'height = 16\nname = "planes"'), encoding="utf-8")
     with pytest.raises(InputError, match=words):
         plan.run(rig, **options)
+
+
+def test_a_map_replaces_an_earlier_map_and_nothing_else(rig, tmp_path):
+    kept, made = tmp_path / "measurement.npz", tmp_path / "map.png"
+    kept.write_bytes(b"PK readings")
+    with pytest.raises(StorageError, match="not a drawing of gs2ci"):
+        plan.run(rig, sweep=("travel=0.1..1",), points=2, picture=kept)
+    assert kept.read_bytes() == b"PK readings"
+    for _ in range(2):
+        plan.run(rig, sweep=("travel=0.1..1",), points=2, picture=made)
+    assert made.read_bytes().startswith(b"\x89PNG")

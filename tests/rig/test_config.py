@@ -37,6 +37,11 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
         (MINIMAL, r"simulated devices without a \[world\]"),
         (MINIMAL.replace('"v4l2"\n', '"v4l2"\nport = "/dev/video0"\n') + "[world]\n", "only modulator of 2 devices"),
         (MINIMAL + '[stage]\nkind = "zaber"\naxes = {x = 1, y = 2}\n[world]\n', "name the same axes"),
+        (
+            MINIMAL.replace('"dlpc900"', '"video"\ndark_level = 9\nbright_level = 9') + "[world]\n",
+            r"rig\.toml: \[modulator\]: dark_level and bright_level must be two different levels, 0 to 255$",
+        ),
+        (MINIMAL, r"rig\.toml: simulated devices without"),
         (MINIMAL + "[world]\n[capture]\nmaskes = 3\n", r"'maskes' in \[capture\]; did you mean 'masks'"),
         (MINIMAL + "[world]\n[stage.mont]\n", r"'kind' is missing in \[stage\]"),
         (MINIMAL + '[world]\n[capture]\nmode = "gated"\n', "'mode' in .capture. is 'gated'"),
