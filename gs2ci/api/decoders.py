@@ -32,6 +32,7 @@ from gs2ci.reconstruct.learned.onnx_models import find_model
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
 from gs2ci.reconstruct.registration.register import Registered
 
@@ -219,5 +220,5 @@ def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> D
     views, method, notes = decode(shot, progress)
     seconds = time.monotonic() - began_s
     predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    said = (note.advice for note in (*registered.notes, *faulty))
+    said = (note.advice for note in (*registered.notes, *doubts_about(registered.shot), *faulty))
     return Decoded(shot, views, predicted, seconds, method, (*said, *notes))

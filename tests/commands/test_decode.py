@@ -196,4 +196,16 @@ def test_hot_pixels_and_dead_lines_are_left_out_and_named():
     measured[20, ::9] = 50
     decoded = gs2ci.decode(gs2ci.Shot(measured, masks), registration="off", progress=gs2ci.Silent())
     assert np.abs(decoded.views - truth).max() < 0.1
-    assert len(decoded.notes) == 2
+    unopened, dead, hot = decoded.notes
+    assert "No mask opens 87 of 1280 pixels" in unopened
+    assert "dead" in dead
+    assert "hot" in hot
+
+
+def test_what_the_measurement_does_not_contain_is_said():
+    rng = np.random.default_rng(0)
+    masks = (rng.random((4, 32, 40)) < 0.5).astype(np.float32)
+    masks[0], masks[2] = masks[:2].max(axis=0) < 0.5, 0
+    measured = masks.sum(axis=0)[..., None] * np.linspace(0.2, 0.8, 40, dtype=np.float32)[None, :, None]
+    decoded = gs2ci.decode(gs2ci.Shot(measured, masks), registration="off", progress=gs2ci.Silent())
+    assert any("No light reached views [2]" in note for note in decoded.notes)
