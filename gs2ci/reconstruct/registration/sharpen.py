@@ -126,10 +126,9 @@ def sources(masks: F32) -> list[Source]:
         The sharp masks, if a blur or an interpolation of them gives the stated ones; the stated ones without their
         noise, if they have any. Neither if the stated ones are sharp and exact, or grey.
     """
-    stated = masks.astype(np.float64)
-    one = one_of(masks)
-    if min(masks.shape[1:]) < _LEAST_SIDE_PX or softness(stated) == 0:
+    if min(masks.shape[1:]) < _LEAST_SIDE_PX or ((masks == 0) | (masks == 1)).all():
         return []
+    stated, one = masks.astype(np.float64), one_of(masks)
     crisp = _crisp(stated)
     without_noise = [] if crisp is None else crisp.without_noise(stated, _NOISE_OF_CRISP)
     if softness(one) < CRISP:
