@@ -7,7 +7,8 @@ from tests.rig.live.conftest import MODULATOR, RIG
 
 def test_it_says_where_the_bench_is_and_closes_it(tmp_path, monkeypatch, capsys):
     path = tmp_path / "rig.toml"
-    path.write_text(RIG.format(kind="v4l2", format="Y12", world="", modulator=MODULATOR))
+    left = {"world": "", "modulator": MODULATOR, "capture": "mask_s = 0.02", "light_e_per_s": 1e5}
+    path.write_text(RIG.format(kind="v4l2", format="Y12", **left))
     closed = []
     close = live_bench.LiveBench.close
 
