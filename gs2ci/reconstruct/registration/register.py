@@ -192,9 +192,9 @@ def _check_positive(shot: Shot) -> None:
             where more masks are open.
     """
     readings = shot.measurement.mean(axis=2, dtype=np.float64)[shot.usable]
-    opened = white_reading(shot).astype(np.float64)[shot.usable]
     if readings.size == 0 or readings.mean() >= -_MOST_NEGATIVE * np.sqrt(np.mean(readings**2)):
         return
+    opened = white_reading(shot).astype(np.float64)[shot.usable]
     beside, more = readings - readings.mean(), opened - opened.mean()
     if beside @ more < -_MOST_ALIKE * np.sqrt((beside @ beside) * (more @ more)):
         raise InputError(

@@ -17,7 +17,7 @@ have parameters. Noise is cut off at 0 and 1, which shifts the means of what clo
 
 If all this fails, regularised filtering sharpens the masks as far as the measurement agrees.
 
-Here: all three. Not here: whether they are used (`register`, by the measurement).
+Here: all three. Not here: what elements pass (`levels`), whether the masks are used (`register`, by the measurement).
 """
 
 from collections.abc import Callable
@@ -29,8 +29,9 @@ from scipy import fft
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.kernels import undo
+from gs2ci.reconstruct.registration.levels import Levels
 from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, transfer, variance_of
 
 # Amplification of frequencies that is tried: masks from a drawing allow more than masks from a noisy calibration.
@@ -61,10 +62,6 @@ _HARDLY_PX: Final = 0.02
 # Where the search for both begins, px: this blur, and the interpolation found alone, or this far from it.
 _ALSO_PX: Final = 0.4
 _NEARBY: Final = ((0.0, 0.0), (0.05, 0.0), (0.0, 0.05))
-# Powers of the place, down and right, over which transmissions of open and of closed elements change. Their regression
-# is kept defined relative to the mean of its diagonal, also for masks of which nothing is open.
-_QUADRATIC: Final = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-_LEVEL_RIDGE: Final = 1e-9
 # Masks without any variance have none to explain.
 _TINY: Final = 1e-12
 # Noise of less than these variances is left as it is, in crisp masks and in soft ones: single elements of a real
@@ -75,15 +72,8 @@ _NOISE_OF_SOFT: Final = 1e-4
 # closed, with noise of σ 0.3 a tenth; and rounded they explain three quarters of their variance.
 _MIDDLE: Final = 0.125
 _GREY: Final = 0.2
-# Noise was cut off where more than this share of the elements of one kind is at the end of the range.
-_CUT: Final = 0.02
-# Open elements pass at least so much more than closed ones; and masks that are closer to 0 and 1 are rounded.
-_LEAST_STEP: Final = 0.05
-_ROUNDED: Final = 1e-3
-
 # Masks of at least this share of the largest variance show the elements of all.
 _SHOWS: Final = 0.5
-
 # How often levels and elements are found from each other.
 _ROUNDS: Final = 2
 
@@ -134,14 +124,11 @@ def sources(masks: F32) -> list[Source]:
     if softness(one) < CRISP:
         return without_noise
     softened = _softened(stated, one)
-    if crisp is not None and crisp.left(stated) <= softened.left(stated) / _BLUR_EXPLAINS:
+    left = softened.left(stated)
+    if crisp is not None and crisp.left(stated) <= left / _BLUR_EXPLAINS:
         return without_noise
-    ways = []
-    if softened.left(stated) <= _EXPLAINED:
-        ways.append(softened.sharp)
-    if softened.left(stated) <= _GREY:
-        ways += softened.without_noise(stated, _NOISE_OF_SOFT)
-    return ways
+    ways = [softened.sharp] if left <= _EXPLAINED else []
+    return [*ways, *(softened.without_noise(stated, _NOISE_OF_SOFT) if left <= _GREY else ())]
 
 
 def _crisp(stated: F64) -> "_Softened | None":
@@ -149,8 +136,8 @@ def _crisp(stated: F64) -> "_Softened | None":
 
     An element between open and closed is open with the probability that the noise gives it, and passes as much.
     """
-    opened = _open_or_closed(_Levels.of(stated, _open_or_closed(stated)).removed_from(stated))
-    levels = _Levels.of(stated, opened).without_cuts(stated, opened)
+    opened = _open_or_closed(Levels.of(stated, _open_or_closed(stated)).removed_from(stated))
+    levels = Levels.of(stated, opened).without_cuts(stated, opened)
     share = levels.removed_from(stated)
     # Noise is not cut off between the levels.
     between = (share > 0) & (share < 1)
@@ -170,69 +157,16 @@ def _softened(stated: F64, one: F64) -> "_Softened":
     """
     softening = _Softening.of(one)
     found = softening.undone(one)
-    levels = _Levels.of(one, found.softened)
+    levels = Levels.of(one, found.softened)
     for _ in range(_ROUNDS if levels.differ else 0):
         share = levels.removed_from(levels.uncut(one, found.softened))
         softening = _Softening.of(share)
         found = softening.undone(share)
-        levels = _Levels.of(levels.uncut(one, found.softened), found.softened)
+        levels = Levels.of(levels.uncut(one, found.softened), found.softened)
         if not levels.cut:
             break
     found = softening.undone(levels.removed_from(stated) if levels.differ else stated)
-    return replace(found, levels=_Levels.of(levels.uncut(stated, found.softened), found.softened))
-
-
-@dataclass(frozen=True)
-class _Levels:
-    """What closed elements pass, and what open ones pass more, [H, W]: quadratic in the place, alike in all masks."""
-
-    closed: F64
-    step: F64
-
-    @classmethod
-    def of(cls, stated: F64, softened: F64) -> Self:
-        """Fit the stated masks, [N, H, W], by least squares from softened open (1) and closed (0) elements."""
-        y, x = (np.linspace(-1, 1, side) for side in stated.shape[1:])
-        basis = np.stack([np.multiply.outer(y**i, x**j) for i, j in _QUADRATIC])
-        gram, moment = np.zeros((2 * len(basis),) * 2), np.zeros(2 * len(basis))
-        for mask, elements in zip(stated, softened, strict=True):
-            design = np.concatenate([basis, basis * elements]).reshape(2 * len(basis), -1)
-            gram += design @ design.T
-            moment += design @ mask.reshape(-1)
-        gram += np.eye(len(gram)) * (_LEVEL_RIDGE * np.trace(gram) / len(gram))
-        closed, step = np.tensordot(np.linalg.solve(gram, moment).reshape(2, -1), basis, axes=1)
-        return cls(closed, np.maximum(step, _LEAST_STEP))
-
-    @property
-    def differ(self) -> bool:
-        """Get whether they differ from 0 and 1 by more than rounding."""
-        return bool(max(np.abs(self.closed).max(), np.abs(self.step - 1).max()) > _ROUNDED)
-
-    def without_cuts(self, stated: F64, opened: F64) -> Self:
-        """Return what elements of crisp masks, [N, H, W], pass; noise cut off at 0 or 1 moves means, but no median."""
-        open_ = self.closed + self.step
-        closed, open_ = (
-            level + _median_beside(stated - level, opened == kind, (stated == end) & (opened == kind))
-            for level, kind, end in ((self.closed, 0, 0), (open_, 1, 1))
-        )
-        return replace(self, closed=closed, step=np.maximum(open_ - closed, _LEAST_STEP))
-
-    @property
-    def cut(self) -> bool:
-        """Get whether open elements pass more than can be stated."""
-        return bool((self.closed + self.step).max() > 1 + _ROUNDED)
-
-    def uncut(self, stated: F64, softened: F64) -> F64:
-        """Return stated masks, [N, H, W], with what softened elements pass beyond 1, where they are cut off."""
-        return stated + np.maximum(self.given_to(softened) - 1, 0)
-
-    def given_to(self, elements: F64) -> F64:
-        """Return the transmissions of elements, [N, H, W], from closed (0) to open (1)."""
-        return np.asarray(self.closed + self.step * elements, np.float64)
-
-    def removed_from(self, masks: F64) -> F64:
-        """Return from transmissions, [N, H, W], how far elements are open."""
-        return np.asarray((masks - self.closed) / self.step, np.float64)
+    return replace(found, levels=Levels.of(levels.uncut(stated, found.softened), found.softened))
 
 
 @dataclass(frozen=True)
@@ -249,7 +183,7 @@ class _Softened:
 
     opened: F64
     softened: F64
-    levels: _Levels
+    levels: Levels
     how: str
     shift_px: tuple[float, float] = (0.0, 0.0)
     blur_px2: float = 0.0
@@ -277,11 +211,6 @@ class _Softened:
     def left(self, stated: F64) -> float:
         """Return the share of the variance of the stated masks, [N, H, W], that they leave."""
         return _left(stated, np.clip(self.levels.given_to(self.softened), 0.0, 1.0))
-
-
-def _median_beside(deviations: F64, here: Bool, cut: Bool) -> float:
-    """Return the median of deviations, [N, H, W], of one kind of elements; 0 if hardly any of these are cut off."""
-    return float(np.median(deviations[here])) if cut.sum() > _CUT * here.sum() else 0.0
 
 
 def _transmissions(values: F64) -> F32:
@@ -331,9 +260,9 @@ class _Softening:
             moved = _moved(interpolated, *self.shift, self.also_px)
             if _left(masks, moved) < _left(masks, blurred):
                 shift_px = (-self.shift[0], -self.shift[1])
-                return _Softened(interpolated, moved, _Levels.of(masks, moved), self._how, shift_px, self._blur_px2)
+                return _Softened(interpolated, moved, Levels.of(masks, moved), self._how, shift_px, self._blur_px2)
         how = f"blurred by σ {self.blur[0]:.2f} px"
-        return _Softened(unblurred, blurred, _Levels.of(masks, blurred), how, blur_px2=variance_of(self.blur[0]))
+        return _Softened(unblurred, blurred, Levels.of(masks, blurred), how, blur_px2=variance_of(self.blur[0]))
 
     @property
     def _how(self) -> str:
