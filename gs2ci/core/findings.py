@@ -183,6 +183,7 @@ class Code(StrEnum):
     DEPTH_IN_NOISE = auto()
     DEPTH_ORDER_UNTRIED = auto()
     DEPTH_ORDER_TURNED = auto()
+    DEPTH_ORDER_SHOWN = auto()
     POSES_SIGN_CONTRADICTED = auto()
 
     # Which source the first path came from.

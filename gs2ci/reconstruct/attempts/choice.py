@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
+from gs2ci.reconstruct.attempts.both_orders import in_shown_order
 from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
@@ -74,14 +75,15 @@ class Attempts:
         return better, self.fits.with_order(first, tried), report
 
     def _all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
-        still = self.fits.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
+        alone = self._may_look_again(first) or self.fits.is_order_open(first.geometry)
+        still = self.fits.attempt(first, first.decoded, How(alone=alone))
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            first, still = self._far_apart(first, self._again(first, still))
+            first, still = self._still(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        first, again = (first, still) if self._wanted else self._far_apart(first, self._again(first, still))
+        first, again = (first, still) if self._wanted else self._still(first, still)
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -113,6 +115,11 @@ class Attempts:
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views, first.decoded)
         tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
+
+    def _still(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
+        """Return the best still scene, along the best path and in the order of depth that what hides what shows."""
+        first, tried = self._far_apart(first, self._again(first, tried))
+        return first, in_shown_order(self.fits, tried)
 
     @property
     def _wanted(self) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
@@ -34,6 +35,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.sources import ESTIMATED
 from gs2ci.reconstruct.handing_over import polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -107,12 +109,30 @@ class Fits:
             tried: The attempt.
         """
         geometry, began = tried.geometry, first.geometry
-        if may_be_reversed(geometry) or not (self._tries_orders and self._is_order_open(geometry)):
+        if may_be_reversed(geometry) or not self.is_order_open(geometry):
             return tried
         told = unsettled(began) if self.halt.asked else self._compared_orders(first)
         self._say_beyond(began, told)
         notes = (*geometry.notes, *told.notes[len(began.notes) :])
         return replace(tried, geometry=replace(geometry, order_errors=told.order_errors, notes=notes))
+
+    def is_order_open(self, geometry: Geometry) -> bool:
+        """Tell whether both orders of depth may be tried, and what was tried so far leaves them open."""
+        if not (self._tries_orders and self._is_order_open(geometry)):
+            return False
+        codes = {note.code for note in geometry.notes}
+        if not may_be_reversed(geometry):
+            return Code.DEPTH_ORDER_SHOWN not in codes
+        return Code.DEPTH_ORDER_OPEN in codes
+
+    def occlusion(self, tried: Attempt) -> Occlusion:
+        """Find what the measurement shows where surfaces of an attempt's leader hide one another."""
+        fit, shot = tried.fits[0], self.fitted.shot
+        backend = load_backend(self.settings.backend, self.settings.raster)
+        renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
+        depth = renderer.depths(fit.scene, fit.world_to_camera)
+        distortion = None if self.lens is None else shot.distortion
+        return occlusion(self.refine(fit.views), depth, fit.world_to_camera, fit.intrinsics, distortion)
 
     @property
     def _tries_orders(self) -> bool:
@@ -223,7 +243,8 @@ class Fits:
         freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
         team, paths = [], {}
         # Fits along another doubtful path may have another camera matrix than the attempt.
-        alike = [fit for fit in still.fits if np.array_equal(fit.intrinsics, still.geometry.intrinsics)]
+        intrinsics = still.geometry.intrinsics
+        alike = [fit for fit in still.fits if not fit.beside and np.array_equal(fit.intrinsics, intrinsics)]
         for number, fit in enumerate(alike):
             start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
             seed = member_seed(self.settings.seed, number)

@@ -37,6 +37,7 @@ class CoarseFit:
         notes: Other findings: each time that the fit diverged and was set back.
         intrinsics: The camera matrix of the fit, [3, 3].
         outside: Which Gaussians continue the scene beyond the borders of all views, [G] bool; None: none (`margin.py`).
+        beside: Whether its views only count in the mean with others, because its order of depth is the wrong one.
     """
 
     scene: Gaussians
@@ -47,6 +48,7 @@ class CoarseFit:
     notes: tuple[Finding, ...]
     intrinsics: F64
     outside: Tensor | None = None
+    beside: bool = False
 
 
 # Each rollback halves the step. A fit that still diverges with an eighth of the step does not do so because of its

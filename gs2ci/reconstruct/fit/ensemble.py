@@ -8,6 +8,7 @@ Here: how fits are made to differ, how they run at the same time, and how their 
 (`coarse.py`).
 """
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -246,7 +247,7 @@ def combined(fits: tuple[CoarseFit, ...], holdout: Holdout, refine: Refine) -> E
     """Take the mean of the fits' views, unless the best of them alone is surely better.
 
     Args:
-        fits: At least one.
+        fits: At least one; not all of them count beside others alone.
         holdout: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
         refine: Adds the decoded residual to views, as before delivery.
     """
@@ -256,7 +257,8 @@ def combined(fits: tuple[CoarseFit, ...], holdout: Holdout, refine: Refine) -> E
     if not holdout.pixels.any():
         return Ensemble(fits[0], together, len(fits), disagreement, fits[1:])
     alone = [holdout.squared_residuals(refine(fit.views)) for fit in fits]
-    first = int(np.argmin([squared.mean() for squared in alone]))
+    means = [math.inf if fit.beside else squared.mean() for fit, squared in zip(fits, alone, strict=True)]
+    first = int(np.argmin(means))
     best, others = fits[first], (*fits[:first], *fits[first + 1 :])
     if surely_larger(holdout.squared_residuals(refine(together)), alone[first]):
         return Ensemble(best, best.views, 1, disagreement, others)

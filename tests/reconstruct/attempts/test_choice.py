@@ -28,6 +28,19 @@ def unfollowed(monkeypatch):
     return where
 
 
+@pytest.fixture(autouse=True)
+def orders(monkeypatch):
+    """The attempts that were asked which order of depth they show: each keeps its own."""
+    asked = []
+
+    def keep(_fits, tried):
+        asked.append(tried)
+        return tried
+
+    monkeypatch.setattr(choice, "in_shown_order", keep)
+    return asked
+
+
 @pytest.fixture
 def moving():
     poses = np.tile(np.eye(4), (4, 1, 1))
@@ -74,6 +87,7 @@ class Tries:
         self.leaves, self.made, self.completions, self.beside = leaves, [], 0, ()
         self.holdout, self.lens, self.settings = SimpleNamespace(residual_rms=lambda views: views), None, Settings()
         self.refine, self.progress, self.halt = (lambda views: views), Silent(), Halt()
+        self.order_open = False
 
     def attempt(self, look, views, how):
         name = look.name
@@ -87,6 +101,9 @@ class Tries:
 
     def with_order(self, _first, tried):
         return tried
+
+    def is_order_open(self, _geometry):
+        return self.order_open
 
     def completed(self, tried, beside=(), left=None):
         assert left == tried.fits[0].views
@@ -211,6 +228,29 @@ def test_still_fits_are_continued_along_a_sure_path_or_where_new_moving_fits_are
     assert made == ["still", "moving", *(["released"] if released else [])]
     assert len(report.heldout_rms) == len(made)
     assert taken.ensemble.views == (min(moves, 0.025) if released else moves)
+
+
+@pytest.mark.parametrize("order_open", [False, True])
+def test_the_best_still_scene_is_asked_for_its_order_and_fitted_alone_before(monkeypatch, moving, orders, order_open):
+    geometry = replace(moving.geometry, source="tracks", path_error_expected=0.01)
+    tries, alone = Tries({"first": 0.03}), []
+    tries.order_open = order_open
+    look, turned = Named(None, None, geometry, None), Named(None, None, geometry, None)
+
+    def attempt(at, _views, how):
+        alone.append(how.alone)
+        mean = SimpleNamespace(views=0.03, best=SimpleNamespace(scene=SimpleNamespace(motion=None), curve=()))
+        return Attempt(at, geometry, (), mean)
+
+    other = attempt(turned, None, How())
+    tries.attempt = attempt
+    monkeypatch.setattr(choice.Attempts, "_far_apart", lambda _, first, tried: (first, tried))
+    monkeypatch.setattr(choice.Attempts, "_question", lambda *_: MotionQuestion(gain=0.0))
+    monkeypatch.setattr(choice, "in_shown_order", lambda _, tried: orders.append(tried) or other)
+    _, taken, _ = choice.Attempts(tries).all(look)
+    assert alone == [False, order_open]
+    assert [tried.look for tried in orders] == [look]
+    assert taken is other
 
 
 def test_a_decode_at_length_is_sparse_and_has_to_be_better():

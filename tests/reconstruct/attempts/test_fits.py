@@ -200,6 +200,51 @@ def test_a_fit_along_another_path_takes_a_companions_place_unless_their_mean_is_
     assert completed.ensemble.best is leader
 
 
+def test_a_fit_that_counts_in_the_mean_alone_neither_leads_nor_is_let_move(first):
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    # Right views beside poor ones: it would lead if it might.
+    right = replace(alone.fits[0], views=first.decoded)
+    assert made.completed(alone, (right,)).ensemble.best is right
+    beside = made.completed(alone, (replace(right, beside=True),))
+    assert beside.ensemble.best is alone.fits[0]
+    assert beside.ensemble.averaged == 2
+    assert len(made.release(beside).fits) == 1
+
+
+def test_what_an_attempt_hides_is_asked_of_its_refined_views(first):
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
+    refine = Refinement(first.holdout, settings.residual)
+    made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    assert replace(made, refine=lambda views: 0 * views).occlusion(alone).variance == 0
+    seen = made.occlusion(alone)
+    assert seen.variance > 0
+    assert seen.evidence.shape == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("change", "codes", "is_open"),
+    [
+        ({}, (), False),
+        ({}, (Code.DEPTH_ORDER_OPEN,), True),
+        ({"source": "uniform"}, (), True),
+        ({"source": "uniform"}, (Code.DEPTH_ORDER_SHOWN,), False),
+        ({"order_errors": 9.0}, (Code.DEPTH_ORDER_OPEN,), False),
+        ({"verdict": "static"}, (Code.DEPTH_ORDER_OPEN,), False),
+        ({"order_given": True}, (Code.DEPTH_ORDER_OPEN,), False),
+    ],
+)
+def test_an_order_is_open_if_short_fits_left_it_so_or_if_no_tracks_confirm_the_path(first, change, codes, is_open):
+    made = fits.Fits(first.holdout, first.holdout, None, LONG, lambda views: views, Silent(), Stopwatch())
+    notes = tuple(finding(code, errors=1.0, times=3.0) for code in codes)
+    geometry = replace(first.geometry, notes=notes, **change)
+    assert made.is_order_open(geometry) is is_open
+    assert not replace(made, settings=replace(LONG, try_orders=False)).is_order_open(geometry)
+
+
 def test_fits_behind_another_camera_matrix_are_averaged_but_not_let_move(first, monkeypatch):
     settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
     refine = Refinement(first.holdout, settings.residual)

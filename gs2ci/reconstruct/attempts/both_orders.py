@@ -1,0 +1,71 @@
+"""Near and far where short fits leave them open: a whole fit of each order, and what hides what in them.
+
+    attempt whose order of depth is open ─► a fit from its reversal ─► the one whose near things hide far ones in the
+    views as well, or open
+
+Fits of both orders explain the measurement about as well. Which of them hides what the views do not show tells them
+apart from about 3 px of parallax on (docs/decisions/0139-what-hides-what.md). The fit of the other order is not in
+vain: its views count in the mean, in place of a companion.
+
+Here: when both are fitted, and what follows. Not here: the evidence (`geometry/occlusion.py`), short fits (`order`),
+which the pipeline asks first.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code, finding
+from gs2ci.reconstruct.attempts.attempt import Attempt, How
+from gs2ci.reconstruct.attempts.fits import Fits
+from gs2ci.reconstruct.geometry.occlusion import preferred
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+
+# More is not said of how clearly one order is shown: the other may show nothing at all.
+_MOST_TIMES: Final = 99.0
+
+
+def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
+    """Return an attempt in the order of depth that occlusion shows, with all its fits.
+
+    If its order is not open, or a fit of the other order fails, or occlusion does not tell, it keeps its own. If
+    occlusion only makes one order likelier, that one is taken and said to be open.
+
+    Args:
+        fits: Makes the fits.
+        tried: The attempt, of a still scene.
+    """
+    if fits.halt.asked or not fits.is_order_open(tried.geometry):
+        return fits.completed(tried)
+    fits.progress.say("Near and far may still be exchanged: a fit of the other order shows what would hide what.")
+    other = _turned(fits, tried)
+    if other is None:
+        return fits.completed(tried)
+    told = preferred(fits.occlusion(tried), fits.occlusion(other))
+    if told is None:
+        return _beside(fits, tried, other)
+    said = (
+        finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
+        if told.is_sure
+        else finding(Code.DEPTH_ORDER_OPEN, errors=told.errors)
+    )
+    fits.progress.say(said.sentence)
+    taken, left = (tried, other) if told.first else (other, tried)
+    notes = (*(note for note in tried.geometry.notes if note.code != Code.DEPTH_ORDER_OPEN), said)
+    geometry = replace(taken.geometry, order_errors=told.errors, notes=notes)
+    return _beside(fits, replace(taken, geometry=geometry), left)
+
+
+def _turned(fits: Fits, tried: Attempt) -> Attempt | None:
+    """Make one fit of the other order of depth; None if it fails, or if an early end is requested meanwhile."""
+    look = replace(tried.look, geometry=reversed_geometry(tried.look.geometry))
+    try:
+        other = fits.attempt(look, look.decoded, How(alone=True))
+    except NumericsError:
+        return None
+    return None if fits.halt.asked else other
+
+
+def _beside(fits: Fits, taken: Attempt, left: Attempt) -> Attempt:
+    """Complete an attempt; the leader of the other one counts in the mean."""
+    return fits.completed(taken, (replace(left.fits[0], beside=True),))

@@ -1,0 +1,190 @@
+"""What hides what: whether views show the nearer of two surfaces where a scene has one pass in front of the other.
+
+A scene and its depth reversal move alike (`reversal`), and a fit to either explains the measurement about as well. But
+where two of its surfaces meet on one line of sight, the views show one of them: the nearer one. In a scene whose order
+of depth is reversed they show the farther one, unless its fit has moved the edges until there is nothing left to hide.
+So of two fits, one of each order, the right one hides more that the views confirm
+(docs/decisions/0139-what-hides-what.md).
+
+Here: this evidence in one fit, and the comparison of two. Not here: the fits and when they are made
+(`attempts/both_orders.py`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.render.conventions import NEAR
+
+# Two points lie on different surfaces if they are seen at least this far apart from the view that they are carried
+# from: one pixel more is hidden. Closer ones are neighbours on one slanted surface, or an error of the depths.
+_APART_PX: Final = 1.0
+# Evidence is summed over blocks of this many pixels a side: within them, views err together.
+_BLOCK_PX: Final = 8
+# The right order shows at least this much: a share of the variance of all pixels looked at. Motions of 1.6 px and less
+# showed up to 2.8e-4, those of 3 px and more from 4.8e-4 on.
+_LEAST: Final = 3e-4
+# It shows at least so many times as much as the other order. Of twenty pairs of fits with 3 px of parallax and more
+# the right one showed 3.2 times as much and more.
+_TIMES: Final = 2.0
+# And its blocks agree by so many standard errors; otherwise it is likelier, but not sure.
+_ERRORS: Final = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Occlusion:
+    """What views show where surfaces of a scene hide one another.
+
+    Args:
+        evidence: By how much they are closer to the nearer than to the farther surface: squares of full scale, summed
+            over views, pixels and colours of each block, [Bh, Bw].
+        contrast: The sum that they would have if they showed the nearer surface exactly.
+        variance: That of the views, summed over all pixels that were looked at.
+    """
+
+    evidence: F64
+    contrast: float
+    variance: float
+
+    @property
+    def total(self) -> float:
+        """Get the evidence of all blocks."""
+        return float(self.evidence.sum())
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How clearly one of two scenes hides what the views do not show.
+
+    Args:
+        first: Whether it is the first of the two.
+        times: How many times as much evidence it has as the other one; infinite if that has none.
+        errors: By how many standard errors its blocks agree.
+    """
+
+    first: bool
+    times: float
+    errors: float
+
+    @property
+    def is_sure(self) -> bool:
+        """Tell whether blocks agree so far that the order needs no doubt."""
+        return self.errors >= _ERRORS
+
+
+def occlusion(
+    views: F32, depth: F32, world_to_camera: F64, intrinsics: F64, distortion: F64 | None = None
+) -> Occlusion:
+    """Find where surfaces of a scene hide one another, and what the views show there.
+
+    The depths of the first, the middle and the last view are carried to all others.
+
+    Args:
+        views: [N, H, W, C].
+        depth: Along the optical axis, [N, H, W]; 0 where there is no surface.
+        world_to_camera: Poses, [N, 4, 4].
+        intrinsics: Camera matrix in px, [3, 3]; pixel centres at +0.5.
+        distortion: Of the lens, [5]; None for a pinhole.
+    """
+    count, height, width, _ = views.shape
+    camera = _Camera(intrinsics, distortion, (height, width))
+    shown = views.astype(np.float64)
+    evidence, contrast = np.zeros((height, width)), 0.0
+    pairs = [(one, other) for one in sorted({0, count // 2, count - 1}) for other in range(count) if other != one]
+    for one, other in pairs:
+        moved = world_to_camera[other] @ np.linalg.inv(world_to_camera[one])
+        nearest, farthest = _surfaces(depth[one].astype(np.float64), moved, camera)
+        back = np.linalg.inv(moved)
+        from_near, from_far = camera.carried(nearest, back)[0], camera.carried(farthest, back)[0]
+        hidden = np.linalg.norm(from_near - from_far, axis=-1) >= _APART_PX  # not if a place is not a number
+        near, far = (_sampled(shown[one], places[hidden]) for places in (from_near, from_far))
+        seen = shown[other][hidden]
+        evidence[hidden] += np.sum((seen - far) ** 2 - (seen - near) ** 2, axis=-1)
+        contrast += float(np.sum((near - far) ** 2))
+    variance = float(shown.var(axis=(1, 2)).sum(axis=-1).mean()) * height * width * len(pairs)
+    return Occlusion(_by_block(evidence), contrast, variance)
+
+
+def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
+    """Tell which of two fits to the same measurement hides what the views do not show; None if neither does clearly.
+
+    A preference need not be sure (`Preference.is_sure`).
+    """
+    first = one.total >= other.total
+    better, worse = (one, other) if first else (other, one)
+    if not better.total >= _LEAST * better.variance > 0:
+        return None
+    times = better.total / worse.total if worse.total > 0 else float("inf")
+    if times < _TIMES:
+        return None
+    # Few blocks have most of the evidence. With square roots, none outvotes all others.
+    more = (better.evidence - worse.evidence).ravel()
+    roots = np.sign(more) * np.sqrt(np.abs(more))
+    errors = float(roots.sum() / np.sqrt(np.sum(roots**2)))
+    return Preference(first, times, errors) if errors > 0 else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """A camera, and the rays of its pixels."""
+
+    intrinsics: F64
+    distortion: F64 | None
+    size: tuple[int, int]
+
+    def carried(self, depth: F64, moved: F64) -> tuple[F64, F64]:
+        """Carry a depth map, [H, W], to a camera moved by [4, 4]: places there, [H, W, 2] px, and depths there.
+
+        Not a number where there is no depth, or where a point lies behind that camera.
+        """
+        points = self._rays * depth[..., None] @ moved[:3, :3].T + moved[:3, 3]
+        ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
+        slopes = points[..., :2] / ahead[..., None]
+        bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
+        return pixels_of(bent, self.intrinsics), ahead
+
+    @property
+    def _rays(self) -> F64:
+        height, width = self.size
+        down, right = np.mgrid[:height, :width] + 0.5
+        slopes = slopes_of(np.stack([right, down], axis=-1), self.intrinsics)
+        if self.distortion is not None:
+            slopes = undistorted(slopes, self.distortion)
+        return np.concatenate([slopes, np.ones((height, width, 1))], axis=-1)
+
+
+def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:
+    """Return the nearest and the farthest depth that fall on each pixel of a moved camera, [H, W]; NaN for none."""
+    height, width = camera.size
+    places, depths = camera.carried(np.where(depth > 0, depth, np.nan), moved)
+    inside = _inside(places, camera.size)
+    columns, rows = np.floor(places[inside]).astype(np.intp).T
+    nearest, farthest = np.full(height * width, np.inf), np.full(height * width, -np.inf)
+    np.minimum.at(nearest, rows * width + columns, depths[inside])
+    np.maximum.at(farthest, rows * width + columns, depths[inside])
+    both = (np.where(np.isfinite(one), one, np.nan).reshape(height, width) for one in (nearest, farthest))
+    near, far = both
+    return near, far
+
+
+def _inside(places: F64, size: tuple[int, int]) -> Bool:
+    height, width = size
+    x, y = places[..., 0], places[..., 1]
+    found: Bool = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return found
+
+
+def _sampled(view: F64, places: F64) -> F64:
+    """Sample a view, [H, W, C], at places, [P, 2] px; beyond its border, its border."""
+    at = places[:, ::-1].T - 0.5
+    return np.stack([map_coordinates(colour, at, order=1, mode="nearest") for colour in np.moveaxis(view, -1, 0)], -1)
+
+
+def _by_block(map_: F64) -> F64:
+    rows, columns = (np.arange(0, length, _BLOCK_PX) for length in map_.shape)
+    found: F64 = np.add.reduceat(np.add.reduceat(map_, rows, axis=0), columns, axis=1)
+    return found
