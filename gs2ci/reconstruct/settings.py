@@ -39,8 +39,8 @@ class Settings(Bounded):
         poses: Where the initial poses and depth come from, by one of the names that `geometry.choose` knows: "auto",
             "tracks", "stage", "file:PATH", ...
         proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
-        try_orders: Whether short fits compare both orders of depth (near and far exchanged) if tracks leave the order
-            open (`attempts`).
+        try_orders: Whether short fits, and then whole ones, compare both orders of depth (near and far exchanged) if
+            tracks leave the order open (`attempts`).
         first_look: The decoder that runs before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
         long_decode: Of the decode by similar patches (`decode.patches.watched`), which may become part of the delivered
@@ -50,7 +50,7 @@ class Settings(Bounded):
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits there are at least; the views are their mean (`fit/ensemble.py`). Fits along each of
-            two doubtful paths count among them.
+            two doubtful paths, and those of both orders of depth, count among them.
         second_density: The density rule of every second of them; None: that of the first.
         fine: Of the fine stage; None skips it.
         fine_if_asked: Its settings if a user requests it and `fine` is None.
