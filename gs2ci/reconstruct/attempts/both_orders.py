@@ -18,6 +18,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.fits import Fits
+from gs2ci.reconstruct.attempts.order import may_be_reversed
 from gs2ci.reconstruct.geometry.occlusion import preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 
@@ -29,7 +30,7 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     """Return an attempt in the order of depth that occlusion shows, with all its fits.
 
     If its order is not open, or a fit of the other order fails, or occlusion does not tell, it keeps its own. If
-    occlusion only makes one order likelier, that one is taken and said to be open.
+    occlusion only makes one order likelier, that one is taken and said to be open, unless no tracks confirm the path.
 
     Args:
         fits: Makes the fits.
@@ -42,7 +43,7 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     if other is None:
         return fits.completed(tried)
     told = preferred(fits.occlusion(tried), fits.occlusion(other))
-    if told is None:
+    if told is None or not (told.is_sure or may_be_reversed(tried.geometry)):
         return _beside(fits, tried, other)
     said = (
         finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
