@@ -247,7 +247,7 @@ def combined(fits: tuple[CoarseFit, ...], holdout: Holdout, refine: Refine) -> E
     """Take the mean of the fits' views, unless the best of them alone is surely better.
 
     Args:
-        fits: At least one; not all of them count beside others alone.
+        fits: At least one; one at least may lead (`CoarseFit.beside`).
         holdout: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
         refine: Adds the decoded residual to views, as before delivery.
     """

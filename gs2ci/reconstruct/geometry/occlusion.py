@@ -11,6 +11,7 @@ Here: this evidence in one fit, and the comparison of two. Not here: the fits an
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -25,10 +26,10 @@ from gs2ci.render.conventions import NEAR
 _APART_PX: Final = 1.0
 # Evidence is summed over blocks of this many pixels a side: within them, views err together.
 _BLOCK_PX: Final = 8
-# The right order shows at least this much: a share of the variance of all pixels looked at. Motions of 1.6 px and less
-# showed up to 2.8e-4, those of 3 px and more from 4.8e-4 on.
+# The right order shows at least this much: a share of the variance of all pixels looked at. Motions of 1.5 px and less
+# showed up to 2.8e-4, those of 3 px and more from 5.8e-4 on.
 _LEAST: Final = 3e-4
-# It shows at least so many times as much as the other order. Of twenty pairs of fits with 3 px of parallax and more
+# It shows at least so many times as much as the other order. Of seventeen pairs of fits with 3 px of parallax and more
 # the right one showed 3.2 times as much and more.
 _TIMES: Final = 2.0
 # And its blocks agree by so many standard errors; otherwise it is likelier, but not sure.
@@ -42,12 +43,10 @@ class Occlusion:
     Args:
         evidence: By how much they are closer to the nearer than to the farther surface: squares of full scale, summed
             over views, pixels and colours of each block, [Bh, Bw].
-        contrast: The sum that they would have if they showed the nearer surface exactly.
         variance: That of the views, summed over all pixels that were looked at.
     """
 
     evidence: F64
-    contrast: float
     variance: float
 
     @property
@@ -93,7 +92,7 @@ def occlusion(
     count, height, width, _ = views.shape
     camera = _Camera(intrinsics, distortion, (height, width))
     shown = views.astype(np.float64)
-    evidence, contrast = np.zeros((height, width)), 0.0
+    evidence = np.zeros((height, width))
     pairs = [(one, other) for one in sorted({0, count // 2, count - 1}) for other in range(count) if other != one]
     for one, other in pairs:
         moved = world_to_camera[other] @ np.linalg.inv(world_to_camera[one])
@@ -104,9 +103,8 @@ def occlusion(
         near, far = (_sampled(shown[one], places[hidden]) for places in (from_near, from_far))
         seen = shown[other][hidden]
         evidence[hidden] += np.sum((seen - far) ** 2 - (seen - near) ** 2, axis=-1)
-        contrast += float(np.sum((near - far) ** 2))
     variance = float(shown.var(axis=(1, 2)).sum(axis=-1).mean()) * height * width * len(pairs)
-    return Occlusion(_by_block(evidence), contrast, variance)
+    return Occlusion(_by_block(evidence), variance)
 
 
 def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
@@ -130,7 +128,7 @@ def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
 
 @dataclass(frozen=True, eq=False)
 class _Camera:
-    """A camera, and the rays of its pixels."""
+    """A camera that carries depth maps from one pose to another."""
 
     intrinsics: F64
     distortion: F64 | None
@@ -141,14 +139,15 @@ class _Camera:
 
         Not a number where there is no depth, or where a point lies behind that camera.
         """
-        points = self._rays * depth[..., None] @ moved[:3, :3].T + moved[:3, 3]
+        points = self.rays * depth[..., None] @ moved[:3, :3].T + moved[:3, 3]
         ahead = np.where(points[..., 2] > NEAR, points[..., 2], np.nan)
         slopes = points[..., :2] / ahead[..., None]
         bent = slopes if self.distortion is None else distorted(slopes, self.distortion)
         return pixels_of(bent, self.intrinsics), ahead
 
-    @property
-    def _rays(self) -> F64:
+    @cached_property
+    def rays(self) -> F64:
+        """Get the points at depth 1 that pixels see, [H, W, 3]."""
         height, width = self.size
         down, right = np.mgrid[:height, :width] + 0.5
         slopes = slopes_of(np.stack([right, down], axis=-1), self.intrinsics)
@@ -166,8 +165,7 @@ def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:
     nearest, farthest = np.full(height * width, np.inf), np.full(height * width, -np.inf)
     np.minimum.at(nearest, rows * width + columns, depths[inside])
     np.maximum.at(farthest, rows * width + columns, depths[inside])
-    both = (np.where(np.isfinite(one), one, np.nan).reshape(height, width) for one in (nearest, farthest))
-    near, far = both
+    near, far = (np.where(np.isfinite(one), one, np.nan).reshape(height, width) for one in (nearest, farthest))
     return near, far
 
 

@@ -47,7 +47,7 @@ class Fits:
         return attempt_at(look)
 
     def occlusion(self, tried):
-        return Occlusion(np.full((self.blocks, 1), self.hides[tried.fits[0].near_left]), 1.0, 10.0)
+        return Occlusion(np.full((self.blocks, 1), self.hides[tried.fits[0].near_left]), 10.0)
 
     def completed(self, tried, beside=()):
         return replace(tried, fits=(*tried.fits, *beside), later=())

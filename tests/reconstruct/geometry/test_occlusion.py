@@ -55,16 +55,12 @@ def reversal(depths, poses):
     return np.float32(1 / (c - 1 / depths)), reversed_poses(poses, c)
 
 
-def share(found):
-    return found.total / found.contrast
-
-
 def test_views_show_the_nearer_surface_of_the_right_scene_and_the_farther_one_of_its_reversal(scene):
     views, depths, poses = scene
     right = occlusion(views, depths, poses, CAMERA)
     turned = occlusion(views, *reversal(depths, poses), CAMERA)
-    assert share(right) > 0.8
-    assert share(turned) < -0.8
+    assert right.total > 0
+    assert turned.total == pytest.approx(-right.total, rel=0.3)  # the same places, with near and far exchanged
     told = preferred(right, turned)
     assert told.first
     assert told.times == np.inf
@@ -83,7 +79,7 @@ def test_the_evidence_does_not_depend_on_the_unit_of_length(scene):
 def test_a_lens_bends_the_lines_of_sight():
     views, depths, poses = drawn(WIDE, BARREL)
     through = occlusion(views, depths, poses, WIDE, BARREL)
-    assert share(through) > 0.8
+    assert through.total > 0
     assert occlusion(views, depths, poses, WIDE).total < 0.8 * through.total
 
 
@@ -113,7 +109,7 @@ def test_nothing_is_told_where_nothing_hides_anything(scene, change, why):
 
 
 BLOCKS = np.full((6, 8), 0.02)
-CLEAR = Occlusion(BLOCKS, 1.0, 100.0)
+CLEAR = Occlusion(BLOCKS, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +117,7 @@ CLEAR = Occlusion(BLOCKS, 1.0, 100.0)
     [
         (replace(CLEAR, evidence=0.6 * BLOCKS), "less than twice as much"),
         (replace(CLEAR, evidence=BLOCKS), "as much"),
-        (Occlusion(np.where(np.arange(48).reshape(6, 8) < 23, 0.045, 0.0), 1.0, 100.0), "more in half of the blocks"),
+        (Occlusion(np.where(np.arange(48).reshape(6, 8) < 23, 0.045, 0.0), 100.0), "more in half of the blocks"),
     ],
 )
 def test_orders_shown_about_as_clearly_are_left_open(other, why):
