@@ -18,7 +18,6 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.fits import Fits
-from gs2ci.reconstruct.attempts.order import may_be_reversed
 from gs2ci.reconstruct.geometry.occlusion import preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 
@@ -29,8 +28,7 @@ _MOST_TIMES: Final = 99.0
 def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     """Return an attempt in the order of depth that occlusion shows, with all its fits.
 
-    If its order is not open, or a fit of the other order fails, or occlusion does not tell, it keeps its own. If
-    occlusion only makes one order likelier, that one is taken and said to be open, unless no tracks confirm the path.
+    If its order is not open, or a fit of the other order fails, or occlusion does not tell, it keeps its own.
 
     Args:
         fits: Makes the fits.
@@ -43,16 +41,12 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     if other is None:
         return fits.completed(tried)
     told = preferred(fits.occlusion(tried), fits.occlusion(other))
-    if told is None or not (told.is_sure or may_be_reversed(tried.geometry)):
+    if told is None:
         return _beside(fits, tried, other)
-    said = (
-        finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
-        if told.is_sure
-        else finding(Code.DEPTH_ORDER_OPEN, errors=told.errors)
-    )
-    fits.progress.say(said.sentence)
+    shown = finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
+    fits.progress.say(shown.sentence)
     taken, left = (tried, other) if told.first else (other, tried)
-    notes = (*(note for note in tried.geometry.notes if note.code != Code.DEPTH_ORDER_OPEN), said)
+    notes = (*(note for note in tried.geometry.notes if note.code != Code.DEPTH_ORDER_OPEN), shown)
     geometry = replace(taken.geometry, order_errors=told.errors, notes=notes)
     return _beside(fits, replace(taken, geometry=geometry), left)
 

@@ -32,7 +32,8 @@ _LEAST: Final = 3e-4
 # It shows at least so many times as much as the other order. Of seventeen pairs of fits with 3 px of parallax and more
 # the right one showed 3.2 times as much and more.
 _TIMES: Final = 2.0
-# And its blocks agree by so many standard errors; otherwise it is likelier, but not sure.
+# And its blocks agree by so many standard errors. In pictures of 72 × 96 px reversed orders had five times as much by
+# 1.6 to 1.8 errors.
 _ERRORS: Final = 2.0
 
 
@@ -69,11 +70,6 @@ class Preference:
     times: float
     errors: float
 
-    @property
-    def is_sure(self) -> bool:
-        """Tell whether blocks agree so far that the order needs no doubt."""
-        return self.errors >= _ERRORS
-
 
 def occlusion(
     views: F32, depth: F32, world_to_camera: F64, intrinsics: F64, distortion: F64 | None = None
@@ -108,10 +104,7 @@ def occlusion(
 
 
 def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
-    """Tell which of two fits to the same measurement hides what the views do not show; None if neither does clearly.
-
-    A preference need not be sure (`Preference.is_sure`).
-    """
+    """Tell which of two fits to the same measurement hides what the views do not show; None if neither does clearly."""
     first = one.total >= other.total
     better, worse = (one, other) if first else (other, one)
     if not better.total >= _LEAST * better.variance > 0:
@@ -123,7 +116,7 @@ def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
     more = (better.evidence - worse.evidence).ravel()
     roots = np.sign(more) * np.sqrt(np.abs(more))
     errors = float(roots.sum() / np.sqrt(np.sum(roots**2)))
-    return Preference(first, times, errors) if errors > 0 else None
+    return Preference(first, times, errors) if errors >= _ERRORS else None
 
 
 @dataclass(frozen=True, eq=False)

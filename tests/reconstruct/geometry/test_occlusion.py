@@ -131,14 +131,14 @@ def test_little_evidence_is_none():
     assert preferred(replace(CLEAR, variance=1e5), replace(nothing, variance=1e5)) is None
 
 
-@pytest.mark.parametrize(("blocks", "sure"), [(3, False), (4, True)])
-def test_few_blocks_make_an_order_likelier_and_more_of_them_make_it_sure(blocks, sure):
+@pytest.mark.parametrize(("blocks", "enough"), [(3, False), (5, True)])
+def test_few_blocks_do_not_tell(blocks, enough):
     some = np.zeros(48)
     some[:blocks] = 0.1
     told = preferred(replace(CLEAR, evidence=some.reshape(6, 8)), replace(CLEAR, evidence=np.zeros((6, 8))))
-    assert told.first
-    assert told.errors == pytest.approx(blocks**0.5)
-    assert told.is_sure is sure
+    assert (told is not None) is enough
+    if enough:
+        assert told.errors == pytest.approx(blocks**0.5)
 
 
 def test_one_block_does_not_outvote_all_others():
