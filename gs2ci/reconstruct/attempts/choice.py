@@ -72,6 +72,9 @@ class Attempts:
             moves.
         """
         better, tried, report = self._all(first)
+        # What moves hides other things than a scene at rest would.
+        if tried.ensemble.best.scene.motion is None:
+            tried = in_shown_order(self.fits, tried)
         return better, self.fits.with_order(first, tried), report
 
     def _all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
@@ -80,10 +83,10 @@ class Attempts:
         # Fits on a short schedule leave much that patches explain, whether or not anything moves.
         whole = self.fits.settings.fit.iterations >= LEAST_SCHEDULE
         if self.fits.halt.asked or not (self._wanted or (self.fits.settings.may_move and whole)):
-            first, still = self._still(first, still)
+            first, still = self._far_apart(first, self._again(first, still))
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         # A wrong path leaves a residual that looks like motion, too.
-        first, again = (first, still) if self._wanted else self._still(first, still)
+        first, again = (first, still) if self._wanted else self._far_apart(first, self._again(first, still))
         # The answer for one fit is of use only if its path is kept: if patches did not reduce its residual, they will
         # not reduce that of the mean of several either.
         asked = self._question(still) if again.look is still.look else None
@@ -115,11 +118,6 @@ class Attempts:
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views, first.decoded)
         tried = self._moving_or_still(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
-
-    def _still(self, first: FirstLook, tried: Attempt) -> tuple[FirstLook, Attempt]:
-        """Return the best still scene, along the best path and in the order of depth that what hides what shows."""
-        first, tried = self._far_apart(first, self._again(first, tried))
-        return first, in_shown_order(self.fits, tried)
 
     @property
     def _wanted(self) -> bool:

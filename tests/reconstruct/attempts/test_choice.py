@@ -230,6 +230,15 @@ def test_still_fits_are_continued_along_a_sure_path_or_where_new_moving_fits_are
     assert taken.ensemble.views == (min(moves, 0.025) if released else moves)
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_only_a_scene_at_rest_is_asked_what_hides_what(monkeypatch, moving, orders, moves):
+    best = SimpleNamespace(scene=SimpleNamespace(motion=object() if moves else None))
+    taken = Attempt(moving, moving.geometry, (), SimpleNamespace(best=best))
+    monkeypatch.setattr(choice.Attempts, "_all", lambda _, first: (first, taken, None))
+    assert choice.Attempts(Tries({})).all(moving) == (moving, taken, None)
+    assert orders == ([] if moves else [taken])
+
+
 @pytest.mark.parametrize("order_open", [False, True])
 def test_the_best_still_scene_is_asked_for_its_order_and_fitted_alone_before(monkeypatch, moving, orders, order_open):
     geometry = replace(moving.geometry, source="tracks", path_error_expected=0.01)
