@@ -72,8 +72,8 @@ class Attempts:
             moves.
         """
         better, tried, report = self._all(first)
-        # What moves hides other things than a scene at rest would.
-        if tried.ensemble.best.scene.motion is None:
+        # What moves hides other things than a scene at rest would, also where a moving scene explains no more.
+        if tried.ensemble.best.scene.motion is None and not report.question.speaks_for_motion:
             tried = in_shown_order(self.fits, tried)
         return better, self.fits.with_order(first, tried), report
 

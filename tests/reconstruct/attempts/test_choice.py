@@ -230,13 +230,14 @@ def test_still_fits_are_continued_along_a_sure_path_or_where_new_moving_fits_are
     assert taken.ensemble.views == (min(moves, 0.025) if released else moves)
 
 
-@pytest.mark.parametrize("moves", [False, True])
-def test_only_a_scene_at_rest_is_asked_what_hides_what(monkeypatch, moving, orders, moves):
+@pytest.mark.parametrize(("moves", "speaks"), [(False, False), (False, True), (True, True), (True, False)])
+def test_only_a_scene_at_rest_is_asked_what_hides_what(monkeypatch, moving, orders, moves, speaks):
     best = SimpleNamespace(scene=SimpleNamespace(motion=object() if moves else None))
     taken = Attempt(moving, moving.geometry, (), SimpleNamespace(best=best))
-    monkeypatch.setattr(choice.Attempts, "_all", lambda _, first: (first, taken, None))
-    assert choice.Attempts(Tries({})).all(moving) == (moving, taken, None)
-    assert orders == ([] if moves else [taken])
+    report = SimpleNamespace(question=SimpleNamespace(speaks_for_motion=speaks))
+    monkeypatch.setattr(choice.Attempts, "_all", lambda _, first: (first, taken, report))
+    assert choice.Attempts(Tries({})).all(moving) == (moving, taken, report)
+    assert orders == ([] if moves or speaks else [taken])
 
 
 @pytest.mark.parametrize("order_open", [False, True])
