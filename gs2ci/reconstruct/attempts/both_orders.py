@@ -21,6 +21,9 @@ from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.geometry.occlusion import preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 
+# A scene and its depth reversal leave about as much of the held-out pixels. Where one leaves more than so many times as
+# much, they differ by more than their order: a thing that crossed half the picture had 1.43 times, and much to hide.
+_AS_WELL: Final = 1.25
 # More is not said of how clearly one order is shown: the other may show nothing at all.
 _MOST_TIMES: Final = 99.0
 
@@ -40,7 +43,7 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     other = _turned(fits, tried)
     if other is None:
         return fits.completed(tried)
-    told = preferred(fits.occlusion(tried), fits.occlusion(other))
+    told = preferred(fits.occlusion(tried), fits.occlusion(other)) if _explain_as_well(fits, tried, other) else None
     if told is None:
         return _beside(fits, tried, other)
     shown = finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
@@ -49,6 +52,12 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     notes = (*(note for note in tried.geometry.notes if note.code != Code.DEPTH_ORDER_OPEN), shown)
     geometry = replace(taken.geometry, order_errors=told.errors, notes=notes)
     return _beside(fits, replace(taken, geometry=geometry), left)
+
+
+def _explain_as_well(fits: Fits, one: Attempt, other: Attempt) -> bool:
+    """Tell whether the leaders of two attempts leave about as much of the held-out pixels."""
+    less, more = sorted((fits.left(one.fits[:1]), fits.left(other.fits[:1])))
+    return more <= _AS_WELL * less
 
 
 def _turned(fits: Fits, tried: Attempt) -> Attempt | None:

@@ -215,14 +215,14 @@ class Fits:
         if self.halt.asked or not (tried.later or beside):
             return tried
         if beside and left is None:
-            left = self._left(tried.fits)
-        while beside and left is not None and self._left((*tried.fits, *beside)) > left:
+            left = self.left(tried.fits)
+        while beside and left is not None and self.left((*tried.fits, *beside)) > left:
             beside = beside[:-1]
         later = tried.later[: max(0, len(tried.later) - len(beside))]
         fits = (*tried.fits, *beside, *(self._companions(tried.geometry, later) if later else ()))
         return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
 
-    def _left(self, fits: Sequence[CoarseFit]) -> float:
+    def left(self, fits: Sequence[CoarseFit]) -> float:
         """Return the held-out residual of the mean of fits after its refinement."""
         together = fits[0].views.copy()
         for fit in fits[1:]:

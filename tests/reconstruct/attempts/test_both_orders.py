@@ -30,8 +30,8 @@ class Fit:
 class Fits:
     """Makes fits that hide as much as they are told to in each block, near left and near right."""
 
-    def __init__(self, near_left, near_right, *, blocks=16, is_open=True, fails=False):
-        self.blocks = blocks
+    def __init__(self, near_left, near_right, *, blocks=16, is_open=True, fails=False, more=1.0):
+        self.blocks, self.more = blocks, more
         self.hides, self.is_open, self.fails = {True: near_left, False: near_right}, is_open, fails
         self.halt, self.progress, self.made = Halt(), Silent(), []
         self.halt.begin()
@@ -48,6 +48,9 @@ class Fits:
 
     def occlusion(self, tried):
         return Occlusion(np.full((self.blocks, 1), self.hides[tried.fits[0].near_left]), 10.0)
+
+    def left(self, fits):
+        return 0.1 if fits[0].near_left else 0.1 * self.more
 
     def completed(self, tried, beside=()):
         return replace(tried, fits=(*tried.fits, *beside), later=())
@@ -113,6 +116,12 @@ def test_the_fit_of_the_order_that_is_not_taken_counts_in_the_mean_alone(tried, 
     assert not leader.beside
     assert companion.beside
     assert leader.near_left != companion.near_left
+
+
+@pytest.mark.parametrize(("more", "code"), [(1.2, Code.DEPTH_ORDER_SHOWN), (1.3, Code.DEPTH_ORDER_OPEN)])
+def test_fits_that_differ_by_more_than_their_order_tell_nothing_of_it(tried, more, code):
+    assert codes(in_shown_order(Fits(0.3, 0.0, more=more), tried))[-1] == code
+    assert codes(in_shown_order(Fits(0.3, 0.0, more=1 / more), tried))[-1] == code
 
 
 def test_an_order_that_is_not_open_has_one_fit(tried):
