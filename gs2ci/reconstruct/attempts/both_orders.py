@@ -18,7 +18,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.fits import Fits
-from gs2ci.reconstruct.geometry.occlusion import preferred
+from gs2ci.reconstruct.geometry.occlusion import Preference, preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 
 # A scene and its depth reversal leave about as much of the held-out pixels. Where one leaves more than so many times as
@@ -43,7 +43,7 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     other = _turned(fits, tried)
     if other is None:
         return fits.completed(tried)
-    told = preferred(fits.occlusion(tried), fits.occlusion(other)) if _explain_as_well(fits, tried, other) else None
+    told = _told(fits, tried, other)
     if told is None:
         return _beside(fits, tried, other)
     shown = finding(Code.DEPTH_ORDER_SHOWN, errors=told.errors, times=min(told.times, _MOST_TIMES))
@@ -54,10 +54,13 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
     return _beside(fits, replace(taken, geometry=geometry), left)
 
 
-def _explain_as_well(fits: Fits, one: Attempt, other: Attempt) -> bool:
-    """Tell whether the leaders of two attempts leave about as much of the held-out pixels."""
-    less, more = sorted((fits.left(one.fits[:1]), fits.left(other.fits[:1])))
-    return more <= _AS_WELL * less
+def _told(fits: Fits, one: Attempt, other: Attempt) -> Preference | None:
+    """Tell which of two attempts hides what its leader's refined views do not show; None if that is not clear."""
+    refined = [fits.refine(tried.fits[0].views) for tried in (one, other)]
+    less, more = sorted(fits.holdout.residual_rms(views) or 0.0 for views in refined)
+    if more > _AS_WELL * less:
+        return None
+    return preferred(*(fits.occlusion(tried, views) for tried, views in zip((one, other), refined, strict=True)))
 
 
 def _turned(fits: Fits, tried: Attempt) -> Attempt | None:

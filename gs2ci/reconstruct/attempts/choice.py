@@ -7,8 +7,9 @@ and a fit from rest ends several dB better. Both further fits are stopped if the
 schedule. The fits along the other paths replace companions in the mean if that does not raise the held-out residual:
 fits along two paths differ at least as much as two along one. If the path turns far, or the scene is hardly better than
 a decode, features of all pairs of views are matched again (`far_apart`), unless they were before any fit. If the fits'
-residual looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. Not here: what an attempt
-is made of (`fits.py`).
+residual looks like motion, moving scenes compete too (`moving`). The held-out pixels choose. If none moves and the
+order of depth is open, a fit of the other order follows (`both_orders`). Not here: what an attempt is made of
+(`fits.py`).
 """
 
 import math

@@ -125,14 +125,14 @@ class Fits:
             return Code.DEPTH_ORDER_SHOWN not in codes
         return Code.DEPTH_ORDER_OPEN in codes
 
-    def occlusion(self, tried: Attempt) -> Occlusion:
-        """Find what the measurement shows where surfaces of an attempt's leader hide one another."""
+    def occlusion(self, tried: Attempt, views: F32) -> Occlusion:
+        """Find what views, [N, H, W, C], show where surfaces of an attempt's leader hide one another."""
         fit, shot = tried.fits[0], self.fitted.shot
         backend = load_backend(self.settings.backend, self.settings.raster)
         renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
         depth = renderer.depths(fit.scene, fit.world_to_camera)
         distortion = None if self.lens is None else shot.distortion
-        return occlusion(self.refine(fit.views), depth, fit.world_to_camera, fit.intrinsics, distortion)
+        return occlusion(views, depth, fit.world_to_camera, fit.intrinsics, distortion)
 
     @property
     def _tries_orders(self) -> bool:
@@ -215,14 +215,14 @@ class Fits:
         if self.halt.asked or not (tried.later or beside):
             return tried
         if beside and left is None:
-            left = self.left(tried.fits)
-        while beside and left is not None and self.left((*tried.fits, *beside)) > left:
+            left = self._left(tried.fits)
+        while beside and left is not None and self._left((*tried.fits, *beside)) > left:
             beside = beside[:-1]
         later = tried.later[: max(0, len(tried.later) - len(beside))]
         fits = (*tried.fits, *beside, *(self._companions(tried.geometry, later) if later else ()))
         return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
 
-    def left(self, fits: Sequence[CoarseFit]) -> float:
+    def _left(self, fits: Sequence[CoarseFit]) -> float:
         """Return the held-out residual of the mean of fits after its refinement."""
         together = fits[0].views.copy()
         for fit in fits[1:]:

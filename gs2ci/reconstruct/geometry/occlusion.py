@@ -19,6 +19,7 @@ from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
 
 # Two points lie on different surfaces if they are seen at least this far apart from the view that they are carried
@@ -141,12 +142,10 @@ class _Camera:
     @cached_property
     def rays(self) -> F64:
         """Get the points at depth 1 that pixels see, [H, W, 3]."""
-        height, width = self.size
-        down, right = np.mgrid[:height, :width] + 0.5
-        slopes = slopes_of(np.stack([right, down], axis=-1), self.intrinsics)
+        slopes = slopes_of(pixel_centres(self.size), self.intrinsics)
         if self.distortion is not None:
             slopes = undistorted(slopes, self.distortion)
-        return np.concatenate([slopes, np.ones((height, width, 1))], axis=-1)
+        return np.concatenate([slopes, np.ones((*self.size, 1))], axis=-1)
 
 
 def _surfaces(depth: F64, moved: F64, camera: _Camera) -> tuple[F64, F64]:

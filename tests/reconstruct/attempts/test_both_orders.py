@@ -1,6 +1,7 @@
 """When a fit of the other order of depth is made, and which of the two is taken; the fits are replaced."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +27,11 @@ class Fit:
     near_left: bool
     beside: bool = False
 
+    @property
+    def views(self):
+        """Get what stands for its views: its order."""
+        return self.near_left
+
 
 class Fits:
     """Makes fits that hide as much as they are told to in each block, near left and near right."""
@@ -46,11 +52,16 @@ class Fits:
             raise NumericsError("numbers ran away", remedy="none")
         return attempt_at(look)
 
-    def occlusion(self, tried):
+    def refine(self, views):
+        return views
+
+    def occlusion(self, tried, views):
+        assert views == tried.fits[0].near_left
         return Occlusion(np.full((self.blocks, 1), self.hides[tried.fits[0].near_left]), 10.0)
 
-    def left(self, fits):
-        return 0.1 if fits[0].near_left else 0.1 * self.more
+    @property
+    def holdout(self):
+        return SimpleNamespace(residual_rms=lambda near_left: 0.1 if near_left else 0.1 * self.more)
 
     def completed(self, tried, beside=()):
         return replace(tried, fits=(*tried.fits, *beside), later=())

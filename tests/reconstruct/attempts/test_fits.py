@@ -214,13 +214,13 @@ def test_a_fit_that_counts_in_the_mean_alone_neither_leads_nor_is_let_move(first
     assert len(made.release(beside).fits) == 1
 
 
-def test_what_an_attempt_hides_is_asked_of_its_refined_views(first):
+def test_what_an_attempt_hides_is_asked_of_the_views_given(first):
     settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None), fits=1)
     refine = Refinement(first.holdout, settings.residual)
     made = fits.Fits(first.holdout, first.holdout, None, settings, refine, Silent(), Stopwatch())
     alone = made.attempt(first, first.decoded, How(alone=True))
-    assert replace(made, refine=lambda views: 0 * views).occlusion(alone).variance == 0
-    seen = made.occlusion(alone)
+    assert made.occlusion(alone, 0 * alone.fits[0].views).variance == 0
+    seen = made.occlusion(alone, refine(alone.fits[0].views))
     assert seen.variance > 0
     assert seen.evidence.shape == (3, 4)
 
