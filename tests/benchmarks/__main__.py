@@ -26,6 +26,7 @@ BENCHMARKS = (
     "continuous",
     "video_out",
     "proxies",
+    "compiling",
     "small_matrices",
     "digests",
     "decoders",
