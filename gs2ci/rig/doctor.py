@@ -16,23 +16,18 @@ from serial.tools import list_ports
 
 from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError, reason_of
+from gs2ci.rig.config import DEVICE_GROUPS
 from gs2ci.rig.intent import sensor_config
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
-from gs2ci_drivers.display_slm.options import DisplaySlmOptions
-from gs2ci_drivers.dlpc900 import packets
-from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.failures import HOME_COMMAND
-from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
-from gs2ci_drivers.scpi_modulator.options import ScpiOptions
+from gs2ci_drivers.plugin import known_driver
 from gs2ci_drivers.sensor import FrameFlag, TriggerMode
-from gs2ci_drivers.video_out.options import VideoOutOptions
 
 Verdict = Literal["ok", "note", "bad"]
 
@@ -145,7 +140,6 @@ def _gated(rig: Rig, devices: Devices) -> bool:
 
 def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
     """Find out whether a gated sensor exposes while masks are shown; put the correct polarity into `found`."""
-    modulator = rig.table.modulator
     try:
         gate = check_gate(devices, sensor_config(rig, devices))
     except Gs2ciError as error:
@@ -158,10 +152,10 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
         "; the light in the frames confirms it" if gate.by_light else "; the frames have too little light to confirm it"
     )
     remedy = "check the trigger cable, the level of the line (often 1.8 V) and the sensor's trigger"
-    if gate.inverted and isinstance(modulator, Dlpc900Options):
-        edges = modulator.trigger_out_1.model_copy(update={"inverted": not modulator.trigger_out_1.inverted})
-        found["trigger_out_1"] = edges
-        remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
+    other = devices.modulator.other_polarity() if gate.inverted else None
+    if other is not None:
+        found.update(other.settings)
+        remedy = other.remedy
     yield BenchFinding("trigger gate", "ok" if gate.right else "bad", seen + light, "" if gate.right else remedy)
 
 
@@ -191,25 +185,28 @@ def _finding_of_error(what: str, error: Gs2ciError) -> BenchFinding:
 
 
 def _permissions(rig: Rig) -> Iterator[BenchFinding]:
-    table = rig.table
-    usb = _usb_ids(table.modulator)
-    if usb is not None:
-        if table.modulator.port != SIMULATED:
-            rules = udev_rules(*usb)
-            yield BenchFinding(
-                "permissions for the modulator",
-                "note",
-                "USB needs a udev rule unless you are root",
-                f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
-            )
-    elif not isinstance(table.modulator, VideoOutOptions):
-        yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
-    if isinstance(table.sensor, GenicamOptions):
-        yield from _producer(table.sensor)
-    else:
-        yield from _node("sensor", table.sensor.port, VIDEO_RULE)
-    if table.stage is not None:
-        yield from _node("stage", table.stage.port, tty_rule(table.stage.port))
+    tables = {"modulator": rig.table.modulator, "sensor": rig.table.sensor, "stage": rig.table.stage}
+    for device, table in tables.items():
+        if table is not None and table.port != SIMULATED:
+            yield from _permission(device, table)
+
+
+def _permission(device: str, table: Any) -> Iterator[BenchFinding]:
+    """Examine what a device's port needs, by its driver's record."""
+    record = known_driver(DEVICE_GROUPS[device], table.kind)
+    if record.access == "usb" and record.usb_ids is not None:
+        yield BenchFinding(
+            f"permissions for the {device}",
+            "note",
+            "USB needs a udev rule unless you are root",
+            f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{udev_rules(*record.usb_ids)}",
+        )
+    elif record.access == "gentl":
+        yield from _producer(table)
+    elif record.access == "video":
+        yield from _node(device, table.port, VIDEO_RULE)
+    elif record.access == "tty":
+        yield from _node(device, table.port, tty_rule(table.port))
 
 
 def tty_rule(port: str) -> str:
@@ -227,17 +224,8 @@ def tty_rule(port: str) -> str:
     return f'SUBSYSTEM=="tty", {identity}, {access}'
 
 
-def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions) -> tuple[int, int] | None:
-    """Return vendor and product of a modulator with a USB port; None for one behind a tty."""
-    if isinstance(modulator, Dlpc900Options):
-        return packets.VENDOR_ID, packets.PRODUCT_ID
-    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
-
-
 def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
     what = f"permissions for the {device}"
-    if port == SIMULATED:
-        return
     if not Path(port).exists():
         yield BenchFinding(what, "bad", f"{port} does not exist", "connect it; `gs2ci devices` lists what is connected")
     elif not os.access(port, os.R_OK | os.W_OK):
@@ -251,10 +239,8 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
         yield BenchFinding(what, "ok", f"{port} may be read and written")
 
 
-def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
+def _producer(sensor: Any) -> Iterator[BenchFinding]:
     """Return the finding about the camera's GenTL producer; makers' producers install their own udev rules."""
-    if sensor.port == SIMULATED:
-        return
     what = "GenTL producer"
     try:
         found = find_producers(sensor.producer)

@@ -183,6 +183,11 @@ class Dlpc900(Modulator):
             typical_start_s=_TYPICAL_START_S,
         )
 
+    def _do_other_polarity(self) -> PulseVerdict:
+        edges = self.settings.trigger_out_1.model_copy(update={"inverted": not self.settings.trigger_out_1.inverted})
+        remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
+        return PulseVerdict(False, "the gate is inverted", remedy, {"trigger_out_1": edges})
+
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
         settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
         digest = digest_masks(sequence)

@@ -7,7 +7,7 @@ with the driver.
 
 from errno import EBUSY, ENODEV
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
@@ -244,3 +244,15 @@ class _Session:
     def _require_alive(self) -> None:
         if not self._open or not self._twin.plugged or self._twin._session is not self:
             raise OSError(ENODEV, "No such device (it may have been disconnected)")
+
+
+def simulated(world: World, settings: Any) -> Dlpc900Twin:
+    """Build the twin that a rig file's [world] describes."""
+    table = world.stated.table
+    return Dlpc900Twin(
+        world,
+        world.stated.faults["modulator"],
+        name="modulator",
+        bit_enables=table.trigger_out_2_bit == "enables",
+        start_latency_s=table.dlpc900_start_s,
+    )

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from errno import EBUSY, ENODEV, ENOENT
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRe
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
-from gs2ci_sims.wires.v4l2_camera import Stamps
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel, Stamps
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("genicam.unplugged", "the camera disappears (ENODEV) until plugged in again")
@@ -433,3 +433,23 @@ class GenicamTwin:
             found[size] = Node("integer", largest, partial(float, least), left_by(offset, largest), step, locked=True)
             found[offset] = Node("integer", 0, high=left_by(size, largest), step=step, locked=True)
         return found
+
+
+def simulated(world: World, settings: Any) -> GenicamTwin:
+    """Build the twin that a rig file's [sensor] and [world] describe."""
+    table, offered = world.stated.table, GenicamModel().formats
+    rows, columns = table.camera_array or (table.height, table.width)
+    first = (settings.format,) if settings.format else ()
+    model = GenicamModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(name for name in offered if name not in first)),
+        trigger_line=world.stated.trigger_line,
+        trigger_input=settings.trigger_line,
+        stamps=STAMPING[table.camera_driver][0],
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+    )
+    return GenicamTwin(world, model, world.stated.faults["sensor"], rng=np.random.default_rng(table.seed))

@@ -12,12 +12,13 @@ import select
 from collections import deque
 from errno import EACCES, EBADF, EFAULT, EINVAL, ENODEV, ENOENT, ENOTTY
 from itertools import count
+from typing import Any
 
 import numpy as np
 
 from gs2ci_drivers.ports import MappedMemory
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
 from gs2ci_sims.world import World
 
@@ -225,3 +226,30 @@ class V4l2Twin:
         failing = self.faults.take(CALL_FAILS, name)
         if failing is not None:
             raise OSError(int(failing.value), name)
+
+
+def simulated(world: World, settings: Any) -> V4l2Twin:
+    """Build the twin that a rig file's [sensor] and [world] describe."""
+    table, offered = world.stated.table, CameraModel().formats
+    rows, columns = table.camera_array or (table.height, table.width)
+    stamps, flags_start = STAMPING[table.camera_driver]
+    first = (settings.format.ljust(4),) if settings.format else ()
+    model = CameraModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(code for code in offered if code not in first)),
+        trigger=settings.trigger_adapter,
+        module=settings.trigger_module,
+        trigger_line=world.stated.trigger_line,
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+        clock_ppm=table.camera_clock_ppm,
+        driver=table.camera_driver,
+        stamps=stamps,
+        flags_start=flags_start,
+        crops=table.camera_array is not None,
+        on_subdevice=bool(settings.subdevice),
+    )
+    return V4l2Twin(world, model, world.stated.faults["sensor"], rng=np.random.default_rng(table.seed))
