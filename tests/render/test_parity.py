@@ -1,14 +1,14 @@
-"""The CPU rasteriser against the float64 definition: outputs and every gradient, in ordinary and hard scenes."""
+"""Fast rasterisers against the float64 definition: outputs and every gradient, in ordinary and hard scenes."""
 
 from dataclasses import replace
 
 import pytest
 import torch
 
+from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR, TERMINATION_TRANSMITTANCE
-from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
-from gs2ci.render.settings import RasterSettings
+from tests.render.backends import to_the_end
 
 ORDINARY = 2e-5
 """Typical errors are 1e-6: this leaves room for other instruction sets and unlucky scenes."""
@@ -35,19 +35,19 @@ def test_image_one_pixel_wide_or_high_agrees_with_the_definition(size, make, wit
     hold_to_definition(case, HARD)
 
 
-def test_colours_per_view_agree_with_the_definition(make):
+def test_colours_per_view_agree_with_the_definition(make, fast):
     case = make(seed=4, views=2, size=(9, 9))
     colours = torch.rand(2, 40, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     answers = []
-    for backend in (CpuBackend(RasterSettings(termination_transmittance=0.0)), ReferenceBackend()):
+    for backend in (to_the_end(fast), ReferenceBackend()):
         own = colours.to(torch.float64 if backend.name == "reference" else torch.float32, copy=True).requires_grad_()
         images, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, colours=own)
         (
             images.double() * torch.linspace(0, 1, images.numel(), dtype=torch.float64).reshape(images.shape)
         ).sum().backward()
         answers.append((images.detach(), own.grad))
-    for fast, truth in zip(*answers, strict=True):
-        torch.testing.assert_close(fast.double(), truth, rtol=1e-4, atol=1e-5)
+    for found, truth in zip(*answers, strict=True):
+        torch.testing.assert_close(found.double(), truth, rtol=1e-4, atol=1e-5)
 
 
 def test_masks_may_be_all_ones_identical_or_partly_empty(make, hold_to_definition, with_margin):
@@ -69,13 +69,13 @@ def test_masks_may_be_all_ones_identical_or_partly_empty(make, hold_to_definitio
         hold_to_definition(with_margin(build(kind)), ORDINARY)
 
 
-def test_pixels_that_no_mask_opens_stay_zero_and_closed_masks_give_no_gradient(make, run):
+def test_pixels_that_no_mask_opens_stay_zero_and_closed_masks_give_no_gradient(make, run, fast):
     case = make()
     masks = case.masks.clone()
     masks[:, 4:8, 3:] = 0
-    outcome = run(CpuBackend(), replace(case, masks=masks))
+    outcome = run(load_backend(fast), replace(case, masks=masks))
     assert not outcome.values["coded"][4:8, 3:].any()
-    closed = run(CpuBackend(), replace(case, masks=torch.zeros_like(masks)))
+    closed = run(load_backend(fast), replace(case, masks=torch.zeros_like(masks)))
     assert all(not value.any() for value in closed.values.values())
 
 
@@ -179,13 +179,13 @@ def test_needle_across_the_image_keeps_its_digits(make, change, with_margin, hol
 
 @pytest.mark.parametrize("log_scale", [-80.0, -20.0, 12.0, 17.0, 80.0])
 @pytest.mark.parametrize("depth", [0.0100001, 3.0, 1e6])
-def test_scales_and_depths_far_outside_any_scene_stay_finite(log_scale, depth, make, change, run):
+def test_scales_and_depths_far_outside_any_scene_stay_finite(log_scale, depth, make, change, run, fast):
     case = make(count=33)
     means = case.scene.means.clone()
     means[:, 2] = depth
     case = change(case, means=means, log_scales=torch.full_like(means, log_scale))
-    run(CpuBackend(), case).assert_finite()
-    run(CpuBackend(), case, whole_views=True).assert_finite()
+    run(load_backend(fast), case).assert_finite()
+    run(load_backend(fast), case, whole_views=True).assert_finite()
 
 
 def test_spans_are_found_again_when_their_buffer_was_too_small(make, change, with_margin, hold_to_definition):
@@ -196,11 +196,16 @@ def test_spans_are_found_again_when_their_buffer_was_too_small(make, change, wit
     hold_to_definition(with_margin(build), ORDINARY)
 
 
-def test_termination_changes_a_pixel_by_no_more_than_it_says(make, change):
+def test_termination_changes_a_pixel_by_no_more_than_it_says(make, change, fast):
     case = make(count=400, open_share=1.0)
     case = change(case, colours=case.scene.colours.clamp(0, 1))
-    exact, _ = CpuBackend(RasterSettings(termination_transmittance=0.0)).views(
-        case.scene, case.poses, case.intrinsics, case.size
-    )
-    early, _ = CpuBackend().views(case.scene, case.poses, case.intrinsics, case.size)
+    exact, _ = to_the_end(fast).views(case.scene, case.poses, case.intrinsics, case.size)
+    early, _ = load_backend(fast).views(case.scene, case.poses, case.intrinsics, case.size)
     assert 0 < (exact - early).abs().max() <= TERMINATION_TRANSMITTANCE
+
+
+def test_the_same_bits_come_out_twice(make, run, fast):
+    case = make(count=300, size=(40, 48))
+    for whole_views in (False, True):
+        one, other = (run(load_backend(fast), case, whole_views=whole_views) for _ in range(2))
+        one.assert_equal(other)
