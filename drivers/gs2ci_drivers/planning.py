@@ -249,6 +249,7 @@ def _sensor_figures(
             broken=not alone and busy_s > period_s + modulator.exposure_step_s,
             remedy="raise `mask_s` or `dark_s`, or reduce the sensor's size",
         ),
+        *_unsettled_exposure(settings, info),
         Figure(
             "sensor trigger",
             setup.trigger.value,
@@ -256,6 +257,21 @@ def _sensor_figures(
             broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
         ),
+    ]
+
+
+def _unsettled_exposure(settings: CaptureSettings, info: SensorInfo) -> list[Figure]:
+    """Refuse exposures of an unknown unit; those of a gated sensor last as long as its line is held."""
+    if not info.exposure_unsettled or settings.trigger_mode is TriggerMode.LEVEL:
+        return []
+    return [
+        Figure(
+            "unit of exposure",
+            info.exposure_unsettled,
+            "a stated one",
+            broken=True,
+            remedy="run `gs2ci doctor`, which measures it, and write its result into [sensor]",
+        )
     ]
 
 

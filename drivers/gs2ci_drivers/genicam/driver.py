@@ -94,9 +94,9 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _new_checks(self, setup: GenicamSetup) -> BufferChecks:
         assert setup.settings is not None
         assert self._identity is not None
-        first = self._options.first_frame_id
-        if first is None:
-            first = FIRST_IDS.get(self._identity.transport)
+        stated = self._options.first_frame_id
+        known = FIRST_IDS.get(self._identity.transport) if stated is None else stated
+        first = () if known is None or known == "any" else (int(known),)
         picture = setup.settings.format
         return BufferChecks(self.name, setup.form, (picture.height, picture.width), first, self._options.stamps)
 

@@ -54,8 +54,9 @@ class GenicamOptions(CameraOptions):
     readout_s: Delay | None = None
     """Time from the end of an exposure to the earliest next one; without it, the camera's own figure, or the period of
     its highest frame rate at its shortest exposure."""
-    first_frame_id: Annotated[int, Field(ge=0)] | None = None
-    """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, any for others."""
+    first_frame_id: Annotated[int, Field(ge=0)] | Literal["any"] | None = None
+    """Number of the first frame after a start; "any" for cameras that go on counting after a stop. Without it, 1 for
+    GigE Vision, 0 for USB3 Vision, any for others."""
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
     """The event that a frame's time stamp marks: "start-of-exposure" by SFNC and by Basler's manuals;
     "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""

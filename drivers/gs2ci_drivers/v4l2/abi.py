@@ -407,7 +407,7 @@ class ControlType(enum.IntEnum):
 
 
 class ControlFlag(enum.IntFlag):
-    """V4L2_CTRL_FLAG_*: why a control cannot be set, what setting it changes, and the flag that requests the next one."""
+    """V4L2_CTRL_FLAG_*: why a control cannot be set, what setting it changes, and the flag that requests the next."""
 
     DISABLED = 0x1
     GRABBED = 0x2

@@ -176,15 +176,17 @@ class V4l2Twin:
         return self._clock.now_ns()
 
     def list_nodes(self, pattern: str) -> list[str]:
-        """List the existing nodes."""
-        return sorted(fnmatch.filter(self._nodes, pattern)) if self._plugged else []
+        """List the existing nodes and files."""
+        return sorted(fnmatch.filter((*self._nodes, *self.model.files), pattern)) if self._plugged else []
 
     def read_file(self, path: str) -> bytes:
-        """Read the module's parameter.
+        """Read the module's parameter, or a property of the device tree.
 
         Raises:
             OSError: ENOENT: no such file.
         """
+        if path in self.model.files:
+            return self.model.files[path]
         self._require_parameter(path)
         return self._device.parameter + b"\n"
 
@@ -192,12 +194,12 @@ class V4l2Twin:
         """Write the module's parameter.
 
         Raises:
-            OSError: ENOENT: no such file; EINVAL: neither 0 nor 1; EACCES: injected.
+            OSError: ENOENT: no such file; EINVAL: no number; EACCES: injected.
         """
         self._require_parameter(path)
         if self.faults.take(PARAMETER_DENIED):
             raise OSError(EACCES, "Permission denied", path)
-        if data.strip() not in (b"0", b"1"):
+        if not data.strip().isdigit():
             raise OSError(EINVAL, "Invalid argument", path)
         if not self.faults.take(PARAMETER_IGNORED):
             self._device.parameter = data.strip()

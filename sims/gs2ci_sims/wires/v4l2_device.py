@@ -16,7 +16,7 @@ import numpy as np
 
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting
-from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, THREE_HALVES, CameraModel, pack_frame
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
 from gs2ci_sims.wires.v4l2_queue import (
     FLAG_ERROR,
@@ -318,7 +318,7 @@ class CaptureDevice:
         if first is not None:
             self._number = int(first.value)
         elif self._model.restarts_numbers:
-            self._number = 0
+            self._number = self._model.first_number
         self._shutter.start(self._rule())
 
     def _rule(self) -> Shutting:
@@ -326,9 +326,9 @@ class CaptureDevice:
         if self._model.trigger == "module":
             if self._world.clock.now_s() >= self._powered_until_s:
                 self._latched = self.parameter
-            if self._latched == b"0":
-                return Shutting.FREE
-            return Shutting.LEVEL if self._model.module == "imx296" else Shutting.EDGE
+            return self._model.module_mode(int(self._latched))
+        if self._model.trigger == "outside":
+            return self._model.outside
         if self._model.trigger == "control":
             return {1: Shutting.EDGE, 2: Shutting.LEVEL}.get(self._controls[CID_TRIGGER_MODE], Shutting.FREE)
         return Shutting.FREE
@@ -405,15 +405,17 @@ class CaptureDevice:
     def _stamp_ns(self, exposed: Exposed) -> int:
         stale = self._faults.take(FRAME_STALE)
         times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
-        when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
+        when_s = times_s.get(self._model.stamps, self._world.clock.now_s()) + REALTIME_S * self._model.realtime
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
     def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
         height, width = self._size
         bits = self._model.bits(self._code)
         pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits)
+        pixels = self._controls.process(pixels, (1 << bits) - 1)
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
         shift = 16 - bits if words and self._model.left_aligned else 0
         if self._faults.take(FRAME_NOISY) and words and BITS[self._code] < 16:
             pixels = pixels | np.uint16(1 << 15)
-        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift)
+        repeats = self._model.repeats_top and shift > 0
+        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift, repeats_top=repeats)
