@@ -88,11 +88,17 @@ class FrameTiming:
         """
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return  # the time of its arrival may be of another clock, too
-        begin_s = fire.fired_ns * 1e-9 + self._due_s(index) * (1 - CLOCK_TOLERANCE)
-        short_s = begin_s + self._plan.exposure_s * (1 - CLOCK_TOLERANCE) - frame.t_host_ns * 1e-9
+        short_s = self._end_s(fire, index) - frame.t_host_ns * 1e-9
         if short_s > END_TOLERANCE_S:
             exposed_s = max(self._plan.exposure_s - short_s, 0.0)
             raise ExposureError(self._sensor.name, index, self._plan.exposure_s, exposed_s)
+
+    def earliest_s(self, fire: Fire) -> float:
+        """Return when the exposure of the next frame can have ended, at the earliest, on the computer's clock."""
+        return self._end_s(fire, fire.frames)
+
+    def _end_s(self, fire: Fire, index: int) -> float:
+        return fire.fired_ns * 1e-9 + (self._due_s(index) + self._plan.exposure_s) * (1 - CLOCK_TOLERANCE)
 
     def _due_s(self, index: int) -> float:
         """Return when the trigger of a frame is due, from the first one of its fire."""
@@ -112,7 +118,8 @@ class FrameTiming:
             raise ExtraFrameError(
                 self._sensor.name,
                 f"the exposure of the first frame began {early_s:.3g} s before the modulator was started",
-                remedy="check the polarity of the trigger line and what time stamps mean: `gs2ci doctor` does both",
+                remedy="check the polarity of the trigger line, what time stamps mean, and whether the sensor counts "
+                "exposure in another unit: `gs2ci doctor` does all three",
             )
 
     def check_end(self, fire: Fire, last: Frame) -> None:

@@ -180,13 +180,13 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
 
     def _remember_trigger(self) -> None:
         """Store the trigger mode that was found, once, so that it can be restored."""
-        if self._found_mode is None and self._features.has("TriggerSelector", self._options.trigger_selector):
-            self._features.write("TriggerSelector", self._options.trigger_selector)
+        if self._found_mode is None and self._features.has("TriggerMode"):
+            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
             self._found_mode = str(self._features.read("TriggerMode"))
 
     def _put_trigger_back(self) -> None:
         if self._identity is not None and self._found_mode is not None:
-            self._features.write("TriggerSelector", self._options.trigger_selector)
+            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
             self._features.write("TriggerMode", self._found_mode)
 
     def _halt(self) -> None:

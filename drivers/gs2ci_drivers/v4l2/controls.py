@@ -236,7 +236,7 @@ class ControlTable:
             AccessError: It is read-only, or another stream holds it (EACCES, EBUSY).
             OutOfRangeError: The value is no entry of a menu, or the driver refuses it although it is in the range.
         """
-        control = self._refresh(self.require(key))
+        control = self.renewed(self.require(key))
         if control.menu and value not in control.menu:
             raise OutOfRangeError(
                 self._node.device, f"{control.name} = {value}", asked="set control", allowed=control.range_text
@@ -248,8 +248,12 @@ class ControlTable:
             return Applied(control.name, value, value)
         return Applied(control.name, value, self.get(control.cid))
 
-    def _refresh(self, control: Control) -> Control:
-        """Query the range again: that of one control may depend on another (exposure on vertical blanking)."""
+    def renewed(self, control: Control) -> Control:
+        """Query the range again: that of one control may depend on another (exposure on vertical blanking).
+
+        Raises:
+            DriverError: The node does not answer.
+        """
         query = self._query(control.cid)
         fresh = self._describe(query) if query is not None else None
         if fresh is None:

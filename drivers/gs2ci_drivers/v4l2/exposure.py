@@ -153,8 +153,11 @@ class ExposureControl:
             DriverError: The controls cannot be set.
         """
         units = round(exposure_s / self.unit_s)
-        missing = units - self._control.maximum
         vblank = self._vblank()
+        if vblank is not None:  # whatever it was before, the same exposure is taken in the same frame
+            self._table.set(vblank.cid, vblank.default)
+            self._control = self._table.renewed(self._control)
+        missing = units - self._control.maximum
         if missing > 0 and vblank is not None:
             self._table.set(vblank.cid, self._table.get(vblank.cid) + missing + VBLANK_MARGIN_LINES)
         applied = self._table.set(self._control.cid, units).applied

@@ -188,7 +188,7 @@ class OpenCamera:
         if config.trigger is TriggerMode.LEVEL:  # ignored
             kept |= {abi.Cid.EXPOSURE, abi.Cid.EXPOSURE_ABSOLUTE}
         if exposure is not None:
-            kept |= exposure.controls - {abi.Cid.VBLANK}
+            kept |= exposure.controls
         notes = self._leftovers(kept, leftovers.is_automatic)
         self.controls.refresh()
         gain = None if config.gain_db is None else self._gain_control()

@@ -63,6 +63,7 @@ def test_a_control_that_another_program_left_is_reset_recorded_or_refused(bench,
         "Noise Reduction": "refused",
         # The capture sets these, or they are on at power-up already:
         "Exposure": "without effect",
+        "Vertical Blanking": "without effect",
         "Gain, Automatic": "without effect",
         "White Balance, Automatic": "without effect",
         "Exposure, Dynamic Framerate": "without effect",
