@@ -26,7 +26,7 @@ from gs2ci_drivers.failures import (
     TriggerTimeoutError,
 )
 from gs2ci_drivers.frame_timing import END_TOLERANCE_S, Fire, FrameTiming
-from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState
 from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
@@ -327,11 +327,15 @@ class _Capture:
 
         The time at which a frame is read would not show that: the last one waits until the modulator has ended.
         """
-        clock = self._devices.clock
-        wait_s = self._timing.earliest_s(fire) - 2 * END_TOLERANCE_S - clock.now_s()
-        if wait_s <= 0:
+        clock, modulator = self._devices.clock, self._devices.modulator
+        until_s = self._timing.earliest_s(fire) - 2 * END_TOLERANCE_S
+        if clock.now_s() >= until_s:
             return None
-        clock.sleep_s(wait_s)
+        while until_s - clock.now_s() > POLL_S:  # a look at the modulator takes time, too
+            if modulator.status().state is not ModulatorState.RUNNING:
+                return None  # it has stopped early, which is found when its end is waited for
+            clock.sleep_s(min(until_s - clock.now_s(), POLL_S))
+        clock.sleep_s(until_s - clock.now_s())
         try:
             return self._read(fire, 0.0)
         except TriggerTimeoutError:

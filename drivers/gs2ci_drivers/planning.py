@@ -165,6 +165,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             remedy="choose another `mode`, or a modulator that can hold its line for each mask",
         ),
         *_unsettled(sequence, info),
+        *_unsettled_grey(settings, info),
         Figure(
             "shots",
             f"{settings.shots} in bursts of {settings.burst}",
@@ -212,6 +213,26 @@ def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
             "a stated one",
             broken=True,
             remedy="run `gs2ci doctor`, which determines them, and write its result into [modulator]",
+        )
+    ]
+
+
+def _unsettled_grey(settings: CaptureSettings, info: ModulatorInfo) -> list[Figure]:
+    """Refuse grey masks that are assumed to be as drawn on a modulator whose light does not follow the drawn level."""
+    top = 2**settings.bit_depth - 1
+    coded = settings.mode is not Mode.PER_MASK  # frames of single masks are how masks are measured
+    if not coded or settings.measured or not info.grey_unsettled or settings.bit_depth == 1:
+        return []
+    if not any(bool(((mask > 0) & (mask < top)).any()) for mask in settings.masks):
+        return []
+    return [
+        Figure(
+            "grey masks",
+            f"as drawn; {info.grey_unsettled}",
+            "measured ones",
+            broken=True,
+            remedy="calibrate them (`gs2ci calibrate all`), use binary masks, or, if the lamp follows the controller's "
+            'LED enables, set lamp = "switched" in [modulator]',
         )
     ]
 

@@ -88,7 +88,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
-    settings = _timed(settings, calibrated)
+    settings = _timed(replace(settings, measured=calibrated is not None), calibrated)
     plan = plan_capture(devices, settings, config)
     size = (config.height, config.width)
     got = devices.sensor.settings.format

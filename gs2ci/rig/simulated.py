@@ -7,6 +7,7 @@ of that world (`simulated_operator`).
 import re
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -284,7 +285,8 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
         return plugged  # type: ignore[no-any-return]
     if isinstance(rig.modulator, Dlpc900Options):
         enables, start_s = table.trigger_out_2_bit == "enables", table.dlpc900_start_s
-        return Dlpc900Twin(world, faults, name="modulator", bit_enables=enables, start_latency_s=start_s)
+        made = partial(Dlpc900Twin, world, faults, name="modulator", lamp=table.lamp)
+        return made(bit_enables=enables, start_latency_s=start_s)
     if isinstance(rig.modulator, DisplaySlmOptions):
         ends = (rig.modulator.dark_level, rig.modulator.bright_level)
         return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s, greys=ends)

@@ -35,6 +35,8 @@ INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buf
 LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
 OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
 REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature, or a command of the acquisition")
+GAIN_LEFT = declare("genicam.gain_left", "another program has left the gain at `value` dB")
+MIRRORED = declare("genicam.mirrored", "another program has left the picture mirrored")
 NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
@@ -220,6 +222,10 @@ class GenicamTwin:
         if self.faults.take(HELD, "open"):
             raise OSError(EBUSY, "the camera is held by another program")
         self._opened = True
+        for fault, feature in ((GAIN_LEFT, "Gain"), (MIRRORED, "ReverseX")):
+            left = self.faults.take(fault)
+            if left is not None:
+                self.nodes.write(feature, left.value if feature == "Gain" else True)
         return self._identity()
 
     def list_features(self) -> list[tuple[str, str]]:

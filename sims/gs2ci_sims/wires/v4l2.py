@@ -24,6 +24,8 @@ from gs2ci_sims.world import World
 UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
 CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
 WAKE_EMPTY = declare("v4l2.wake_empty", "poll announces a frame that does not exist")
+GAIN_LEFT = declare("v4l2.gain_left", "another program has left the analogue gain at `value`")
+PRIVATE_LEFT = declare("v4l2.private_left", "another program has left a private control at `value`")
 PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
 PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
@@ -102,6 +104,10 @@ class V4l2Twin:
         fd = next(self._descriptors)
         self._files[fd] = OpenFile(self._generation, self._nodes[path])
         self._device.opened(self._files[fd])
+        for fault, control in ((GAIN_LEFT, "Analogue Gain"), (PRIVATE_LEFT, "IO Mode")):
+            left = self.faults.take(fault)
+            if left is not None:
+                self._device.leave(control, int(left.value))
         return fd
 
     def close(self, fd: int) -> None:

@@ -37,6 +37,8 @@ FRAME_CORRUPT = declare("v4l2.frame_corrupt", "a frame is marked bad (V4L2_BUF_F
 FRAME_SHORT = declare("v4l2.frame_short", "a frame has half its bytes and no mark")
 FRAME_LATE = declare("v4l2.frame_late", "a frame comes `value` seconds late")
 FRAME_STALE = declare("v4l2.frame_stale", "a frame's time stamp is `value` seconds old")
+FRAME_REALTIME = declare("v4l2.frame_realtime", "a frame's time stamp is of CLOCK_REALTIME, flagged as monotonic")
+EXPOSED_SHORT = declare("v4l2.exposed_short", "an exposure lasts for a tenth of the time that is set")
 FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one has the same number")
 FRAME_NOISY = declare("v4l2.frame_noisy", "bits above the converter's are set in a frame")
 STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer fails instead of a frame (POLLERR, EIO)")
@@ -164,8 +166,13 @@ class CaptureDevice:
             self.ring.free()
             self._owner = None
 
+    def leave(self, name: str, value: int) -> None:
+        """Set a control as another program does."""
+        self._controls.leave(name, value)
+
     def _exposure_s(self) -> float:
-        return self._controls.exposure_s()
+        short = self._faults.take(EXPOSED_SHORT)
+        return self._controls.exposure_s() * (1.0 if short is None else 0.1)
 
     def _table(self) -> dict[int, tuple[str, Handler]]:
         """Return name and handler of every request, by the numbers of linux/videodev2.h."""
@@ -405,7 +412,9 @@ class CaptureDevice:
     def _stamp_ns(self, exposed: Exposed) -> int:
         stale = self._faults.take(FRAME_STALE)
         times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
-        when_s = times_s.get(self._model.stamps, self._world.clock.now_s()) + REALTIME_S * self._model.realtime
+        when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
+        if self._model.realtime or self._faults.take(FRAME_REALTIME):
+            when_s += REALTIME_S
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
     def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
