@@ -80,13 +80,23 @@ class Leftovers:
         features: The camera's features.
         requested: Names of the features that the rig file requests.
         notes: Receives a note for each setting that was reset or is not known.
+        decibels: Whether gains are in decibels, by the rig file; None if it does not say.
     """
 
-    def __init__(self, device: str, features: Features, requested: Collection[str], notes: list[str]) -> None:
+    def __init__(
+        self,
+        device: str,
+        features: Features,
+        requested: Collection[str],
+        notes: list[str],
+        *,
+        decibels: bool | None = None,
+    ) -> None:
         self._device = device
         self._features = features
         self._requested = requested
         self._notes = notes
+        self._decibels = decibels
 
     def reset(self) -> None:
         """Switch automatic settings off, then reset what is off its neutral value.
@@ -138,8 +148,10 @@ class Leftovers:
         if found is None or found[0] in self._requested:
             return
         name, gain = found
-        decibels = in_decibels(gain)
-        self._set(name, gain.low if decibels is None else 0.0 if decibels else 1.0)
+        decibels = self._decibels if self._decibels is not None else in_decibels(gain)
+        if decibels is None:  # no camera has a factor of 0
+            decibels = gain.low <= 0
+        self._set(name, 0.0 if decibels else 1.0)
 
     def _name_switches(self, listed: list[tuple[str, str]]) -> None:
         """Note the switches that are on, and of which nothing is known here."""

@@ -130,7 +130,9 @@ class GenicamSetup:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
         self._stop_triggers()
-        leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents)
+        unit = self._options.gain_unit
+        decibels = unit == "dB" if unit else None
+        leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents, decibels=decibels)
         leftovers.reset()
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
@@ -299,7 +301,8 @@ class GenicamSetup:
                 self._device, "the camera has no gain", asked="configure", remedy="leave gain_db in [sensor] out"
             )
         name, gain = found
-        decibels = self._options.gain_unit == "dB" if self._options.gain_unit else in_decibels(gain)
+        unit = self._options.gain_unit
+        decibels = unit == "dB" if unit else in_decibels(gain)
         if decibels is None:
             raise UnsupportedError(
                 self._device,

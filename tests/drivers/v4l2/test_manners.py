@@ -192,6 +192,15 @@ def test_uvcvideo_stamps_the_first_packet_and_flags_the_start_of_exposure(bench)
     assert frame.t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s)
 
 
+def test_unicam_stamps_the_frames_start_and_flags_nothing(bench):
+    b = bench(driver="unicam", stamps="start-of-frame")
+    b.begin()
+    b.fire()
+    frame = b.sensor.read(0.5)
+    assert frame.flags & FrameFlag.STAMPED_AT_FRAME_START
+    assert frame.t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s)
+
+
 def test_a_parameter_that_may_not_be_written_is_told_with_the_modules_number(bench):
     b = bench(options(trigger_adapter="module", trigger_module="imx477"), trigger="module", module="imx477")
     b.faults.inject("v4l2.parameter_denied")
