@@ -28,7 +28,6 @@ from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.plugin import known_driver
 from gs2ci_drivers.sensor import FrameFlag, TriggerMode
-from gs2ci_drivers.v4l2.options import V4l2Options
 
 Verdict = Literal["ok", "note", "bad"]
 
@@ -239,7 +238,7 @@ def _unit(rig: Rig, devices: Devices, found: StampsFound) -> Iterator[BenchFindi
         "bad",
         f"{seen}: its unit is {step_s * found.growth:.3g} s, not {step_s:.3g} s",
         f"set exposure_unit_s = {nearest_s:.4g} in [sensor]"
-        if isinstance(sensor, V4l2Options)
+        if sensor.kind == "v4l2"
         else "check the camera's exposure features in [sensor.features]",
     )
 
