@@ -116,7 +116,9 @@ def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterabl
         DriverError: The node does not answer.
     """
     notes, unknown = [], []
-    for control in only:
+    for listed in only:
+        # What an automatic setting made inactive is active again without it.
+        control = table.renewed(listed) if listed.flags & abi.ControlFlag.INACTIVE else listed
         passive = not control.settable or not control.has_value or control.flags & abi.ControlFlag.INACTIVE
         wanted = None if passive or control.cid in kept else neutral_of(control)
         if wanted is None:

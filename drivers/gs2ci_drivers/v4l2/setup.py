@@ -146,7 +146,6 @@ class OpenCamera:
             DeviceFaultError: The kernel reports an impossible frame.
             DriverError: On the way.
         """
-        self.controls.refresh()
         notes = self._set_layout(config)
         fmt = self._set_format(config)
         geometry = self._geometry(fmt)
@@ -190,7 +189,6 @@ class OpenCamera:
         if exposure is not None:
             kept |= exposure.controls
         notes = self._leftovers(kept, leftovers.is_automatic)
-        self.controls.refresh()
         for table in (self.controls, self._others):
             notes += [] if table is None else leftovers.reset_payloads(table, self.name)
         gain = None if config.gain_db is None else self._gain_control()
