@@ -32,7 +32,7 @@ PAGE_NAME: Final = "report.html"
 FILES: Final = (
     ("report.json", "every figure of this page and more"),
     ("views.npy, views/", "the recovered views, exact and as pictures"),
-    ("scene.ply", "the Gaussians, for any 3DGS viewer"),
+    ("scene.ply", "the Gaussians as they were fitted; for viewers: gs2ci export --to ply"),
     ("motion.npy, displacement.npy, motion.png", "if things move: the motion of each Gaussian and each pixel"),
     ("moments/", "if requested with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
