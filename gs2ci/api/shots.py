@@ -85,6 +85,7 @@ def import_file(
     saturation: float | None = None,
     cfa: CfaPattern | None = None,
     bad_pixels: Literal["refuse", "median"] = "refuse",
+    curve: Literal["auto", "linear", "srgb", "gamma", "root", "divided", "overflow"] = "auto",
 ) -> "Imported":
     """Turn a foreign file into shots; what is not given is inferred from the numbers, and every guess is returned.
 
@@ -111,6 +112,8 @@ def import_file(
         saturation: Readings at or above it count as clipped; 0 means that none is.
         cfa: Colour filter array of a Bayer measurement.
         bad_pixels: Refuse NaN in the measurement, or replace it by the median of its neighbours.
+        curve: How readings are stored: in proportion to light, encoded for a display (sRGB, gamma 2.2), as square
+            roots, divided by the sum of the masks, or summed in integers that went round; auto: as they show.
 
     Returns:
         `shots`, and `guesses`, one sentence each.
@@ -125,13 +128,14 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
-    from gs2ci.core.foreign import axes, pixels
+    from gs2ci.core.foreign import axes, curves, pixels
     from gs2ci.core.foreign.assemble import ImportOptions, import_shots
     from gs2ci.core.foreign.container import Array
 
     check_choice("--mask-axis", mask_axis, get_args(axes.MaskAxis))
     check_choice("--meas-layout", meas_layout, get_args(axes.Layout))
     check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
+    check_choice("--curve", curve, get_args(curves.CurveName))
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -148,6 +152,7 @@ def import_file(
         focal_px=focal_px,
         distortion=Array("--distortion", np.array(distortion)) if len(distortion) else None,
         bad_pixels=bad_pixels,
+        curve=curve,
         intrinsics=_given("--intrinsics", intrinsics),
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),

@@ -16,8 +16,11 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
 from gs2ci.core.foreign.container import Array, Container
+from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
+from gs2ci.core.foreign.settled import Settled, settle
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -44,6 +47,7 @@ class ImportOptions:
         world_to_camera: True poses, [N, 4, 4], for scoring only.
         truth: True views, for scoring only.
         bad_pixels: What to do with NaN in the measurement.
+        curve: How readings are stored; "auto": as they show.
     """
 
     meas_key: str | None = None
@@ -64,6 +68,7 @@ class ImportOptions:
     world_to_camera: Array | None = None
     truth: Array | None = None
     bad_pixels: pixels.BadPixels = "refuse"
+    curve: CurveName = "auto"
 
 
 @dataclass(frozen=True)
@@ -116,15 +121,21 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
     coding = CodingConvention(masks, _weights(found, len(order.masks), len(masks), guesses))
     coding = coding.reversed() if options.reverse_masks else coding
-    stored = order.measurements.astype(np.float64)
+    stored = with_sign(found.measurement.where, order.measurements, guesses).astype(np.float64)
     offset = options.offset or 0.0
     stored = pixels.mend(found.measurement, stored, offset, coding.multiplicity, options.bad_pixels, guesses)
-    work = _Import(found, options, coding, stored - offset, guesses)
-    traced = work.check_agreement()
+    is_mosaic = options.cfa is not None or roles.key_of(found.container, "cfa", None, []) is not None
+    settled = settle(
+        found.measurement, found.masks, options, coding, stored - offset, is_mosaic=is_mosaic, guesses=guesses
+    )
+    work = _Import(found, options, settled, guesses)
+    coding = settled.coding
     views = work.true_views()
     cfa = work.colour_filter_array(views)
-    full = work.full_scale(views, cfa, traced)
-    saturated = pixels.clipped(stored, options.saturation, coding.multiplicity, guesses)
+    full = work.full_scale(views, cfa, settled.traced)
+    # A sum that went round or was divided has no highest reading; a curve has one.
+    counted = settled.readings + offset if settled.undone in ("overflow", "divided") else stored
+    saturated = pixels.clipped(counted, options.saturation, coding.multiplicity, guesses)
     matrix = work.intrinsics()
     lens = work.distortion(matrix)
     true_poses, telemetry = work.true_poses(), work.poses("telemetry")
@@ -158,24 +169,24 @@ class _Import:
     Args:
         found: Arrays by role.
         options: What the user knows.
-        coding: Masks and weights.
-        readings: Readings above the offset, [K, H, W, C].
+        settled: Masks and readings.
         guesses: Sentences so far.
     """
 
     found: _Found
     options: ImportOptions
-    coding: CodingConvention
-    readings: F64
+    settled: Settled
     guesses: list[str]
 
-    def check_agreement(self) -> PatternTrace | None:
-        """Report if measurement and masks do not fit each other; return where the masks' pattern shows."""
-        image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
-        found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
-        if self.options.offset is None:
-            agreement.check_closed_pixels(image, multiplicity, self.guesses)
-        return found
+    @property
+    def coding(self) -> CodingConvention:
+        """Get masks and weights."""
+        return self.settled.coding
+
+    @property
+    def readings(self) -> F64:
+        """Get the readings above the offset, [K, H, W, C]."""
+        return self.settled.readings
 
     def true_views(self) -> F32 | None:
         """Get the true views, [K, N, H, W, C], full scale 1."""
@@ -295,6 +306,8 @@ class _Import:
             "full_scale": full_scale,
             "offset": self.options.offset or 0.0,
             "guesses": list(self.guesses),
+            "undone": self.settled.undone,
+            "curved": self.settled.curved,
         }
 
     def _load(self, role: roles.Role) -> Array | None:
@@ -302,9 +315,13 @@ class _Import:
         return None if key is None else self.found.container.load(key)
 
     def _stack_of_poses(self, given: Array, *, camera_to_world: bool = False) -> F64:
-        shots, views = len(self.readings), len(self.coding.masks)
-        poses = camera.poses_from(given, shots * views, camera_to_world=camera_to_world, guesses=self.guesses)
-        return poses.reshape(shots, views, 4, 4)
+        shots, chosen, given_masks = len(self.readings), list(self.settled.shown), self.settled.given
+        # Poses of all masks of the file, or only of those that were shown.
+        counts = [shots * given_masks, shots * len(chosen)]
+        count = next((n for n in counts if n in given.values.shape), counts[-1])
+        poses = camera.poses_from(given, count, camera_to_world=camera_to_world, guesses=self.guesses)
+        poses = poses.reshape(shots, -1, 4, 4)
+        return poses[:, chosen] if poses.shape[1] == given_masks else poses
 
 
 def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> _Found:
