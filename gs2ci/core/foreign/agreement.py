@@ -118,14 +118,15 @@ def report_pattern(found: PatternTrace | None, measurement: Array, masks: Array,
         )
 
 
-def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> None:
-    """Say so if pixels, [H, W], that no mask opens read light, which hints at an offset."""
+def check_closed_pixels(readings: F64, multiplicity: F64, guesses: list[str]) -> None:
+    """Say so if readings, [H, W, C], at pixels that no mask opens show light, which hints at an offset."""
     closed = multiplicity == 0
     if closed.sum() < 50:
         return
     # Noise about no light at all is cut off at 0 in integers without a sign: half of the readings are 0 then.
-    if float((image[closed] <= 0).mean()) > _NONE_AT_ZERO:
+    if float((readings[closed] <= 0).mean()) > _NONE_AT_ZERO:
         return
+    image = readings.mean(axis=2)
     leak, typical = float(np.median(image[closed])), float(np.median(image[~closed]))
     if leak > 0.02 * abs(typical):
         guesses.append(

@@ -158,7 +158,7 @@ def examine(question: Question, said: CurveName, guesses: list[str]) -> Examined
         )
         return Examined(question.readings)
     clipped = bool(np.isfinite(clip_of(question.image, question.saturation)))
-    if _is_line(found, clipped):
+    if _is_line(found, clipped=False) and not found.is_biased:
         return Examined(question.readings, growth=found)
     return _which_curve(question, found, clipped, guesses)
 
@@ -217,6 +217,9 @@ def _gone_round(question: Question, found: Growth | None, guesses: list[str]) ->
 def _which_curve(question: Question, found: Growth, clipped: bool, guesses: list[str]) -> Examined:
     tried = {curve: grown for curve in (*CURVES, *LOGARITHMS) if (grown := question.grow(curve)) is not None}
     fitting = {curve: grown for curve, grown in tried.items() if _is_undone(grown, clipped)}
+    if found.is_biased:
+        # Selection bends right readings as well, and undoing a curve then overshoots by half.
+        fitting = {curve: grown for curve, grown in fitting.items() if abs(grown.slope - 1) < _SLOPE_UNDONE}
     if DIVIDED in fitting and not _is_divided(found, fitting[DIVIDED]):
         del fitting[DIVIDED]
     best = min(fitting, key=lambda curve: _distance(fitting[curve]), default=None)
@@ -225,6 +228,9 @@ def _which_curve(question: Question, found: Growth, clipped: bool, guesses: list
     is_straight = found.curvature >= -0.03 - beyond
     is_power = found.curvature - 0.5 * found.slope * (found.slope - 1) <= 0.03 + beyond
     where = question.measurement.where
+    lenient = _is_line(found, clipped)
+    if best is not None and lenient and not (best.is_known and found.slope < 1 - 0.5 * _SLOPE_CLIPPED):
+        best = None
     if best is not None and not best.is_known:
         guesses.append(
             f"WARNING: {where}: readings do not grow in proportion to the open masks ({_told(found)}) but as "
@@ -240,6 +246,8 @@ def _which_curve(question: Question, found: Growth, clipped: bool, guesses: list
             "say --curve linear if these are"
         )
         return Examined(question.undone(best), best.name, growth=found)
+    if lenient:
+        return Examined(question.readings, growth=found)
     if is_straight and not is_power and abs(found.slope) > _FLAT:
         # Registration estimates a leak, a black level and the blur of masks.
         return Examined(question.readings, growth=found)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import ArrayEntry, Container, damage_as_input_error
 from gs2ci.core.limits import LIMIT_BYTES
+from gs2ci.core.natural_order import natural_order
 
 # TIFF 6.0 and BigTIFF, each in both orders of bytes: how numbers, links, counts of entries are packed, bytes per entry.
 _TIFF: Final = {
@@ -66,7 +67,7 @@ def read_pictures(path: Path) -> Container:
         pages = [page[..., 0] for page in pages]
     values = pages[0] if not path.is_dir() and len(pages) == 1 else np.stack(pages)
     order = f"{len(files)} pictures, {files[0].name} to {files[-1].name}" if len(files) > 1 else ""
-    if files != sorted(files, key=_by_decimals):
+    if natural_order([file.name for file in files]).is_doubtful:
         order += "; WARNING: whole numbers decide, 0.5 before 0.25: rename them if theirs are decimal numbers"
     return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda key: values, note=order)
 
@@ -91,18 +92,7 @@ def _in_folder(folder: Path) -> list[Path]:
                 allowed="PNG, TIFF, BMP or PGM",
                 remedy="it is empty, damaged or of another kind: copy it or save it again, or take it out",
             )
-    return sorted(files, key=lambda file: [(int(part), "") if part.isdecimal() else (0, part) for part in _parts(file)])
-
-
-def _parts(file: Path) -> list[str]:
-    """Split a name so that its numbers stand at the odd places."""
-    return re.split(r"([0-9]+)", file.name)
-
-
-def _by_decimals(file: Path) -> list[tuple[float, str]]:
-    """Return what a name is sorted by if its numbers are decimal ones."""
-    parts = re.split(r"([0-9]+(?:\.[0-9]+)?)", file.stem)
-    return [(float(part), "") if k % 2 else (0.0, part) for k, part in enumerate(parts)]
+    return [files[index] for index in natural_order([file.name for file in files]).indices]
 
 
 def _start(file: Path) -> bytes:

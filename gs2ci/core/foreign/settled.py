@@ -17,7 +17,7 @@ from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.shown import Traces, traces
-from gs2ci.core.linearity import Growth
+from gs2ci.core.linearity import Growth, lattices
 from gs2ci.core.records import CfaPattern
 
 # A correlation this far below zero: the masks are open where the readings say closed.
@@ -89,9 +89,18 @@ class _Settling:
         said = self.options.saturation
         return said if not said else said - (self.options.offset or 0.0)
 
+    def pattern(self, readings: F64, coding: CodingConvention) -> PatternTrace | None:
+        """Find where the masks' pattern shows, with a mosaic's colours brought to one level."""
+        image = readings[0].mean(axis=2)
+        if self.is_mosaic:
+            level = max(float(np.abs(image).mean()), 1e-300)
+            for plane in lattices(image, is_mosaic=True):
+                plane[...] = plane * (level / max(float(plane.mean()), 1e-3 * level))
+        return agreement.find_pattern(image, coding.multiplicity)
+
     def upright(self, readings: F64, coding: CodingConvention) -> tuple[CodingConvention, PatternTrace | None]:
         """Find the masks' pattern, and take the masks the other way round if it shows where they are closed."""
-        traced = agreement.find_pattern(readings[0].mean(axis=2), coding.multiplicity)
+        traced = self.pattern(readings, coding)
         if traced is None or traced.upright > _INVERTED:
             return coding, traced
         self.guesses.append(
@@ -99,7 +108,7 @@ class _Settling:
             f"(correlation {traced.upright:.2f}); taken the other way round, 1 - mask"
         )
         coding = CodingConvention(np.asarray(1 - coding.masks, np.float32), coding.weights)
-        return coding, agreement.find_pattern(readings[0].mean(axis=2), coding.multiplicity)
+        return coding, self.pattern(readings, coding)
 
     def traces(self, readings: F64, coding: CodingConvention, traced: PatternTrace | None) -> Traces | None:
         """Find the trace of each mask."""
@@ -184,16 +193,16 @@ def settle(
     found = work.traces(readings, coding, traced)
     coding, shown = work.choose(coding, found)
     if len(shown) < given:
-        traced = agreement.find_pattern(readings[0].mean(axis=2), coding.multiplicity)
+        traced = work.pattern(readings, coding)
     question = work.question(readings, coding, traced)
     examined = light.examine(question, options.curve, guesses)
     if examined.undone is not None:
-        traced = agreement.find_pattern(examined.readings[0].mean(axis=2), coding.multiplicity)
+        traced = work.pattern(examined.readings, coding)
     elif not examined.curved:
         work.report_traces(found, examined.growth, bool(np.isfinite(light.clip_of(question.image, work.saturation))))
     agreement.report_pattern(traced, measurement, masks, guesses)
     if options.offset is None:
-        agreement.check_closed_pixels(examined.readings[0].mean(axis=2), coding.multiplicity, guesses)
+        agreement.check_closed_pixels(examined.readings[0], coding.multiplicity, guesses)
     return Settled(examined.readings, coding, traced, shown, given, examined.undone, examined.curved)
 
 
