@@ -19,6 +19,14 @@ from gs2ci.core.limits import LIMIT_BYTES
 
 ENTRY_LIMIT: Final = 10_000
 
+_WAYS_OUT: Final = {
+    "a MATLAB struct": "save its fields as variables: save('FILE.mat', '-struct', 'NAME')",
+    "a MATLAB cell array": "save it as one array: masks = cat(3, NAME{:}); save('FILE.mat', 'meas', 'masks')",
+    "a MATLAB sparse matrix": "save it as full(NAME)",
+    "complex numbers": "save their real part or magnitude, whichever is the reading",
+    "Python objects": "if it is a dict: np.savez('FILE.npz', **np.load(PATH, allow_pickle=True).item())",
+}
+
 
 @dataclass(frozen=True)
 class ArrayEntry:
@@ -79,7 +87,7 @@ class Container:
             raise InputError(
                 f"{self.where(key)}: holds {entry.kind}",
                 allowed="an array of numbers (objects are never loaded: they can run programs)",
-                remedy="save it again as a plain numeric array",
+                remedy=_WAYS_OUT.get(entry.kind, "save it again as a plain numeric array"),
             )
         with damage_as_input_error(self.where(key)):
             values = self.load_values(key)
