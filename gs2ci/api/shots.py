@@ -75,6 +75,8 @@ def import_file(
     meas_key: str | None = None,
     mask_key: str | None = None,
     truth_key: str | None = None,
+    white_key: str | None = None,
+    dark_key: str | None = None,
     mask_axis: Literal["auto", "first", "last"] = "auto",
     meas_layout: Literal["auto", "rgb", "stack"] = "auto",
     views: int | None = None,
@@ -102,6 +104,8 @@ def import_file(
         meas_key: Key of the measurement in its file.
         mask_key: Key of the masks in their file.
         truth_key: Key of the true views; "none" leaves them out.
+        white_key: Key of frames of an even light, by which readings are divided; "none" leaves them out.
+        dark_key: Key of frames without light, which are subtracted; "none" leaves them out.
         mask_axis: Whether the masks are stacked along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
         views: Use only this many masks, from the first.
@@ -140,6 +144,8 @@ def import_file(
         meas_key=meas_key,
         mask_key=mask_key,
         truth_key=truth_key,
+        white_key=white_key,
+        dark_key=dark_key,
         mask_axis=mask_axis,
         meas_layout=meas_layout,
         views=views,

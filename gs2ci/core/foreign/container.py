@@ -7,7 +7,7 @@ shares: a file that cannot be understood, and an array that is too large to be t
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,12 +63,14 @@ class Container:
         entries: What it holds, by key; a format without keys has one, "".
         load_values: Loads one key; may raise anything.
         note: What was guessed on opening it, a sentence or nothing.
+        used: Keys that were loaded.
     """
 
     path: Path
     entries: dict[str, ArrayEntry]
     load_values: Callable[[str], NDArray[Any]]
     note: str = ""
+    used: set[str] = field(default_factory=set)
 
     def where(self, key: str) -> str:
         """Name a key for messages."""
@@ -83,6 +85,7 @@ class Container:
         if key not in self.entries:
             raise InputError(f"{self.path}: no key {key!r}", allowed=self.listing(), remedy="name another key")
         entry = self.entries[key]
+        self.used.add(key)
         if entry.kind != "number":
             raise InputError(
                 f"{self.where(key)}: holds {entry.kind}",
@@ -105,11 +108,20 @@ class Container:
         Raises:
             InputError: Not a text.
         """
+        self.used.add(key)
         if self.entries[key].kind != "text":
             raise InputError(f"{self.where(key)}: holds {self.entries[key].kind}", allowed="a text")
         with damage_as_input_error(self.where(key)):
             text = np.asarray(self.load_values(key)).reshape(-1)[0]
             return (text.decode("utf-8") if isinstance(text, bytes) else str(text)).strip()
+
+    def unused(self) -> str:
+        """Write down what the file holds and nothing has asked for; empty if that is nothing."""
+        left = {key: entry for key, entry in self.entries.items() if key not in self.used}
+        # Octave writes the type of a variable beside its value.
+        left = {key: entry for key, entry in left.items() if not (key.endswith("/type") and entry.kind != "number")}
+        words = [f"{key!r} {list(entry.shape)}" for key, entry in list(left.items())[:30]]
+        return ", ".join(words)
 
     def listing(self) -> str:
         """Write down what the file holds."""

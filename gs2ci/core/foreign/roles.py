@@ -20,6 +20,8 @@ Role = Literal[
     "telemetry",
     "weights",
     "cfa",
+    "white",
+    "dark",
 ]
 
 # In order of preference; compared without regard to case.
@@ -35,8 +37,12 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "telemetry": ("telemetry_world_to_camera",),
     "weights": ("weights",),
     "cfa": ("cfa", "bayer", "bayer_pattern"),
+    "white": ("white", "whites", "white_frame", "flat", "flats", "flat_field", "flatfield", "white_field"),
+    "dark": ("dark", "darks", "dark_frame", "dark_field", "darkfield", "black", "background", "bias"),
 }
 _FLAGS: Final[dict[Role, str]] = {"measurement": "--meas-key", "masks": "--mask-key", "truth": "--truth-key"}
+# Left out by "none".
+LEFT_OUT: Final = "none"
 
 
 def key_of(container: Container, role: Role, said: str | None, guesses: list[str]) -> str | None:
