@@ -152,7 +152,12 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     stored = pixels.mend(found.measurement, stored, offset, coding.multiplicity, options.bad_pixels, guesses)
     is_mosaic = options.cfa is not None or roles.key_of(found.container, "cfa", None, []) is not None
     without = stored - (offset + fields.black)
-    settled = settle(found.measurement, found.masks, options, coding, without, is_mosaic=is_mosaic, guesses=guesses)
+    settled = settle(
+        *(found.measurement, found.masks, options, coding, without),
+        is_mosaic=is_mosaic,
+        has_dark=fields.dark is not None,
+        guesses=guesses,
+    )
     # A sum that went round or was divided has no highest reading; a curve has one.
     counted = settled.readings + offset + fields.black if settled.undone in ("overflow", "divided") else stored
     settled = replace(settled, readings=fields.flattened(settled.readings, stack, guesses))

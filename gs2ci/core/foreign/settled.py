@@ -27,6 +27,11 @@ _UNACCOUNTED: Final = 0.05
 _UNACCOUNTED_CLIPPED: Final = 0.08
 _SIGMAS: Final = 4.0
 _PATTERN_OF_IT: Final = 0.75
+# Readings that grow faster than masks open by more than this; the masks' closed level lies below this quantile.
+_STEEP: Final = 0.08
+_CLOSED: Final = 0.3
+_HALVINGS: Final = 8
+_LEAST_BACKGROUND: Final = 0.01
 
 
 class LightOptions(Protocol):
@@ -82,6 +87,7 @@ class _Settling:
     masks: Array
     options: LightOptions
     is_mosaic: bool
+    has_dark: bool
     guesses: list[str]
 
     @property
@@ -140,6 +146,47 @@ class _Settling:
         opened = coding.multiplicity if traced is None else traced.moved(coding.multiplicity)
         return light.Question(self.measurement, readings, opened, self.saturation, self.is_mosaic)
 
+    def without_background(
+        self, readings: F64, coding: CodingConvention, traced: PatternTrace | None
+    ) -> CodingConvention:
+        """Take a background from masks that lie on one, where an offset was taken from the readings alone.
+
+        A camera that records masks records its background with them. Once the readings have lost theirs, they grow
+        faster than such masks open; without it, both grow alike. Masks that close entirely have none: then the offset
+        is too large.
+        """
+        if not self.options.offset and not self.has_dark:
+            return coding
+
+        def lifted(level: float) -> CodingConvention:
+            masks = np.clip((coding.masks - level) / (1 - level), 0, 1)
+            return CodingConvention(masks.astype(np.float32), coding.weights)
+
+        def slope(level: float) -> Growth | None:
+            return self.question(readings, lifted(level), traced).grow()
+
+        found = slope(0.0)
+        if found is None or found.is_biased or found.slope < 1 + _STEEP + _SIGMAS * found.slope_error:
+            return coding
+        low, high = 0.0, float(np.quantile(coding.masks, _CLOSED))
+        for _ in range(_HALVINGS):
+            level = (low + high) / 2
+            there = slope(level)
+            low, high = (level, high) if there is not None and there.slope > 1 else (low, level)
+        last = slope(high)
+        if last is None or abs(last.slope - 1) > _STEEP or high < _LEAST_BACKGROUND:
+            self.guesses.append(
+                f"WARNING: {self.measurement.where}: above this offset readings grow {found.slope:.2f} times as fast "
+                "as the masks open, and masks that do not close do not explain it: is the offset too large?"
+            )
+            return coding
+        self.guesses.append(
+            f"WARNING: {self.masks.where}: the masks lie on a background of {high:.3g} of a fully open one, as masks "
+            f"do that a camera recorded with its offset; it was subtracted from them too (readings grew "
+            f"{found.slope:.2f} times as fast as the masks opened, now {last.slope:.2f})"
+        )
+        return lifted(high)
+
     def report_traces(self, found: Traces | None, growth: Growth | None, clipped: bool) -> None:
         """Say so if masks are missing, or were shown twice."""
         if found is None:
@@ -172,6 +219,7 @@ def settle(
     readings: F64,
     *,
     is_mosaic: bool,
+    has_dark: bool = False,
     guesses: list[str],
 ) -> Settled:
     """Find out what the numbers show of masks and readings.
@@ -183,17 +231,19 @@ def settle(
         coding: Masks as given, scaled.
         readings: Above the offset, [K, H, W, C].
         is_mosaic: Whether a single channel is known to be a mosaic; one that looks like it is recognised.
+        has_dark: Whether a dark frame was subtracted from the readings.
         guesses: Sentences are added here.
     """
     if readings.shape[3] == 1 and not is_mosaic:
         is_mosaic = agreement.mosaic_of(readings[0, :, :, 0]) is not None
-    work = _Settling(measurement, masks, options, is_mosaic and readings.shape[3] == 1, guesses)
+    work = _Settling(measurement, masks, options, is_mosaic and readings.shape[3] == 1, has_dark, guesses)
     given = len(coding.masks)
     coding, traced = work.upright(readings, coding)
     found = work.traces(readings, coding, traced)
     coding, shown = work.choose(coding, found)
     if len(shown) < given:
         traced = work.pattern(readings, coding)
+    coding = work.without_background(readings, coding, traced)
     question = work.question(readings, coding, traced)
     examined = light.examine(question, options.curve, guesses)
     if examined.undone is not None:

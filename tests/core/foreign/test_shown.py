@@ -108,3 +108,22 @@ def test_pictures_that_tell_nothing_choose_no_masks(many):
     assert traces(-image, masks) is None
     noise = np.random.default_rng(0).random(image.shape)
     assert traces(noise, masks).shown.all()
+
+
+@pytest.mark.parametrize("background", [0.06, 0.12, 0.2])
+def test_a_background_in_the_masks_goes_with_the_offset_of_the_readings(many, take, said, background):
+    """F8: the true offset made it worse, 19.6 instead of 22.2 dB."""
+    masks, read = many
+    recorded = np.rint(250 * (background + (1 - background) * masks[:8])).astype(np.uint8)
+    offset = 40.0
+    imported = take(ImportOptions(scale=255.0, offset=offset), meas=offset + read(range(8)), masks=recorded)
+    assert said(imported, "the masks lie on a background of")
+    assert np.abs(imported.shots[0].masks - masks[:8]).max() < 0.02
+
+
+def test_an_offset_that_is_too_large_for_masks_that_close_is_named(many, take, said):
+    masks, read = many
+    imported = take(ImportOptions(scale=255.0, offset=150.0), meas=40 + read(range(8)), masks=masks[:8])
+    assert said(imported, "is the offset too large?")
+    right = take(ImportOptions(scale=255.0, offset=40.0), meas=40 + read(range(8)), masks=masks[:8])
+    assert not [guess for guess in right.guesses if guess.startswith("WARNING")]
