@@ -106,7 +106,8 @@ class Fields:
         if self.dark is None or not have_dark(masks.astype(np.float64), self.dark):
             return masks
         guesses.append(f"{where}: the dark frame was subtracted from the masks, which lie on it")
-        return np.maximum(masks - self.dark.values.mean(axis=2), 0)
+        lifted: F64 = np.maximum(masks - self.dark.values.mean(axis=2), 0)
+        return lifted
 
     def flattened(self, readings: F64, masks: NDArray[Any], guesses: list[str]) -> F64:
         """Divide readings, [K, H, W, C], by what each pixel sees of an even light."""
