@@ -45,6 +45,28 @@ LightMode = Literal["auto", "as-seen", "even"]
 
 WithinMask = Literal["still", "moving"]
 
+LeftOut = Literal[
+    "adjustment of points",
+    "cancelling errors",
+    "coupled decode",
+    "decode weighs noise",
+    "dense polish",
+    "displacements",
+    "errors over time",
+    "matches in a longer decode",
+    "occlusion",
+    "patch test of motion",
+    "released fits",
+    "rest as rival",
+    "rest from the measurement",
+    "second look",
+    "short fits of both orders",
+    "tracks sought twice",
+    "uniform motion",
+    "wide matches",
+]
+"""Parts without a setting of their own that can be left out, to see what they give (`mechanisms`)."""
+
 MOST_MOMENTS: Final = 1000
 """Each is written as a picture, and for a moving scene as a scene file too."""
 

@@ -103,7 +103,11 @@ def reconstruct(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     partly = joins_in_part(first)
-    if again and (partly or (settings.poses == "auto" and needs_rest(first))):
+    if (
+        again
+        and "matches in a longer decode" not in settings.left_out
+        and (partly or (settings.poses == "auto" and needs_rest(first)))
+    ):
         # A motion without tracks explains the measurement so far that weights corrected along it are better than those
         # given.
         weighted = holdout if partly else first.holdout

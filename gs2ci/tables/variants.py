@@ -15,6 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import RULE_NAMES, ProxyName
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.mechanisms import MECHANISMS
 from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
@@ -138,6 +139,9 @@ ON_PAPERS_SCHEDULE: Final[dict[str, Change]] = {
 (its Table VII), the population bounded from another iteration on, or copies and children that keep the opacity of
 their original (supplement II)."""
 
+MECHANISM_LINES: Final[dict[str, Change]] = {f"no {one.name}": one.without for one in MECHANISMS}
+"""The default without a mechanism, by its name in `gs2ci.reconstruct.mechanisms`."""
+
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,
     **FITS,
@@ -156,6 +160,7 @@ def settings_of(variant: str, seed: int) -> Settings:
     Raises:
         InputError: There is no such variant.
     """
-    if variant not in VARIANTS:
-        raise InputError(f"variant {variant!r}", allowed=", ".join(VARIANTS))
-    return VARIANTS[variant](Settings(seed=seed))
+    known = VARIANTS | MECHANISM_LINES
+    if variant not in known:
+        raise InputError(f"variant {variant!r}", allowed=", ".join(known))
+    return known[variant](Settings(seed=seed))

@@ -37,7 +37,8 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
         fits: Makes the fits.
         tried: The attempt, of a still scene.
     """
-    if fits.halt.asked or not fits.is_order_open(tried.geometry):
+    left_out = "occlusion" in fits.settings.left_out
+    if left_out or fits.halt.asked or not fits.is_order_open(tried.geometry):
         return fits.completed(tried)
     fits.progress.say("Near and far may still be exchanged: a fit of the other order shows what would hide what.")
     other = _turned(fits, tried)

@@ -114,7 +114,7 @@ class Attempts:
         geometry = still.look.geometry
         sure = geometry.verdict == "full" and not is_doubtful(geometry, self.fits.settings.geometry.criteria)
         settled = not sure and _clearly_less(residuals.get(MOVING), residuals[STILL])
-        if not (settled or self.fits.halt.asked):
+        if not (settled or self.fits.halt.asked or "released fits" in self.fits.settings.left_out):
             attempts[RELEASED] = self.fits.release(still)
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views, first.decoded)
         tried = self._moving_or_still(attempts, residuals)
@@ -138,7 +138,8 @@ class Attempts:
             again = self._in_order(again, views)
         if again is not None and not self.fits.halt.asked:
             attempts["second look"] = self.fits.attempt(again, views, How(alone=True, rival=self._rival(tried)))
-        if needs_rest(first) and not self.fits.halt.asked:
+        may_rest = "rest as rival" not in self.fits.settings.left_out
+        if may_rest and needs_rest(first) and not self.fits.halt.asked:
             how = How(alone=True, rival=self._rival(tried))
             attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
         if len(attempts) == 1:
@@ -159,7 +160,7 @@ class Attempts:
         """
         settings, source = self.fits.settings, first.geometry.source
         path = tried.ensemble.best.world_to_camera
-        matched = source == FromWide.name or joins_in_part(first)
+        matched = source == FromWide.name or joins_in_part(first) or "matches in a longer decode" in settings.left_out
         may_match = settings.poses == "auto" and settings.may_look_again and source in ESTIMATED and not matched
         if self.fits.halt.asked or not (may_match and (turns_far(path) or self._is_behind_decode(tried))):
             return first, tried
@@ -190,7 +191,8 @@ class Attempts:
         return Rival(looks, self.fits.settings.fit.iterations)
 
     def _may_look_again(self, first: FirstLook) -> bool:
-        return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
+        may = self.fits.settings.may_look_again and "second look" not in self.fits.settings.left_out
+        return may and is_wanted(first.geometry, self.fits.settings.geometry)
 
     def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
@@ -216,6 +218,8 @@ class Attempts:
         asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
         if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
             return asked
+        if "patch test of motion" in self.fits.settings.left_out:
+            return replace(asked, gain=1.0)
         refined = self.fits.refine(views)
         further = [patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())]
         if still.look.decoder == "patches":

@@ -13,7 +13,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Code
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
@@ -91,7 +91,10 @@ class Fits:
         geometry = first.geometry
         if not self._is_order_open(geometry):
             return first
-        if self._tries_orders and not hurried:
+        if "short fits of both orders" in self.settings.left_out:
+            said = finding(Code.DEPTH_ORDER_OPEN, errors=abs(geometry.order_errors or 0.0))
+            geometry = replace(geometry, notes=(*geometry.notes, said))
+        elif self._tries_orders and not hurried:
             if not may_be_reversed(geometry):
                 return first
             geometry = self._compared_orders(first)

@@ -45,5 +45,6 @@ def surface_map(
     others = np.delete(np.arange(len(views)), reference)
     spread = np.unique(np.linspace(0, len(others) - 1, min(_OTHERS, len(others))).round().astype(int))
     order = [reference, *others[spread]]
-    whole = continued(swept, views[order], world_to_camera[order], intrinsics, settings.blur_px, settings.window_px)
-    return snapped(whole, views[reference]) if edges else whole
+    if settings.plain:
+        swept = continued(swept, views[order], world_to_camera[order], intrinsics, settings.blur_px, settings.window_px)
+    return snapped(swept, views[reference]) if edges and settings.snap else swept

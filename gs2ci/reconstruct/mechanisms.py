@@ -1,0 +1,191 @@
+"""The mechanisms of a reconstruction, each with the switch that leaves it out: what `gs2ci tables` can take away.
+
+A mechanism is a step without which a reconstruction still works, and which has to show on new data that it is worth its
+time and its code (CONTRIBUTING, "How to change quality"). Figures of each, and of those that were deleted, are in
+docs/mechanisms.md.
+
+Here: names, switches, and the decisions that let them in. Not here: the components of the paper's own ablation
+(`presets.ablation`), the table (`gs2ci.tables.mechanism_table`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.settings import Settings
+
+Switch = Callable[[Settings], Settings]
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One mechanism.
+
+    Args:
+        name: In tables and on the command line.
+        what: What it does, in one sentence.
+        without: Returns settings that leave it out.
+        decision: The number of the record that let it in.
+    """
+
+    name: str
+    what: str
+    without: Switch
+    decision: str
+
+
+def _set(settings: Settings, **changes: Any) -> Settings:
+    return replace(settings, **changes)
+
+
+def _fit(settings: Settings, **changes: Any) -> Settings:
+    return replace(settings, fit=replace(settings.fit, **changes))
+
+
+def _surfaces(settings: Settings, change: Callable[[SurfaceSettings], SurfaceSettings]) -> Settings:
+    surfaces = settings.fit.surfaces
+    return settings if surfaces is None else _fit(settings, surfaces=change(surfaces))
+
+
+def _sweeps(settings: Settings, **changes: bool) -> Settings:
+    """Change the sweeps of decoded views and those of the fits' views."""
+
+    def changed(sweep: SweepSettings) -> SweepSettings:
+        return replace(sweep, **changes)
+
+    geometry = replace(settings.geometry, sweep=changed(settings.geometry.sweep))
+    return _surfaces(replace(settings, geometry=geometry), lambda one: replace(one, sweep=changed(one.sweep)))
+
+
+def _without_planes(surfaces: SurfaceSettings) -> SurfaceSettings:
+    return replace(surfaces, searches=tuple(replace(one, asks_measurement=False) for one in surfaces.searches))
+
+
+def _steps_in_scene(fit: CoarseSettings) -> CoarseSettings:
+    return replace(fit, steps=replace(fit.steps, in_view=None))
+
+
+def _left_out(name: LeftOut, settings: Settings) -> Settings:
+    geometry = replace(settings.geometry, left_out=(*settings.geometry.left_out, name))
+    return replace(settings, left_out=(*settings.left_out, name), geometry=geometry)
+
+
+_NAMED: Final[dict[LeftOut, tuple[str, str]]] = {
+    "adjustment of points": ("0009", "points may leave the rays of their corners in a second bundle adjustment"),
+    "cancelling errors": ("0083", "where patches explained much, errors of scenes are taken to cancel along the views"),
+    "coupled decode": ("0005", "the decode that may join the delivered views may smooth between consecutive views"),
+    "decode weighs noise": ("0129", "the decode that may join the delivered views weighs the noise of the readings"),
+    "dense polish": ("0059", "refined views of scenes in which things may move are decoded on by dense patches"),
+    "displacements": ("0127", "the path that explains displacements of blocks of the measurement replaces worse ones"),
+    "errors over time": ("0125", "views that surely err over time are replaced by those of the decode"),
+    "matches in a longer decode": ("0115", "features of all pairs of views are matched again in a longer decode"),
+    "occlusion": ("0139", "whole fits of both orders of depth show which one hides what the views do not show"),
+    "patch test of motion": ("0053", "before moving scenes are fitted, four steps of patches must explain more"),
+    "released fits": ("0053", "still fits are continued with motion as a second moving scene"),
+    "rest as rival": ("0070", "a uniform motion without tracks competes with a camera at rest"),
+    "rest from the measurement": ("0126", "a camera at rest is recognised in the measurement before any decode"),
+    "second look": ("0037", "a doubtful or missing path is estimated again from the views of a fit"),
+    "short fits of both orders": ("0038", "short fits from both orders of depth choose one where tracks do not"),
+    "tracks sought twice": ("0007", "tracks are sought again where a rough depth map predicts them"),
+    "uniform motion": ("0013", "the uniform motion that explains the measurement best, where nothing can be tracked"),
+    "wide matches": ("0116", "a scene grown from features matched between all pairs of views, where tracks fail"),
+}
+
+MECHANISMS: Final[tuple[Mechanism, ...]] = (
+    Mechanism(
+        "registration",
+        "masks are corrected as far as the measurement shows them to be wrong",
+        lambda settings: _set(settings, registration=replace(settings.registration, mode="off")),
+        "0044",
+    ),
+    Mechanism(
+        "brightness",
+        "weights of the masks are corrected from the measurement",
+        lambda settings: _set(settings, brightness=replace(settings.brightness, rounds=0)),
+        "0004",
+    ),
+    Mechanism("second fit", "the views are the mean of two fits", partial(_set, fits=1), "0017"),
+    Mechanism(
+        "generous companion",
+        "the second fit has a density rule that splits more",
+        partial(_set, second_density=None),
+        "0016",
+    ),
+    Mechanism(
+        "moments within masks",
+        "a mask behind which the camera moves has several poses",
+        lambda settings: _set(settings, mask_moments=replace(settings.mask_moments, within_mask="still")),
+        "0110",
+    ),
+    Mechanism(
+        "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "0058"
+    ),
+    Mechanism(
+        "depth field",
+        "a smooth field moves the depths of whole regions",
+        lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
+        "0097",
+    ),
+    Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "0058"),
+    Mechanism(
+        "margin",
+        "the scene is continued beyond the borders of all views",
+        lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
+        "0120",
+    ),
+    Mechanism(
+        "planes by evidence",
+        "plain areas lie on planes that the measurement prefers",
+        lambda settings: _surfaces(settings, _without_planes),
+        "0093",
+    ),
+    Mechanism(
+        "plain-area votes",
+        "plain areas of a depth map are moved to the surface of like colours around",
+        partial(_sweeps, plain=False),
+        "0068",
+    ),
+    Mechanism(
+        "snapped jumps", "jumps of a depth map are moved to edges of its view", partial(_sweeps, snap=False), "0072"
+    ),
+    Mechanism(
+        "steps in the reference view",
+        "positions step in pixels of the reference view",
+        lambda settings: replace(settings, fit=_steps_in_scene(settings.fit)),
+        "0108",
+    ),
+    Mechanism(
+        "pose refinement",
+        "poses are fitted together with the scene",
+        lambda settings: _fit(settings, poses=replace(settings.fit.poses, refine=False)),
+        "0025",
+    ),
+    Mechanism("residual", "the residual of the scene is decoded and added", partial(_set, residual=None), "0021"),
+    Mechanism("polish", "refined views are decoded on by similar patches", partial(_set, polish=None), "0095"),
+    Mechanism(
+        "long decode",
+        "the decode by similar patches that may join or start fits",
+        partial(_set, long_decode=None),
+        "0074",
+    ),
+    *(Mechanism(name, what, partial(_left_out, name), decision) for name, (decision, what) in _NAMED.items()),
+)
+"""In the order in which a reconstruction comes to them, as far as there is one."""
+
+
+def mechanism(name: str) -> Mechanism:
+    """Return a mechanism by its name.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    for one in MECHANISMS:
+        if one.name == name:
+            return one
+    raise InputError(f"mechanism {name!r}", allowed=", ".join(one.name for one in MECHANISMS))

@@ -1,0 +1,45 @@
+"""Every mechanism can be left out, and says what it does."""
+
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.mechanisms import MECHANISMS, mechanism
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.reconstruct.settings import Settings
+
+DECISIONS = Path(__file__).parents[2] / "docs" / "decisions"
+NAMES = [one.name for one in MECHANISMS]
+
+
+@pytest.mark.parametrize("one", MECHANISMS, ids=NAMES)
+def test_a_switch_changes_the_settings_into_others_that_make_sense(one):
+    left = one.without(Settings())
+    assert left != Settings()
+    left.check()
+    assert one.without(left) == left or one.name in get_args(LeftOut)
+
+
+@pytest.mark.parametrize("one", MECHANISMS, ids=NAMES)
+def test_a_mechanism_has_a_sentence_and_the_record_that_let_it_in(one):
+    assert len(one.what.split()) > 3
+    assert len(list((DECISIONS).glob(f"{one.decision}-*.md"))) == 1
+
+
+def test_what_has_no_setting_of_its_own_is_a_mechanism():
+    assert len(set(NAMES)) == len(NAMES)
+    assert set(get_args(LeftOut)) <= set(NAMES)
+
+
+def test_switches_of_surfaces_leave_settings_without_surfaces_alone():
+    paper = preset("paper")
+    for name in ("depth field", "margin", "planes by evidence"):
+        assert mechanism(name).without(paper).fit.surfaces is None
+
+
+def test_an_unknown_mechanism_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="depth field"):
+        mechanism("luck")
