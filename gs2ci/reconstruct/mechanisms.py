@@ -5,7 +5,7 @@ time and its code (CONTRIBUTING, "How to change quality"). Figures of each, and 
 docs/mechanisms.md.
 
 Here: names, switches, and the decisions that let them in. Not here: the components of the paper's own ablation
-(`presets.ablation`), the table (`gs2ci.tables.mechanism_table`).
+(`presets.ablation`), the table (`gs2ci.tables.paired`).
 """
 
 from collections.abc import Callable
