@@ -126,12 +126,6 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     Mechanism(
         "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "0058"
     ),
-    Mechanism(
-        "depth field",
-        "a smooth field moves the depths of whole regions",
-        lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
-        "0097",
-    ),
     Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "0058"),
     Mechanism(
         "margin",

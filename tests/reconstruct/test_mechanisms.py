@@ -36,10 +36,10 @@ def test_what_has_no_setting_of_its_own_is_a_mechanism():
 
 def test_switches_of_surfaces_leave_settings_without_surfaces_alone():
     paper = preset("paper")
-    for name in ("depth field", "margin", "planes by evidence"):
+    for name in ("margin", "planes by evidence"):
         assert mechanism(name).without(paper).fit.surfaces is None
 
 
 def test_an_unknown_mechanism_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="depth field"):
+    with pytest.raises(InputError, match="second fit"):
         mechanism("luck")
