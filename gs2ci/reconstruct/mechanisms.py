@@ -146,9 +146,6 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "0068",
     ),
     Mechanism(
-        "snapped jumps", "jumps of a depth map are moved to edges of its view", partial(_sweeps, snap=False), "0072"
-    ),
-    Mechanism(
         "steps in the reference view",
         "positions step in pixels of the reference view",
         lambda settings: replace(settings, fit=_steps_in_scene(settings.fit)),

@@ -257,7 +257,7 @@ def find_surfaces(
         order = [view, *others]
         swept.append(order)
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep, edges=True))
+        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep))
     parallax_px = float(intrinsics[0, 0]) * extent
     if readings is not None:
         maps = _with_planes(readings, maps, straight, world_to_camera, intrinsics, swept, (span, parallax_px))

@@ -327,9 +327,7 @@ def _second_look(
 
 def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
     span = inverse_depth_range(motion.inverse_depth, settings)
-    return surface_map(
-        views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings, edges=False
-    )
+    return surface_map(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:

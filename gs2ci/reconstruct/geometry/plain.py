@@ -6,8 +6,7 @@ picture. Here each plain pixel gets votes on its depth from pixels of similar co
 extended as planes. If the median of the votes is another surface, and the views agree there nearly as well, the pixel
 is moved to it.
 
-Here: slopes, votes, and the comparison of the views. Not here: edges within a few pixels (`snapping`), the sweep
-(`sweep`).
+Here: slopes, votes, and the comparison of the views. Not here: the sweep (`sweep`).
 """
 
 from typing import Final

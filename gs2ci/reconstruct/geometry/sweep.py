@@ -43,7 +43,6 @@ class SweepSettings(Bounded):
         window_px: Side of the window over which views are compared.
         blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
         plain: Whether plain areas are moved to the surface that they belong to (`plain`).
-        snap: Whether jumps of depth are moved to edges of the view where these are good enough (`snapping`).
     """
 
     planes: Annotated[int, Field(ge=LEAST_PLANES)] = 96
@@ -53,7 +52,6 @@ class SweepSettings(Bounded):
     window_px: Annotated[int, Field(ge=1, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 7
     blur_px: Positive = RESIDUE_BLUR_PX
     plain: bool = True
-    snap: bool = True
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
