@@ -63,10 +63,6 @@ def _sweeps(settings: Settings, **changes: bool) -> Settings:
     return _surfaces(replace(settings, geometry=geometry), lambda one: replace(one, sweep=changed(one.sweep)))
 
 
-def _without_planes(surfaces: SurfaceSettings) -> SurfaceSettings:
-    return replace(surfaces, searches=tuple(replace(one, asks_measurement=False) for one in surfaces.searches))
-
-
 def _steps_in_scene(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, steps=replace(fit.steps, in_view=None))
 
@@ -132,12 +128,6 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "the scene is continued beyond the borders of all views",
         lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
         "0120",
-    ),
-    Mechanism(
-        "planes by evidence",
-        "plain areas lie on planes that the measurement prefers",
-        lambda settings: _surfaces(settings, _without_planes),
-        "0093",
     ),
     Mechanism(
         "plain-area votes",

@@ -1,6 +1,6 @@
 """Calls of the kernels that a small reconstruction does not reach, so that they can be compiled in advance.
 
-Its scene has no plain area, its masks lie where they should, its decode does not couple views, and its Gaussians look
+Its masks lie where they should, its decode does not couple views, and its Gaussians look
 the same from everywhere. Here: one call of each, with arguments of the types that the product hands over; results are
 dropped. A kernel that is reached neither here nor by that reconstruction is found by `make wheel`. Not here: the
 reconstruction (`gs2ci.api.preparing`).
@@ -13,8 +13,6 @@ import torch
 
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.fit.losses import LossWeights, add_regularisers
-from gs2ci.reconstruct.geometry.sightlines import Sightlines
-from gs2ci.reconstruct.geometry.texture_kernels import prediction_errors
 from gs2ci.reconstruct.registration.sharpen import unshifted
 from gs2ci.reconstruct.registration.widening import widened
 from gs2ci.render.backend import load_backend
@@ -26,21 +24,9 @@ _INTRINSICS = np.array([[8.0, 0, 4], [0, 8.0, 4], [0, 0, 1]])
 
 def call_other_kernels() -> None:
     """Call each once."""
-    _of_plain_areas()
     _of_registration()
     TotalVariation(coupling=0.5)(np.zeros((2, 1, *_SIZE), np.float32), 0.1)
     _of_scenes()
-
-
-def _of_plain_areas() -> None:
-    at = np.arange(_SIZE[0], dtype=np.int64)
-    lines = Sightlines.of(np.ones((2, *_SIZE), np.float32), at, at, np.ones((len(at), 3)))
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    lines.on_map(np.ones(_SIZE, np.float32), poses, _INTRINSICS)
-    places = lines.on_planes(np.array([[0.0, 0.0, 1.0]]), poses, _INTRINSICS)
-    nowhere = np.zeros(len(at), np.int64)
-    slow = np.zeros((1, *_SIZE), np.float32)
-    prediction_errors(places, lines, np.zeros(len(at)), slow, nowhere, nowhere, 1, np.ones(1))
 
 
 def _of_registration() -> None:

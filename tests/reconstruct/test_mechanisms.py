@@ -36,7 +36,7 @@ def test_what_has_no_setting_of_its_own_is_a_mechanism():
 
 def test_switches_of_surfaces_leave_settings_without_surfaces_alone():
     paper = preset("paper")
-    for name in ("margin", "planes by evidence"):
+    for name in ("margin",):
         assert mechanism(name).without(paper).fit.surfaces is None
 
 

@@ -124,13 +124,6 @@ def plain_pixels(view: F32) -> Bool:
     return plain
 
 
-def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
-    """Return the rays of the pixels of a picture of this height and width, at z = 1, [H, W, 3]."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-    rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
-    return rays
-
-
 @numba.njit(cache=True)
 def _likeness(view, r, c, i, j, sigma):
     """Return the similarity of the colours of two pixels of a view, [H, W, C]: 1 if equal, towards 0 if different."""
