@@ -277,10 +277,7 @@ def _description(
 def mechanisms_page() -> str:
     """Write the mechanisms and the presets' constants; what follows them is a text of its own, and stays."""
     kept = (DOCS / "mechanisms.md").read_text(encoding="utf-8").partition(_FIGURES_HEAD)[2]
-    records = {path.name[:4]: path.name for path in (DOCS / "decisions").glob("*.md")}
-    listed = [
-        f"| {one.name} | {one.what} | [{one.decision}](decisions/{records[one.decision]}) |" for one in MECHANISMS
-    ]
+    listed = [f"| {one.name} | {one.what} | [{one.decision}](decisions/{one.decision}.md) |" for one in MECHANISMS]
     constants = {name: dict(_constants(preset(name), "")) for name in PRESETS}
     names = dict.fromkeys(key for found in constants.values() for key, value in found.items() if value is not None)
     rows = [

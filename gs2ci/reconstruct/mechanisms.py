@@ -31,7 +31,7 @@ class Mechanism:
         name: In tables and on the command line.
         what: What it does, in one sentence.
         without: Returns settings that leave it out.
-        decision: The number of the record that let it in.
+        decision: The record that let it in, by its file's name in docs/decisions.
     """
 
     name: str
@@ -72,25 +72,42 @@ def _left_out(name: LeftOut, settings: Settings) -> Settings:
     return replace(settings, left_out=(*settings.left_out, name), geometry=geometry)
 
 
-_NAMED: Final[dict[LeftOut, tuple[str, str]]] = {
-    "adjustment of points": ("0009", "points may leave the rays of their corners in a second bundle adjustment"),
-    "cancelling errors": ("0083", "where patches explained much, errors of scenes are taken to cancel along the views"),
-    "coupled decode": ("0005", "the decode that may join the delivered views may smooth between consecutive views"),
-    "decode weighs noise": ("0129", "the decode that may join the delivered views weighs the noise of the readings"),
-    "dense polish": ("0059", "refined views of scenes in which things may move are decoded on by dense patches"),
-    "displacements": ("0127", "the path that explains displacements of blocks of the measurement replaces worse ones"),
-    "errors over time": ("0125", "views that surely err over time are replaced by those of the decode"),
-    "matches in a longer decode": ("0115", "features of all pairs of views are matched again in a longer decode"),
-    "occlusion": ("0139", "whole fits of both orders of depth show which one hides what the views do not show"),
-    "patch test of motion": ("0053", "before moving scenes are fitted, four steps of patches must explain more"),
-    "released fits": ("0053", "still fits are continued with motion as a second moving scene"),
-    "rest as rival": ("0070", "a uniform motion without tracks competes with a camera at rest"),
-    "rest from the measurement": ("0126", "a camera at rest is recognised in the measurement before any decode"),
-    "second look": ("0037", "a doubtful or missing path is estimated again from the views of a fit"),
-    "short fits of both orders": ("0038", "short fits from both orders of depth choose one where tracks do not"),
-    "tracks sought twice": ("0007", "tracks are sought again where a rough depth map predicts them"),
-    "uniform motion": ("0013", "the uniform motion that explains the measurement best, where nothing can be tracked"),
-    "wide matches": ("0116", "a scene grown from features matched between all pairs of views, where tracks fail"),
+_REFINED: Final = "residual-and-polish"
+_NAMED: Final[dict[str, dict[LeftOut, str]]] = {
+    "sources-of-geometry": {
+        "tracks sought twice": "tracks are sought again where a rough depth map predicts them",
+        "adjustment of points": "points may leave the rays of their corners in a second bundle adjustment",
+        "uniform motion": "the uniform motion that explains the measurement best, where nothing can be tracked",
+    },
+    "small-motions": {
+        "rest from the measurement": "a camera at rest is recognised in the measurement before any decode",
+        "displacements": "the path that explains displacements of blocks of the measurement replaces worse ones",
+    },
+    "wide-baseline": {
+        "wide matches": "a scene grown from features matched between all pairs of views, where tracks fail",
+        "matches in a longer decode": "features of all pairs of views are matched again in a longer decode",
+    },
+    "depth-order": {
+        "short fits of both orders": "short fits from both orders of depth choose one where tracks do not",
+        "occlusion": "whole fits of both orders of depth show which one hides what the views do not show",
+    },
+    "path-from-fits": {
+        "second look": "a doubtful or missing path is estimated again from the views of a fit",
+        "rest as rival": "a uniform motion without tracks competes with a camera at rest",
+    },
+    "moving-scenes": {
+        "patch test of motion": "before moving scenes are fitted, four steps of patches must explain more",
+        "released fits": "still fits are continued with motion as a second moving scene",
+        "dense polish": "refined views of scenes in which things may move are decoded on by dense patches",
+    },
+    "combination": {
+        "errors over time": "views that surely err over time are replaced by those of the decode",
+        "cancelling errors": "where patches explained much, errors of scenes are taken to cancel along the views",
+        "coupled decode": "the decode that may join the delivered views may smooth between consecutive views",
+    },
+    "noise-in-decodes": {
+        "decode weighs noise": "the decode that may join the delivered views weighs the noise of the readings",
+    },
 }
 
 MECHANISMS: Final[tuple[Mechanism, ...]] = (
@@ -98,64 +115,75 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "registration",
         "masks are corrected as far as the measurement shows them to be wrong",
         lambda settings: _set(settings, registration=replace(settings.registration, mode="off")),
-        "0044",
+        "registration",
     ),
     Mechanism(
         "brightness",
         "weights of the masks are corrected from the measurement",
         lambda settings: _set(settings, brightness=replace(settings.brightness, rounds=0)),
-        "0004",
+        "brightness",
     ),
-    Mechanism("second fit", "the views are the mean of two fits", partial(_set, fits=1), "0017"),
+    Mechanism("second fit", "the views are the mean of two fits", partial(_set, fits=1), "several-fits"),
     Mechanism(
         "generous companion",
         "the second fit has a density rule that splits more",
         partial(_set, second_density=None),
-        "0016",
+        "several-fits",
     ),
     Mechanism(
         "moments within masks",
         "a mask behind which the camera moves has several poses",
         lambda settings: _set(settings, mask_moments=replace(settings.mask_moments, within_mask="still")),
-        "0110",
+        "sub-exposure-samples",
     ),
     Mechanism(
-        "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "0058"
+        "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "surfaces"
     ),
-    Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "0058"),
+    Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "steps"),
     Mechanism(
         "margin",
         "the scene is continued beyond the borders of all views",
         lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
-        "0120",
+        "beyond-the-borders",
     ),
     Mechanism(
         "plain-area votes",
         "plain areas of a depth map are moved to the surface of like colours around",
         partial(_sweeps, plain=False),
-        "0068",
+        "surfaces",
     ),
     Mechanism(
         "steps in the reference view",
         "positions step in pixels of the reference view",
         lambda settings: replace(settings, fit=_steps_in_scene(settings.fit)),
-        "0108",
+        "steps",
     ),
     Mechanism(
         "pose refinement",
         "poses are fitted together with the scene",
         lambda settings: _fit(settings, poses=replace(settings.fit.poses, refine=False)),
-        "0025",
+        "steps",
     ),
-    Mechanism("residual", "the residual of the scene is decoded and added", partial(_set, residual=None), "0021"),
-    Mechanism("polish", "refined views are decoded on by similar patches", partial(_set, polish=None), "0095"),
+    Mechanism(
+        "residual",
+        "the residual of the scene is decoded and added",
+        partial(_set, residual=None),
+        "residual-and-polish",
+    ),
+    Mechanism(
+        "polish", "refined views are decoded on by similar patches", partial(_set, polish=None), "residual-and-polish"
+    ),
     Mechanism(
         "long decode",
         "the decode by similar patches that may join or start fits",
         partial(_set, long_decode=None),
-        "0074",
+        "patch-decoder",
     ),
-    *(Mechanism(name, what, partial(_left_out, name), decision) for name, (decision, what) in _NAMED.items()),
+    *(
+        Mechanism(name, what, partial(_left_out, name), decision)
+        for decision, named in _NAMED.items()
+        for name, what in named.items()
+    ),
 )
 """In the order in which a reconstruction comes to them, as far as there is one."""
 
