@@ -28,7 +28,16 @@ from gs2ci.tables.columns import (
 from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
-from gs2ci.tables.variants import ABLATION, GEOMETRY, MECHANISM_LINES, ON_PAPERS_SCHEDULE, PAPER, RULES, VARIANTS
+from gs2ci.tables.variants import (
+    ABLATION,
+    GEOMETRY,
+    MECHANISM_LINES,
+    MECHANISM_LINES_IN_ONE_FIT,
+    ON_PAPERS_SCHEDULE,
+    PAPER,
+    RULES,
+    VARIANTS,
+)
 from gs2ci.tables.works import initialise_case, reconstruct_case
 from gs2ci_sims.scenes.files import scene_names
 
@@ -180,14 +189,20 @@ def _variants(
 
 
 def _mechanisms(options: TableOptions) -> list[TableEntry]:
-    """Make a line without each mechanism, or without those named, and always the default that it is compared with."""
-    chosen = dict.fromkeys(("default", *_chosen(("default", *MECHANISM_LINES), options.lines)))
+    """Make a line without each mechanism, or without those named, and always the line that it is compared with."""
+    named = _chosen(("default", *MECHANISM_LINES), options.lines, ("one fit", *MECHANISM_LINES_IN_ONE_FIT))
+    chosen = dict.fromkeys(one for line in named for one in (compared_with(line), line))
     return [
         TableEntry(case.name, line, reconstruction(case, line, FRESH_SEED + seed))
         for case in options.cases
         for line in chosen
         for seed in range(options.seeds)
     ]
+
+
+def compared_with(line: str) -> str:
+    """Return the line of the table of mechanisms that a line is compared with."""
+    return "one fit" if line in MECHANISM_LINES_IN_ONE_FIT else "default"
 
 
 def _of_literature(options: TableOptions) -> list[TableEntry]:
@@ -297,7 +312,8 @@ TABLES: Final[dict[TableName, Table]] = {
     ),
     "mechanisms": Table(
         "Mechanisms",
-        "The default, and the default without one mechanism at a time, on measurements that no mechanism was made on.",
+        "The default, and the default without one mechanism at a time, on measurements that no mechanism was made on. "
+        "Lines in one fit (`one fit, no margin`) are made only if `--lines` names them.",
         _mechanisms,
         MECHANISM,
         mechanism_cases,

@@ -12,10 +12,10 @@ from typing import Any, Final
 
 from gs2ci.core.whole_file import write_whole
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.tables.catalogue import TableEntry
+from gs2ci.tables.catalogue import TableEntry, compared_with
 from gs2ci.tables.store import Row
+from gs2ci.tables.variants import IN_ONE_FIT, MECHANISM_LINES, MECHANISM_LINES_IN_ONE_FIT
 
-DEFAULT: Final = "default"
 QUALITIES: Final = {
     "psnr_db": "views",
     "scene_psnr_db": "scene",
@@ -103,9 +103,10 @@ def paired(entries: Sequence[TableEntry], rows: Sequence[Row]) -> list[Costs]:
         (entry.line, entry.case, entry.cell.arguments["seed"]): row for entry, row in zip(entries, rows, strict=True)
     }
     found = []
-    for line in dict.fromkeys(entry.line for entry in entries if entry.line != DEFAULT):
+    lines = MECHANISM_LINES | MECHANISM_LINES_IN_ONE_FIT
+    for line in dict.fromkeys(entry.line for entry in entries if entry.line in lines):
         pairs = [
-            (case, at.get((DEFAULT, case, seed), {"error": "not made"}), row)
+            (case, at.get((compared_with(line), case, seed), {"error": "not made"}), row)
             for (name, case, seed), row in at.items()
             if name == line
         ]
@@ -167,7 +168,9 @@ def paired_markdown(costs: Sequence[Costs], command: str) -> str:
         "|---|" + "---:|" * (len(_TITLES) - 2) + "---|",
     ]
     for one in costs:
-        named = [one.line.removeprefix("no "), decisions.get(one.line, "")]
+        plain = one.line.removeprefix(IN_ONE_FIT)
+        name = plain.removeprefix("no ") + (", in one fit" if plain != one.line else "")
+        named = [name, decisions.get(plain, "")]
         lines.append("| " + " | ".join((*named, *_cells(one), "; ".join(one.reasons) or "no")) + " |")
     return "\n".join(lines) + "\n"
 

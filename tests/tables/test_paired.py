@@ -1,7 +1,7 @@
 """What leaving a mechanism out costs, from the rows of a table."""
 
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import TableEntry, reconstruction
+from gs2ci.tables.catalogue import TableEntry, compared_with, reconstruction
 from gs2ci.tables.paired import paired, paired_markdown, write_paired
 
 GOOD = {
@@ -25,7 +25,7 @@ def costs_of(*pairs, line=LINE):
     entries, rows = [], []
     for number, (base, without) in enumerate(pairs):
         case = Case(f"case {number}", scene="boxes")
-        for name, row in (("default", base), (line, without)):
+        for name, row in ((compared_with(line), base), (line, without)):
             entries.append(TableEntry(case.name, name, reconstruction(case, name, 1)))
             rows.append(row)
     (found,) = paired(entries, rows)
@@ -79,3 +79,9 @@ def test_a_real_exposure_is_judged_by_what_it_leaves(tmp_path):
     assert (
         "| margin | beyond-the-borders | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
     )
+
+
+def test_a_line_in_one_fit_is_compared_with_one_fit():
+    found = costs_of((GOOD, GOOD | {"psnr_db": 29.0}), line="one fit, no margin")
+    assert found.mean_db("psnr_db") == 1.0
+    assert "| margin, in one fit | beyond-the-borders | 1 | +1.00 |" in paired_markdown([found], "the command")
