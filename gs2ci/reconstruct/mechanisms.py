@@ -75,38 +75,38 @@ def _left_out(name: LeftOut, settings: Settings) -> Settings:
 _REFINED: Final = "residual-and-polish"
 _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "sources-of-geometry": {
-        "tracks sought twice": "tracks are sought again where a rough depth map predicts them",
-        "adjustment of points": "points may leave the rays of their corners in a second bundle adjustment",
-        "uniform motion": "the uniform motion that explains the measurement best, where nothing can be tracked",
+        LeftOut.TRACKS_SOUGHT_TWICE: "tracks are sought again where a rough depth map predicts them",
+        LeftOut.ADJUSTMENT_OF_POINTS: "points may leave the rays of their corners in a second bundle adjustment",
+        LeftOut.UNIFORM_MOTION: "the uniform motion that explains the measurement best, where nothing can be tracked",
     },
     "small-motions": {
-        "rest from the measurement": "a camera at rest is recognised in the measurement before any decode",
-        "displacements": "the path that explains displacements of blocks of the measurement replaces worse ones",
+        LeftOut.REST_FROM_THE_MEASUREMENT: "a camera at rest is recognised in the measurement before any decode",
+        LeftOut.DISPLACEMENTS: "the path that explains displacements of blocks of the measurement replaces worse ones",
     },
     "wide-baseline": {
-        "wide matches": "a scene grown from features matched between all pairs of views, where tracks fail",
-        "matches in a longer decode": "features of all pairs of views are matched again in a longer decode",
+        LeftOut.WIDE_MATCHES: "a scene grown from features matched between all pairs of views, where tracks fail",
+        LeftOut.MATCHES_IN_A_LONGER_DECODE: "features of all pairs of views are matched again in a longer decode",
     },
     "depth-order": {
-        "short fits of both orders": "short fits from both orders of depth choose one where tracks do not",
-        "occlusion": "whole fits of both orders of depth show which one hides what the views do not show",
+        LeftOut.SHORT_FITS_OF_BOTH_ORDERS: "short fits from both orders of depth choose one where tracks do not",
+        LeftOut.OCCLUSION: "whole fits of both orders of depth show which one hides what the views do not show",
     },
     "path-from-fits": {
-        "second look": "a doubtful or missing path is estimated again from the views of a fit",
-        "rest as rival": "a uniform motion without tracks competes with a camera at rest",
+        LeftOut.SECOND_LOOK: "a doubtful or missing path is estimated again from the views of a fit",
+        LeftOut.REST_AS_RIVAL: "a uniform motion without tracks competes with a camera at rest",
     },
     "moving-scenes": {
-        "patch test of motion": "before moving scenes are fitted, four steps of patches must explain more",
-        "released fits": "still fits are continued with motion as a second moving scene",
-        "dense polish": "refined views of scenes in which things may move are decoded on by dense patches",
+        LeftOut.PATCH_TEST_OF_MOTION: "before moving scenes are fitted, four steps of patches must explain more",
+        LeftOut.RELEASED_FITS: "still fits are continued with motion as a second moving scene",
+        LeftOut.DENSE_POLISH: "refined views of scenes in which things may move are decoded on by dense patches",
     },
     "combination": {
-        "errors over time": "views that surely err over time are replaced by those of the decode",
-        "cancelling errors": "where patches explained much, errors of scenes are taken to cancel along the views",
-        "coupled decode": "the decode that may join the delivered views may smooth between consecutive views",
+        LeftOut.ERRORS_OVER_TIME: "views that surely err over time are replaced by those of the decode",
+        LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
+        LeftOut.COUPLED_DECODE: "the decode that may join the delivered views may smooth between consecutive views",
     },
     "noise-in-decodes": {
-        "decode weighs noise": "the decode that may join the delivered views weighs the noise of the readings",
+        LeftOut.DECODE_WEIGHS_NOISE: "the decode that may join the delivered views weighs the noise of the readings",
     },
 }
 
@@ -180,7 +180,7 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "patch-decoder",
     ),
     *(
-        Mechanism(name, what, partial(_left_out, name), decision)
+        Mechanism(name.value, what, partial(_left_out, name), decision)
         for decision, named in _NAMED.items()
         for name, what in named.items()
     ),

@@ -247,7 +247,7 @@ def _found_twice(
         moved: Whether the camera is known to have moved; otherwise the tracks must show it.
     """
     first = _found(flat, tracks, known_poses, settings, moved=moved)
-    if first.geometry.verdict != "full" or "tracks sought twice" in settings.left_out:
+    if first.geometry.verdict != "full" or LeftOut.TRACKS_SOUGHT_TWICE in settings.left_out:
         return first
     second = _found(flat, again(first, tracks), known_poses, settings, moved=moved)
     return second if second.geometry.verdict == "full" else first
@@ -275,7 +275,7 @@ def _found(
         return _Found(_moved(flat, candidates, kept, motion, settings, moved=True, posed=True), motion, kept)
     motion, kept = estimate_motion(tracks, flat.intrinsics, how)
     first = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    if first.geometry.verdict != "full" or "adjustment of points" in settings.left_out:
+    if first.geometry.verdict != "full" or LeftOut.ADJUSTMENT_OF_POINTS in settings.left_out:
         return first
     return _freed(first, flat, candidates, settings, moved=moved)
 
