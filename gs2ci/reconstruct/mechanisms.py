@@ -139,6 +139,12 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     Mechanism(
         "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "surfaces"
     ),
+    Mechanism(
+        "depth field",
+        "a smooth field moves the depths of whole regions",
+        lambda settings: _surfaces(settings, lambda one: replace(one, depth_field=None)),
+        "steps",
+    ),
     Mechanism("relief exchange", "turning of cameras is exchanged for travel", partial(_fit, relief=None), "steps"),
     Mechanism(
         "margin",

@@ -35,7 +35,8 @@ def test_what_has_no_setting_of_its_own_is_a_mechanism():
 
 
 def test_switches_of_surfaces_leave_settings_without_surfaces_alone():
-    assert mechanism("margin").without(preset("paper")).fit.surfaces is None
+    for name in ("depth field", "margin"):
+        assert mechanism(name).without(preset("paper")).fit.surfaces is None
 
 
 def test_an_unknown_mechanism_is_refused_with_the_known_ones():

@@ -16,6 +16,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import change_among
+from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Decode
 from gs2ci.reconstruct.fit.losses import DataTerm, add_regularisers
@@ -25,7 +26,7 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, length_of, path_extent
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces
+from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import GIVEN
@@ -76,6 +77,8 @@ class FitState:
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self._outside = outside
+        self._depth_field = _depth_field(settings, geometry, renderer) if moved and start.motion is None else None
+        self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
         # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
         free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
@@ -144,6 +147,9 @@ class FitState:
                 further.backward()  # type: ignore[no-untyped-call]
         # Before the surfaces' term: an exchange moves the surfaces too, so that their gradients must not influence it.
         self._exchange = self._exchange_wanted(poses, share)
+        # Before there are surfaces, nothing holds regions where they are.
+        field = None if self._surfaces is None else self._depth_field
+        self._field_step = None if field is None else field.step(scene, poses, share, iteration)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
@@ -209,6 +215,10 @@ class FitState:
             self.poses.shift(exchange.twists)
             if self._surfaces is not None:
                 self._surfaces = self._surfaces.exchanged(exchange)
+        if self._field_step is not None:
+            self._field_step.of_scene(self.optimiser.scene)
+            if self._surfaces is not None:
+                self._surfaces = self._surfaces.moved(self._field_step, self.poses.world_to_camera())
         rate = self.optimiser.means_rate(share, damping)
         moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
         if moves is not None:
@@ -274,8 +284,9 @@ class FitState:
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
         # One gradient of a state that ran away would leave squares that shorten their steps for hundreds of iterations.
-        if self._relief is not None:
-            self._relief.forget()
+        for others in (self._relief, self._depth_field):
+            if others is not None:
+                others.forget()
         # What later searches found fits their path, which exchanges of turning for travel may have moved since.
         self._surfaces, self._outside = state.surfaces, state.outside
         self._searches = list(state.searches)
@@ -283,6 +294,14 @@ class FitState:
 
 
 _UNBOUNDED: Final = sys.maxsize
+
+
+def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRenderer) -> DepthField | None:
+    """Return the field that moves depths of whole regions, at rest; None where the settings want none."""
+    if settings.surfaces is None or settings.surfaces.depth_field is None:
+        return None
+    across, down = np.abs(pixel_rays(renderer)).max(axis=(0, 1)).tolist()
+    return DepthField(settings.surfaces.depth_field, geometry.reference, (across, down))
 
 
 def _reference_view(geometry: Geometry) -> ReferenceView | None:

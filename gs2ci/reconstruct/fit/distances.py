@@ -1,7 +1,7 @@
 """How far a Gaussian's distance may change in one step of a fit, and how far away it may be.
 
-Here: the two bounds, which every step along lines of sight obeys: that of single Gaussians (`view_steps.py`) and
-of the exchange of turning for travel (`relief.py`). Not here: the steps.
+Here: the two bounds, which every step along lines of sight obeys: that of single Gaussians (`view_steps.py`), of the
+depth field and of the exchange of turning for travel (`relief.py`). Not here: the steps.
 """
 
 from typing import Final

@@ -25,6 +25,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.margin import MarginSettings
 from gs2ci.reconstruct.fit.relief import WIDEST, Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -83,6 +84,7 @@ class SurfaceSettings(Bounded):
         others: With how many others each is compared at most, spread over the path.
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
+        depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
         margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
 
@@ -92,6 +94,7 @@ class SurfaceSettings(Bounded):
     others: Annotated[int, Field(ge=2)] = 4
     pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
+    depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
     margin: MarginSettings | None = field(default_factory=MarginSettings)
 
     def check(self) -> Self:
@@ -136,6 +139,13 @@ class Surfaces:
         bend, shrink = exchange.along.bend.float().numpy(), exchange.along.shrink
         exchange_inverse_depth(self.inverse_depth, self.rays, bend, exchange.beta, shrink, WIDEST, moved)
         return replace(self, inverse_depth=moved)
+
+    def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
+        """Return the surfaces after a field was added to depths where the term looks, from poses, [N, 4, 4]."""
+        inverse_depth, poses = self.inverse_depth.copy(), world_to_camera.detach().double().numpy()
+        for found, pixels, view in zip(inverse_depth, self.pixels, self.views, strict=True):
+            step.of_map(found, pixels.at, self.rays, poses[view])
+        return replace(self, inverse_depth=inverse_depth)
 
     def draw(
         self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float

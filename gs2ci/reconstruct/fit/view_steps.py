@@ -7,7 +7,8 @@ jitter. In (x/z, y/z, 1/z) of a reference view (the inverse-depth parametrisatio
 each coordinate has a step of its own, stated in pixels. A Gaussian that moves along its line of sight keeps its size in
 the picture.
 
-Here: the coordinates, the settings of the steps, and Adam in them. Not here: the other parameters (`optimiser.py`).
+Here: the coordinates, the settings of the steps, and Adam in them. Not here: the other parameters (`optimiser.py`),
+depths of whole regions (`depth_field.py`).
 """
 
 from dataclasses import dataclass, replace

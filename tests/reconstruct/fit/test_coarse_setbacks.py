@@ -11,6 +11,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.depth_field import DepthField
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.relief import Relief
@@ -59,15 +60,17 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     fit.scene.check()
 
 
-def test_a_roll_back_forgets_what_the_runaway_taught_the_path(moving_plane, monkeypatch):
+def test_a_roll_back_forgets_what_the_runaway_taught_regions_and_the_path(moving_plane, monkeypatch):
     forgot = []
-    monkeypatch.setattr(Relief, "forget", lambda one: forgot.append(type(one)))
-    monkeypatch.setattr(Relief, "step", lambda *_: None)
+    for part in (DepthField, Relief):
+        monkeypatch.setattr(part, "forget", lambda one: forgot.append(type(one)))
+        monkeypatch.setattr(part, "step", lambda *_: None)
+    monkeypatch.setattr(DepthField, "__init__", lambda *_: None)
     settings = replace(QUICK, surfaces=SurfaceSettings(searches=(Search(1.0, 1e-3, 1e-3),)))
     fit, _ = run(moving_plane, settings, backend=FaultyBackend(lambda call: call == 25))
     assert [note.code for note in fit.notes] == [Code.ROLLED_BACK_NOT_FINITE]
     # Once more at the end, when the best state is restored.
-    assert forgot == [Relief] * 2
+    assert forgot == [Relief, DepthField] * 2
 
 
 def continued(moving_plane, warm_up, backend=None):

@@ -8,6 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit import coarse_state
+from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -25,6 +26,18 @@ def test_surfaces_have_a_say_once_they_are_sought_and_the_measurement_has_the_la
     assert [point.loss for point in drawn.curve[:3]] == [point.loss for point in plain.curve[:3]]
     assert drawn.curve[3].loss != plain.curve[3].loss
     assert drawn.curve[-1].heldout < 1.2 * plain.curve[-1].heldout
+
+
+def test_regions_move_together_from_the_first_search_on(moving_plane):
+    surfaces = SurfaceSettings((Search(0.5, 1e-2, 2e-4),))
+    fits = [
+        run(moving_plane, replace(QUICK, surfaces=replace(surfaces, depth_field=one)))[0]
+        for one in (None, DepthFieldSettings())
+    ]
+    losses = [[point.loss for point in fit.curve] for fit in fits]
+    assert losses[0][:3] == losses[1][:3]
+    assert losses[0][3] != losses[1][3]
+    assert fits[1].curve[-1].heldout < 1.2 * fits[0].curve[-1].heldout
 
 
 def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_worse(moving_plane, monkeypatch):

@@ -8,6 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.depth_field import FieldStep
 from gs2ci.reconstruct.fit.relief import WIDEST, Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import exchange_inverse_depth
@@ -242,6 +243,23 @@ def test_an_exchange_moves_surfaces_as_far_aside_as_gaussians_there(aside):
     exchange_inverse_depth(before, rays, along.bend.float().numpy(), exchange.beta, along.shrink, WIDEST, moved)
     exchange.of_scene(scene)
     np.testing.assert_allclose(moved[0, 0] - before[0, 0], 1 / scene.means[:, 2] - 1 / depth, atol=3e-5)
+
+
+def test_surfaces_move_with_a_field_over_depth_as_the_scene_does(renderer):
+    found, scene, poses = surfaces_of(renderer), wall(), torch.from_numpy(path())
+    # The wall is brought nearer, its right half more so.
+    nearer = np.broadcast_to(np.array([0.02, 0.02, 0.1])[:, None, None], (3, 2, 2))
+    step = FieldStep(poses[VIEWS // 2].numpy(), np.array([-0.5, -0.4, 0.2]), np.array([0.5, 0.8, 0.6]), nearer)
+    step.of_scene(scene)
+    found = found.moved(step, poses)
+    moved = 1 / renderer.stopped_light(scene, poses.numpy()).surface().numpy()
+    looked = np.zeros(SIZE, bool)
+    for inverse_depth, pixels, view in zip(found.inverse_depth, found.pixels, found.views, strict=True):
+        looked[:] = False
+        looked.reshape(-1)[pixels.at] = True
+        looked[:, :14] = looked[:, -14:] = False
+        assert np.median(np.abs(inverse_depth / moved[view] - 1)[looked]) < 0.02
+    assert moved[2][20, 42] > 1.05 * moved[2][20, 14]
 
 
 SOUND = Search(0.3, 1e-2, 1e-3)
