@@ -37,6 +37,7 @@ BUILT_IN: Final[dict[str, dict[str, str]]] = {
     "gs2ci.stages": {
         "zaber": "gs2ci_drivers.zaber.plugin:ZABER",
         "grbl": "gs2ci_drivers.grbl.plugin:GRBL",
+        "kinesis": "gs2ci_drivers.kinesis.plugin:KINESIS",
     },
 }
 """Group of entry points -> kind of a built-in device -> its record, as an entry point would name it."""
