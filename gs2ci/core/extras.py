@@ -17,6 +17,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "exr": ("OpenEXR",),
     "genicam": ("genicam", "harvesters"),
     "video": ("sdl2",),
+    "alp": ("ALP4",),
     "ophyd": ("bluesky", "ophyd_async"),
 }
 """Extra -> the modules that it installs."""

@@ -203,6 +203,8 @@ def _permission(device: str, table: Any) -> Iterator[BenchFinding]:
         )
     elif record.access == "gentl":
         yield from _producer(table)
+    elif record.access == "library":
+        yield _library(table)
     elif record.access == "video":
         yield from _node(device, table.port, VIDEO_RULE)
     elif record.access == "tty":
@@ -253,6 +255,17 @@ def _producer(sensor: Any) -> Iterator[BenchFinding]:
         )
         return
     yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
+
+
+def _library(table: Any) -> BenchFinding:
+    """Return the finding about the maker's library of a device that is reached through one."""
+    file: Path = table.library_file
+    return BenchFinding(
+        "maker's library",
+        "ok" if file.is_file() else "bad",
+        str(file) if file.is_file() else f"{file} does not exist",
+        "" if file.is_file() else "install the maker's software, or set `library` and `version` in [modulator]",
+    )
 
 
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:

@@ -127,6 +127,20 @@ def test_a_panel_behind_usb_is_given_its_own_udev_rule(tmp_path):
     assert 'ATTRS{idVendor}=="0403"' in found["permissions for the modulator"].remedy
 
 
+def test_the_library_of_a_vialux_device_is_looked_for(tmp_path):
+    def said():
+        modulator = {"kind": "alp", "port": "usb", "library": str(tmp_path)}
+        table = RigTable.model_validate({"modulator": modulator, "sensor": {"kind": "v4l2", "port": "/dev/null"}})
+        (found,) = [one for one in doctor._permissions(Rig(table, "", tmp_path)) if one.what == "maker's library"]
+        return found.verdict, found.detail, found.remedy
+
+    verdict, detail, remedy = said()
+    assert (verdict, "libalp43.so does not exist" in detail) == ("bad", True)
+    assert "`library`" in remedy
+    (tmp_path / "libalp43.so").touch()
+    assert said() == ("ok", str(tmp_path / "libalp43.so"), "")
+
+
 @pytest.mark.parametrize("fault", ["v4l2.frame_noisy", "v4l2.frame_corrupt", "v4l2.frame_dropped"])
 def test_a_camera_that_runs_freely_and_sends_bad_frames_only_does_not_keep_the_doctor(tmp_path, monkeypatch, fault):
     set_mode = ControlTrigger.set_mode

@@ -35,7 +35,7 @@ def simulated(tmp_path, **tables):
     return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
-@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
+@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec", "alp"])
 @pytest.mark.parametrize("stage", ["zaber", "grbl", "kinesis"])
 def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulator, stage):
     rig = simulated(tmp_path, modulator={"kind": modulator}, stage={"kind": stage})
