@@ -26,8 +26,8 @@ class KinesisOptions(ConfigTable):
     """For each axis the model of its stage, which the controller does not report: "MTS25-Z8", "MTS50-Z8", "Z812",
     "Z825", "MLS203-X", "MLS203-Y", "DDSM50", "DDSM100", "DDS220", "LTS150" or "LTS300"."""
     counts_per_mm: dict[str, Positive] = Field(default_factory=dict)
-    """For an axis its encoder counts per mm, if its label states others than the model's: 34304 for Z8 stages with the
-    gear of 67:1, where newer ones have 34554.96."""
+    """For an axis its encoder counts per mm, if they are others than the model's: a Z8 stage with a gear of 67:1 has
+    34304 instead of 34554.96."""
     mount: MountOptions | None = None
     """How the stage moves the camera; leave it out if unknown."""
 

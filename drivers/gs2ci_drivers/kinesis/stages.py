@@ -2,9 +2,9 @@
 
 Sources: "Thorlabs Motion Controllers Host-Controller Communications Protocol" (APT), section "Conversion between
 position, velocity and acceleration values in standard physical units and their equivalent APT values", for the formulae
-and the counts; Thorlabs' data sheets for travel and speed. Older issues of that document give 34304 counts per mm for
-the Z8 family, a gear of 67:1; newer ones, and the gear of 67.49:1 in the data sheets, 34554.96: 0.73 % of every
-position. `counts_per_mm` in [stage] decides for a stage of the old kind.
+and the counts; Thorlabs' data sheets for travel and speed. Public drivers disagree about the Z8 family: 34554.96 counts
+per mm, the document's (512 counts, a gear of 67.49:1), or 34304 (67:1): 0.73 % of every position. `counts_per_mm` in
+[stage] decides.
 
 Here: the table and the conversion. Pure.
 """
