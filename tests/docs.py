@@ -56,7 +56,8 @@ _DEVICES_HEAD = """\
 # What real devices do
 
 What devices do where one would guess otherwise, by family and firmware, with the source and the test that plays it.
-`gs2ci doctor` prints the rows of the devices that it finds. Made from `drivers/gs2ci_drivers/manners/*.toml` by `python -m tests.docs`.
+`gs2ci doctor` prints the rows of the devices that it finds.
+Made from `drivers/gs2ci_drivers/manners/*.toml` by `python -m tests.docs`.
 """
 
 _RIG_HEAD = """\

@@ -10,7 +10,7 @@ from gs2ci.core.errors import InputError
 
 EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "reconstruct": ("imageio", "jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
-    "cluster": ("dask", "distributed"),
+    "cluster": ("cryptography", "dask", "distributed"),
     "view": ("viser",),
     "mesh": ("trimesh",),
     "export": ("onnx",),
