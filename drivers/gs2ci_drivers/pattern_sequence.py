@@ -59,6 +59,8 @@ class ModulatorInfo:
         pulses_unsettled: What is still unknown about the trigger pulses, so that no capture may rely on them; "" if
             nothing is.
         whole_pauses: Whether the pause after a pass is made of dark masks: a mask's dark time and whole periods.
+        grey_unsettled: Why the light of a grey level may not be in proportion to it, so that only measured grey masks
+            may be used; "" if it is.
     """
 
     model: str
@@ -82,6 +84,7 @@ class ModulatorInfo:
     experimental: bool = False
     pulses_unsettled: str = ""
     whole_pauses: bool = False
+    grey_unsettled: str = ""
 
     @property
     def expected_start_s(self) -> float:

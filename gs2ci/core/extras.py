@@ -18,6 +18,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "genicam": ("genicam", "harvesters"),
     "video": ("sdl2",),
     "alp": ("ALP4",),
+    "gpu": ("warp",),
     "ophyd": ("bluesky", "ophyd_async"),
 }
 """Extra -> the modules that it installs."""

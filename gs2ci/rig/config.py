@@ -183,6 +183,8 @@ class WorldTable(ConfigTable):
     """The true effect of bit 0 of a pattern entry's byte 9 on the simulated DLPC900."""
     dlpc900_start_s: Delay = 500e-6
     """Delay from a start to the first mask of the simulated DLPC900; TI states no figure."""
+    lamp: Literal["switched", "continuous"] = "switched"
+    """Whether the simulated DLPC900's lamp follows its LED enables or stays on, as arc lamps and most others do."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """The kernel driver whose time stamps the simulated camera imitates, also a GenICam one; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""

@@ -19,7 +19,7 @@ from gs2ci.core.errors import Gs2ciError, reason_of
 from gs2ci.rig.config import DEVICE_GROUPS
 from gs2ci.rig.intent import sensor_config
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
+from gs2ci.rig.trigger_check import PASSES, StampsFound, check_gate, check_pulses, check_stamps, check_waiting
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import HOME_COMMAND
 from gs2ci_drivers.links.gentl import find_producers
@@ -36,6 +36,9 @@ LOOP_MASKS = 8
 LOOP_MASK_S = 0.05
 LARGEST_DRIFT_PPM = 500.0
 """Two crystals differ by about 100 ppm; a larger difference means a wrong clock or a wrong unit."""
+UNIT_TOLERANCE = 0.05
+"""Share by which exposures may grow otherwise than set, beyond the error of the measurement."""
+KNOWN_UNITS_S = (1e-6, 1e-5, 1e-4, 1e-3)
 VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uaccess"'
 
 
@@ -84,6 +87,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
                 answering = answering and what == "stage"
                 yield _finding_of_error(what, error)
         if trigger_loop and answering:
+            yield from _waiting(rig, devices)
             yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
         devices.close()
@@ -112,6 +116,32 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]
         yield _finding_of_error("trigger loop", error)
     finally:
         devices.close()
+
+
+def _waiting(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
+    """Find out whether the sensor waits for triggers, which a mode that was set does not prove."""
+    trigger = TriggerMode.LEVEL if _gated(rig, devices) else TriggerMode.EDGE
+    if trigger not in devices.sensor.info.triggers:
+        return
+    what = "sensor waits"
+    try:
+        came = check_waiting(devices, sensor_config(rig, devices), trigger)
+    except Gs2ciError as error:
+        yield _finding_of_error(what, error)
+        return
+    if came == 0:
+        yield BenchFinding(what, "ok", f"no frame came without a trigger (mode {trigger.value})")
+        return
+    outside = getattr(rig.table.sensor, "trigger_adapter", "") == "outside"
+    yield BenchFinding(
+        what,
+        "bad",
+        f"{came} frames came without a trigger: it runs by its own clock, or something else triggers it",
+        "switch its external trigger on by the means that you use for it"
+        if outside
+        else "compare trigger_adapter and trigger_values with the sensor's documentation: what was set is no external "
+        "trigger; then look for reflections and other sources on the trigger line",
+    )
 
 
 def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
@@ -170,6 +200,8 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     if out not in devices.modulator.info.trigger_outs or mode not in devices.sensor.info.triggers:
         return
     found = check_stamps(devices, sensor_config(rig, devices), gated=gated)
+    if not gated:
+        yield from _unit(rig, devices, found)
     if found.meaning is None:
         yield BenchFinding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
         return
@@ -180,6 +212,44 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
         f"{found.meaning.value}: {found.why}" + ("" if agrees else f"; they were taken for {found.assumed.value}"),
         "" if agrees else f'set stamps = "{found.meaning.value}" in [sensor]',
     )
+
+
+def _unit(rig: Rig, devices: Devices, found: StampsFound) -> Iterator[BenchFinding]:
+    """Compare the growth of the frames' arrival with the exposures that were set: is their unit the right one?"""
+    what, sensor = "unit of exposure", rig.table.sensor
+    if found.growth is None:
+        yield BenchFinding(what, "note", found.why)
+        return
+    seen = f"exposures grow by {found.growth:.2f} of what is set"
+    step_s = devices.sensor.info.exposure_step_s
+    unsettled = devices.sensor.info.exposure_unsettled
+    if abs(found.growth - 1) <= UNIT_TOLERANCE + found.growth_error:
+        remedy = f"set exposure_unit_s = {step_s:.4g} in [sensor]" if unsettled else ""
+        yield BenchFinding(what, "bad" if unsettled else "ok", seen + (f"; {unsettled}" if unsettled else ""), remedy)
+        return
+    if found.growth <= 2 * found.growth_error:
+        yield BenchFinding(
+            what,
+            "bad",
+            f"{seen}: the sensor ignores its exposure control",
+            "check that no automatic exposure is on; or state fixed_exposure_s in [sensor]",
+        )
+        return
+    nearest_s = _known_unit(step_s * found.growth, step_s * found.growth_error)
+    yield BenchFinding(
+        what,
+        "bad",
+        f"{seen}: its unit is {step_s * found.growth:.3g} s, not {step_s:.3g} s",
+        f"set exposure_unit_s = {nearest_s:.4g} in [sensor]"
+        if sensor.kind == "v4l2"
+        else "check the camera's exposure features in [sensor.features]",
+    )
+
+
+def _known_unit(unit_s: float, error_s: float) -> float:
+    """Return the unit that drivers use and that a measured one is, within its error; otherwise the measured one."""
+    near = [one for one in KNOWN_UNITS_S if abs(one - unit_s) <= max(3 * error_s, UNIT_TOLERANCE * one)]
+    return min(near, key=lambda one: abs(one - unit_s), default=unit_s)
 
 
 def _finding_of_error(what: str, error: Gs2ciError) -> BenchFinding:

@@ -19,6 +19,8 @@ BENCHMARKS = (
     "first_table",
     "rasteriser",
     "profile",
+    "gpu_kernels",
+    "gpu",
     "list_reuse",
     "harmonics",
     "beside_files",
@@ -81,6 +83,7 @@ BENCHMARKS = (
 )
 
 LONG = (
+    "gpu",
     "photograph_rings",
     "motion_within_masks",
     "moving",

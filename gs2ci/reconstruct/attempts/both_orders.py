@@ -4,7 +4,7 @@
     views as well, or open
 
 Fits of both orders explain the measurement about as well. Which of them hides what the views do not show tells them
-apart from about 3 px of parallax on (docs/decisions/0139-what-hides-what.md). The fit of the other order is not in
+apart from about 3 px of parallax on (docs/decisions/depth-order.md). The fit of the other order is not in
 vain: its views count in the mean, in place of a companion.
 
 Here: when both are fitted, and what follows. Not here: the evidence (`geometry/occlusion.py`), short fits (`order`),

@@ -15,11 +15,10 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.registration.kernels import sample
+from gs2ci.reconstruct.registration.parameters import FIELD_AT_PX
 
 # A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
 _ON_THE_RIM_PX: Final = 0.5
-# Coefficients of the field are displacements at this distance, so that they do not depend on the picture's size.
-FIELD_AT_PX: Final = 100.0
 # Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
 _INVERSIONS: Final = 6
 

@@ -25,6 +25,8 @@ from gs2ci_sims.world import World
 UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
 CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
 WAKE_EMPTY = declare("v4l2.wake_empty", "poll announces a frame that does not exist")
+GAIN_LEFT = declare("v4l2.gain_left", "another program has left the analogue gain at `value`")
+PRIVATE_LEFT = declare("v4l2.private_left", "another program has left a private control at `value`")
 PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
 PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
@@ -103,6 +105,10 @@ class V4l2Twin:
         fd = next(self._descriptors)
         self._files[fd] = OpenFile(self._generation, self._nodes[path])
         self._device.opened(self._files[fd])
+        for fault, control in ((GAIN_LEFT, "Analogue Gain"), (PRIVATE_LEFT, "IO Mode")):
+            left = self.faults.take(fault)
+            if left is not None:
+                self._device.leave(control, int(left.value))
         return fd
 
     def close(self, fd: int) -> None:
@@ -177,15 +183,17 @@ class V4l2Twin:
         return self._clock.now_ns()
 
     def list_nodes(self, pattern: str) -> list[str]:
-        """List the existing nodes."""
-        return sorted(fnmatch.filter(self._nodes, pattern)) if self._plugged else []
+        """List the existing nodes and files."""
+        return sorted(fnmatch.filter((*self._nodes, *self.model.files), pattern)) if self._plugged else []
 
     def read_file(self, path: str) -> bytes:
-        """Read the module's parameter.
+        """Read the module's parameter, or a property of the device tree.
 
         Raises:
             OSError: ENOENT: no such file.
         """
+        if path in self.model.files:
+            return self.model.files[path]
         self._require_parameter(path)
         return self._device.parameter + b"\n"
 
@@ -193,12 +201,12 @@ class V4l2Twin:
         """Write the module's parameter.
 
         Raises:
-            OSError: ENOENT: no such file; EINVAL: neither 0 nor 1; EACCES: injected.
+            OSError: ENOENT: no such file; EINVAL: no number; EACCES: injected.
         """
         self._require_parameter(path)
         if self.faults.take(PARAMETER_DENIED):
             raise OSError(EACCES, "Permission denied", path)
-        if data.strip() not in (b"0", b"1"):
+        if not data.strip().isdigit():
             raise OSError(EINVAL, "Invalid argument", path)
         if not self.faults.take(PARAMETER_IGNORED):
             self._device.parameter = data.strip()
