@@ -1,11 +1,11 @@
-"""Who may enter the page of a live bench: a secret in its address, then a cookie; no other web page's requests.
+"""Who may enter a page that a command serves: a secret in its address, then a cookie; no other web page's requests.
 
-A bench moves and shines, and every user of a shared computer can connect to its port, also to that of 127.0.0.1. So the
-address that is printed holds a secret, as a notebook server's does. A browser that opens it is given a cookie and sent
+Every user of a shared computer can connect to a port, also to one of 127.0.0.1. So the address that is printed holds a
+secret, as a notebook server's does. A browser that opens it is given a cookie and sent
 to the address without it, so that the secret stays out of the history and of screenshots; programs send it as the
-header `X-Live-Secret`. Secrets are compared in a time that does not depend on where they differ.
+header `X-Gs2ci-Secret`. Secrets are compared in a time that does not depend on where they differ.
 
-Here: `Door`. Not here: which of those who have entered controls the bench (`server`).
+Here: `Door`. Not here: what is served (`gs2ci.rig.live`, `gs2ci.evaluate.gate`).
 """
 
 import hmac
@@ -17,7 +17,7 @@ from typing import Final
 from urllib.parse import parse_qs
 
 LOCAL: Final = ("127.0.0.1", "localhost", "[::1]")
-HEADER: Final = "X-Live-Secret"
+HEADER: Final = "X-Gs2ci-Secret"
 PARAMETER: Final = "secret"
 SECRET_BYTES: Final = 24
 _MOST_COOKIE_CHARACTERS: Final = 4096
@@ -30,10 +30,12 @@ class Door:
     """The check of every request.
 
     Args:
+        command: The command that serves, for the cookie and for messages.
         local: Whether only this machine is served, so that the request must name it.
     """
 
-    def __init__(self, *, local: bool) -> None:
+    def __init__(self, command: str, *, local: bool) -> None:
+        self._command = command
         self.secret = secrets.token_urlsafe(SECRET_BYTES)
         self._local = local
 
@@ -53,7 +55,7 @@ class Door:
             return HTTPStatus.FORBIDDEN, "the request comes from another web page"
         if self.knows_by_query(query) or self._known(header(HEADER)) or self._known(self._cookie(port, header)):
             return None
-        return HTTPStatus.FORBIDDEN, "open the address that `gs2ci live` has printed: it holds the secret of this bench"
+        return HTTPStatus.FORBIDDEN, f"open the address that `{self._command}` has printed: it holds a secret"
 
     def knows_by_query(self, query: str) -> bool:
         """Return whether a query string holds the secret."""
@@ -65,7 +67,7 @@ class Door:
 
     def cookie(self, port: int) -> str:
         """Return the header that gives a browser its cookie: for this page alone, and not for scripts."""
-        return f"{_name(port)}={self.secret}; Path=/; HttpOnly; SameSite=Strict"
+        return f"{self._name(port)}={self.secret}; Path=/; HttpOnly; SameSite=Strict"
 
     def _cookie(self, port: int, header: Header) -> str:
         cookies: SimpleCookie = SimpleCookie()
@@ -73,12 +75,11 @@ class Door:
             cookies.load(header("Cookie")[:_MOST_COOKIE_CHARACTERS])
         except CookieError:
             return ""
-        morsel = cookies.get(_name(port))
+        morsel = cookies.get(self._name(port))
         return "" if morsel is None else morsel.value
 
     def _known(self, given: str) -> bool:
         return hmac.compare_digest(given.encode("utf-8", "replace"), self.secret.encode())
 
-
-def _name(port: int) -> str:
-    return f"gs2ci-live-{port}"
+    def _name(self, port: int) -> str:
+        return f"{self._command.replace(' ', '-')}-{port}"
