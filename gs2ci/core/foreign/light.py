@@ -174,7 +174,7 @@ def _as_said(question: Question, said: CurveName, guesses: list[str]) -> Examine
                 allowed="readings of whole numbers >= 0 up to the end of 8, 10, 12, 14 or 16 bits",
                 remedy="leave --curve out",
             )
-        guesses.append(f"readings that went round after {wrap:.0f} were put back, as stated")
+        guesses.append(f"readings that went round after {wrap:.6g} were put back, as stated")
         return Examined(question.put_back(wrap), "overflow")
     curve = next(curve for curve in CURVES if curve.name == said)
     guesses.append(f"readings: {curve.words} was undone, as stated")
@@ -206,7 +206,7 @@ def _gone_round(question: Question, found: Growth | None, guesses: list[str]) ->
     if not _is_line(better, clipped=False) or _distance(better) > _distance(found):
         return None
     guesses.append(
-        f"WARNING: {question.measurement.where}: {share:.1%} of the readings went round at {wrap:.0f}, as a sum does "
+        f"WARNING: {question.measurement.where}: {share:.1%} of the readings went round at {wrap:.6g}, as a sum does "
         f"in integers that are too small for it: against the open masks they have {_told(found)}. Put back by what "
         f"their neighbours read, they have {_told(better)}. Sum in larger integers, or say --curve linear if "
         "that is wrong"
