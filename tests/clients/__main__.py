@@ -154,18 +154,24 @@ def gltf_validator(bench: Bench) -> Iterator[Row]:
         ["node", "-e", script], cwd=bench.node, capture_output=True, text=True, timeout=PATIENCE_S, check=True
     )
     found = json.loads(done.stdout)
-    figure = f"{found['numErrors']} errors, {found['numWarnings']} warnings"
-    yield Row(bench.version("gltf-validator"), "scene.glb", figure, "0 errors", found["numErrors"] == 0)
+    # It has an error for each attribute that the extension asks for (findings/gltf-validator-splats.sh).
+    own = [one for one in found["messages"] if ":" not in one["pointer"].rpartition("/")[2] and one["severity"] == 0]
+    figure = f"{len(own)} errors beside the extension's attributes, {found['numWarnings']} warnings"
+    yield Row(bench.version("gltf-validator"), "scene.glb", figure, "0 errors", not own)
 
 
 def colmap(bench: Bench) -> Iterator[Row]:
     """Count what pycolmap, and Debian's COLMAP, find in the model."""
     folder = bench.export("colmap", "colmap") / "sparse" / "0"
     model = pycolmap.Reconstruction(str(folder))
-    seen, error = model.compute_num_observations(), model.compute_mean_reprojection_error()
-    client = f"pycolmap {pycolmap.__version__}"
+    seen, errors = model.compute_num_observations(), []
+    for image in model.images.values():
+        for observed in image.points2D:
+            point = model.points3D[observed.point3D_id]
+            errors.append(np.linalg.norm(image.project_point(point.xyz) - observed.xy))
+    client, worst = f"pycolmap {pycolmap.__version__}", max(errors, default=np.inf)
     yield Row(client, "colmap/", f"{seen} observations", "> 0", seen > 0)
-    yield Row(client, "colmap/, mean reprojection error", f"{error:.2g} px", "< 0.001 px", error < 1e-3)
+    yield Row(client, "colmap/, largest distance of an observation", f"{worst:.2g} px", "< 0.001 px", worst < 1e-3)
     told = bench.command("colmap", "model_analyzer", "--path", folder)
     found = re.findall(r"(?:Observations|Mean track length): ([\d.]+)", told)
     yield Row("COLMAP", "colmap/, observations and mean length of tracks", ", ".join(found), "> 0", float(found[0]) > 0)
