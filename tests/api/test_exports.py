@@ -82,6 +82,22 @@ def test_lengths_that_spz_cannot_hold_are_said_to_be_rescaled(run, gs2ci, capsys
     )
 
 
+def test_gaussians_too_far_away_for_spz_are_brought_nearer_and_said_to_be(run):
+    scene = run.scene
+    direction = scene.means[0] / scene.means[0].norm()
+    scene.means[0], scene.log_scales[0] = 1e9 * direction, scene.log_scales[0] + 10
+    heard = gs2ci.Silent()
+    write_ply(run.folder / "scene.ply", scene)
+    gs2ci.export("run", "spz", as_fitted=True, progress=heard)
+    assert heard.sentences[0].startswith(f"1 of {len(scene)} Gaussians lie so much farther away")
+    found = gsply.read_spz("scene.spz").means * (1, -1, -1)
+    np.testing.assert_allclose(found[0] / np.linalg.norm(found[0]), direction, atol=0.01)
+    scene.log_scales[1], scene.log_scales[2] = 16, -18
+    write_ply(run.folder / "scene.ply", scene)
+    with pytest.raises(InputError, match="under one scale for all"):
+        gs2ci.export("run", "spz", "none.spz", as_fitted=True)
+
+
 def test_a_known_unit_stands_in_a_glb_files_node(run):
     told = replace(run, _scene=run.scene)
     geometry = GeometrySection.model_validate({**GEOMETRY, "unit_of": "stage"})
