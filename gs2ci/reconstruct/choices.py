@@ -4,6 +4,7 @@ Here: names alone, so that help and error messages do not wait for heavy librari
 stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
+from enum import StrEnum
 from typing import Final, Literal, get_args
 
 PresetName = Literal["draft", "standard", "fine", "paper"]
@@ -16,6 +17,15 @@ ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
 
 FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""
+
+
+class Decoder(StrEnum):
+    """The same as an enumeration."""
+
+    GAP_TV = "gap-tv"
+    PATCHES = "patches"
+    PATCHES_QUICK = "patches-quick"
+
 
 DecodeMethod = str
 """One of `DECODE_METHODS`, onnx:FILE, or the name of a plug-in."""
