@@ -58,6 +58,8 @@ class ModulatorInfo:
         experimental: Whether the protocol is unconfirmed on real hardware.
         pulses_unsettled: What is still unknown about the trigger pulses, so that no capture may rely on them; "" if
             nothing is.
+        grey_unsettled: Why the light of a grey level may not be in proportion to it, so that only measured grey masks
+            may be used; "" if it is.
     """
 
     model: str
@@ -80,6 +82,7 @@ class ModulatorInfo:
     hardware_timed: bool = True
     experimental: bool = False
     pulses_unsettled: str = ""
+    grey_unsettled: str = ""
 
     @property
     def expected_start_s(self) -> float:

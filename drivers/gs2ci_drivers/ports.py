@@ -185,6 +185,8 @@ class Feature:
         high: Largest value of a number.
         step: Integers are `low` plus multiples of this.
         symbols: The entries of an enumeration that are available now.
+        unit: Unit of a number, as the camera names it.
+        selectors: The features that choose which of several values this one has.
     """
 
     kind: Literal["integer", "float", "boolean", "enumeration", "string", "command", "other"]
@@ -194,6 +196,8 @@ class Feature:
     high: float = 0.0
     step: float = 1.0
     symbols: tuple[str, ...] = ()
+    unit: str = ""
+    selectors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -238,6 +242,10 @@ class CameraPort(Protocol):
 
     def open(self, producer: str, serial: str) -> CameraIdentity:
         """Open the camera with this serial number, or the only one for "", without changing anything on it."""
+        ...
+
+    def list_features(self) -> list[tuple[str, str]]:
+        """List category and name of every feature that the camera shows to its users."""
         ...
 
     def describe(self, name: str) -> Feature | None:

@@ -17,6 +17,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "exr": ("OpenEXR",),
     "genicam": ("genicam", "harvesters"),
     "video": ("sdl2",),
+    "gpu": ("warp",),
     "ophyd": ("bluesky", "ophyd_async"),
 }
 """Extra -> the modules that it installs."""

@@ -45,7 +45,7 @@ from gs2ci.reconstruct.settings import Settings
 # most, and the candidates made from it cost several decodes' time.
 _FAR_OFF: Final = 1.7
 # The expected error, rms in full scales, from which on the report doubts the views. An error of 0.05 (26 dB) is visible
-# at a glance; with little noise the expectation is 0.84 to 1 times the error (decision 0106).
+# at a glance; with little noise the expectation is 0.84 to 1 times the error (docs/decisions/combination.md).
 _ERRS: Final = 0.045
 # If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
 _ALL_BUT: Final = 0.95

@@ -88,7 +88,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
-    settings = _timed(settings, calibrated)
+    settings = _timed(replace(settings, measured=calibrated is not None), calibrated)
     plan = plan_capture(devices, settings, config)
     size = (config.height, config.width)
     got = devices.sensor.settings.format
@@ -296,6 +296,9 @@ class _Recorder:
             sensor=[sensor.model, sensor.serial, sensor.driver],
             stage=[] if stage is None else [stage.info.model, stage.info.serial, stage.info.firmware],
         )
+        settings = dict(self._devices.sensor.settings.recorded)
+        self._writer.event("settings", sensor=settings)
+        self._log.note("settings", sensor=settings)
         plan = self._prepared.plan
         scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
         if self._prepared.calibrated is not None:

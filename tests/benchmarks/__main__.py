@@ -19,6 +19,8 @@ BENCHMARKS = (
     "first_table",
     "rasteriser",
     "profile",
+    "gpu_kernels",
+    "gpu",
     "list_reuse",
     "harmonics",
     "beside_files",
@@ -26,6 +28,7 @@ BENCHMARKS = (
     "continuous",
     "video_out",
     "proxies",
+    "compiling",
     "small_matrices",
     "digests",
     "decoders",
@@ -81,6 +84,7 @@ BENCHMARKS = (
 )
 
 LONG = (
+    "gpu",
     "photograph_rings",
     "motion_within_masks",
     "moving",

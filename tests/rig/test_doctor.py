@@ -12,6 +12,8 @@ from gs2ci.rig.simulated import build_bench
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.trigger import ControlTrigger
+from gs2ci_sims.wires.shutter import Shutting
+from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.world import Darkness
 
 TABLES = {
@@ -70,6 +72,36 @@ def test_a_camera_without_external_trigger_is_found(tmp_path):
     found = verdicts(make(tmp_path, sensor={"trigger_adapter": "none"}))
     assert "trigger_adapter" in found["sensor trigger"].remedy
     assert found["trigger loop"].verdict == "bad"
+
+
+@pytest.mark.parametrize("adapter", ["outside", "module", "control"])
+def test_a_camera_that_runs_by_its_own_clock_is_not_taken_for_a_triggered_one(tmp_path, adapter):
+    """What a setting says is no proof: an imx477 whose parameter is 1 drives the line instead of following it."""
+    sensor = {"trigger_adapter": adapter, "trigger_module": "imx477"}
+    sensor |= (
+        {}
+        if adapter == "outside"
+        else {"trigger_values": {"free-run": 0, "edge": {"module": 1, "control": 3}[adapter]}}
+    )
+    rig = make(tmp_path, sensor=sensor)
+    model = replace(rig.bench.sensor.model, outside=Shutting.FREE, module="imx477")
+    rig.bench.sensor = V4l2Twin(rig.bench.world, model, rig.bench.faults["sensor"])
+    waits = verdicts(rig)["sensor waits"]
+    assert waits.verdict == "bad"
+    assert "runs by its own clock" in waits.detail
+    assert ("by the means that you use" if adapter == "outside" else "trigger_values") in waits.remedy
+
+
+def test_a_camera_that_was_switched_outside_is_proved_by_the_doctor(tmp_path):
+    found = verdicts(make(tmp_path, sensor={"trigger_adapter": "outside"}))
+    assert (found["sensor waits"].verdict, found["trigger pulses"].verdict) == ("ok", "ok")
+    assert "without a trigger" in found["sensor waits"].detail
+
+
+def test_a_sensor_that_fails_while_it_waits_is_a_finding(tmp_path):
+    rig = make(tmp_path)
+    rig.bench.faults["sensor"].inject("v4l2.call_fails", value=5, about="VIDIOC_STREAMON")
+    assert verdicts(rig)["sensor waits"].verdict == "bad"
 
 
 def test_an_unplugged_device_ends_the_examination_with_one_finding(tmp_path):
@@ -150,7 +182,7 @@ def test_the_doctor_examines_the_camera_as_the_capture_sets_it_up(tmp_path, monk
         V4l2Sensor, "_do_configure", lambda camera, config: configs.append(config) or do_configure(camera, config)
     )
     assert {finding.verdict for finding in examine(rig)} == {"ok"}
-    assert len(configs) == 5  # pulses twice, loop, stamps twice
+    assert len(configs) == 6  # without triggers, pulses twice, loop, stamps twice
     assert {str(replace(one, exposure_s=0, trigger=TriggerMode.EDGE)) for one in configs} == {
         str(replace(wanted, exposure_s=0, trigger=TriggerMode.EDGE))
     }

@@ -10,7 +10,15 @@ from gs2ci_drivers.ports import CameraPort, Feature, FeatureValue, port_errors
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1, both in microseconds."""
 GAINS = ("Gain", "GainAbs")
-"""SFNC 2 and SFNC 1; in decibels for every maker known to us."""
+"""SFNC 2 and SFNC 1; by the node's unit in decibels or a factor (Chromasens)."""
+FACTORS = ("x", "X", "times", "factor")
+
+
+def in_decibels(gain: Feature) -> bool | None:
+    """Return whether a gain is in decibels, False if it is a factor, None if its unit does not tell."""
+    if gain.unit.strip().lower() == "db":
+        return True
+    return False if gain.unit.strip() in FACTORS else None
 
 
 class Features:
@@ -24,6 +32,11 @@ class Features:
     def __init__(self, device: str, port: CameraPort) -> None:
         self.device = device
         self._port = port
+
+    def list(self) -> list[tuple[str, str]]:
+        """List category and name of every feature."""
+        with port_errors(self.device, "list the features"):
+            return self._port.list_features()
 
     def find(self, name: str) -> Feature | None:
         """Return the present state of a feature; None if there is none of that name."""

@@ -5,6 +5,7 @@ Here: opening, reading, writing with timeouts. Not here: any protocol.
 
 import errno
 import termios
+from typing import Any
 
 import serial
 
@@ -80,6 +81,15 @@ class SerialLine:
     def _require_open(self) -> None:
         if not self._port.is_open:
             raise OSError(errno.EIO, "the port is closed")
+
+
+def serial_line(device: str, table: Any) -> SerialLine:
+    """Open the line that a device's table names by its `port` and `baud`.
+
+    Raises:
+        AccessError, DisconnectedError: As `SerialLine`.
+    """
+    return SerialLine(device, table.port, table.baud)
 
 
 def _keep_lines_on_close(descriptor: int) -> None:

@@ -171,7 +171,7 @@ class FitState:
         """Search for surfaces if a search is due, and tell whether some were found now.
 
         The plane sweep uses the views as they would be delivered, with their residual added: its depth is nearer the
-        truth than that of the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
+        truth than that of the scene that they were rendered from (docs/decisions/surfaces.md).
         """
         settings = self.settings.surfaces
         if settings is None or not self._searches or share < self._searches[0].begins:

@@ -4,9 +4,9 @@ Here: the names, and `auto`. Not here: the sources themselves.
 
 `auto` takes the camera to be at rest if the measurement shows so and no stage reported poses: behind masks that are one
 displaced pattern, what a decode leaves of it is tracked as a motion, and halves of these tracks agree
-(docs/decisions/0126-a-camera-at-rest-from-the-measurement.md). Where tracks show no path, or a doubtful one, the motion
+(docs/decisions/small-motions.md). Where tracks show no path, or a doubtful one, the motion
 that explains displacements of blocks of the measurement takes their place, if it is expected to err less
-(docs/decisions/0127-a-path-from-displacements.md). It uses every source available for this shot on this machine: the
+(docs/decisions/small-motions.md). It uses every source available for this shot on this machine: the
 stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement chooses (`evidence`) among
 those that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
 smaller, and a stage's poses that tracks bear out are not replaced. The stage comes first, since blur and noise of the

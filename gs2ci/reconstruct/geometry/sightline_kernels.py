@@ -6,8 +6,9 @@ to the homographies of the plane sweep. Not here: what the places are for (`sigh
 
 from typing import Final
 
-import numba
 import numpy as np
+
+from gs2ci.core.kernels import EXACT, f32_2, f32_3, f64_2, f64_3, helper, i64, i64_1, kernel
 
 # Divisors nearer to zero are replaced by this: of a plane that is seen from its edge, and of points at or behind
 # the reference camera. Their places lie far outside of the picture, whose border they then see.
@@ -16,14 +17,14 @@ _LEAST: Final = 1e-9
 _ROUNDS: Final = 5
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def corner(place, count):
     """Return the cell of a coordinate among `count` samples, and how far in it, 0 to 1; outside it is the border's."""
     cell = min(max(int(np.floor(place)), 0), count - 2)
     return cell, min(max(place - cell, 0.0), 1.0)
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def interpolated(picture, column, row):
     """Return a picture's value, [H, W], at a place; beyond its border it goes on as there."""
     c, x = corner(column, picture.shape[1])
@@ -33,7 +34,7 @@ def interpolated(picture, column, row):
     return (1 - y) * above + y * below
 
 
-@numba.njit(cache=True)
+@kernel(f32_3, i64_1, i64_1, fastmath=EXACT)
 def list_open(open_share, rows, columns):
     """Return where the open masks of each reading begin, [K + 1], their views, [E], and transmissions, [E].
 
@@ -59,7 +60,7 @@ def list_open(open_share, rows, columns):
     return begin, view, share
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _turned(matrix, x, y, z):
     return (
         matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
@@ -68,7 +69,7 @@ def _turned(matrix, x, y, z):
     )
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _at(intrinsics, x, y, z):
     """Project a point to the reference view's array: column and row."""
     u, v, w = _turned(intrinsics, x, y, z)
@@ -76,11 +77,13 @@ def _at(intrinsics, x, y, z):
     return u / w - 0.5, v / w - 0.5
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def places_on_planes(begin, view, rays, turned, centres, planes, intrinsics, places):
+@kernel(i64, i64, i64_1, i64_1, f64_2, f64_3, f64_2, f64_2, f64_2, f64_3, fastmath=EXACT)
+def places_on_planes(from_task, to_task, begin, view, rays, turned, centres, planes, intrinsics, places):
     """Find the places on planes.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         begin: Of the open masks of each reading, [K + 1].
         view: Of each open mask, [E].
         rays: Of the readings, [K, 3].
@@ -90,7 +93,7 @@ def places_on_planes(begin, view, rays, turned, centres, planes, intrinsics, pla
         intrinsics: [3, 3], px.
         places: Written: column and row, [P, E, 2].
     """
-    for k in numba.prange(len(begin) - 1):
+    for k in range(from_task, to_task):
         for e in range(begin[k], begin[k + 1]):
             v = view[e]
             x, y, z = _turned(turned[v], rays[k, 0], rays[k, 1], rays[k, 2])
@@ -103,11 +106,13 @@ def places_on_planes(begin, view, rays, turned, centres, planes, intrinsics, pla
                 places[p, e, 0], places[p, e, 1] = _at(intrinsics, far * x - a, far * y - b, far * z - c)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def places_on_map(begin, view, rays, poses, inverse_depth, intrinsics, back, places):
+@kernel(i64, i64, i64_1, i64_1, f64_2, f64_3, f32_2, f64_2, f64_2, f64_2, fastmath=EXACT)
+def places_on_map(from_task, to_task, begin, view, rays, poses, inverse_depth, intrinsics, back, places):
     """Find the places on a map's surface, by moving each until it is seen where the reading is.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         begin: As above.
         view: As above.
         rays: As above.
@@ -117,7 +122,7 @@ def places_on_map(begin, view, rays, poses, inverse_depth, intrinsics, back, pla
         back: Its inverse.
         places: Written: column and row, [E, 2].
     """
-    for k in numba.prange(len(begin) - 1):
+    for k in range(from_task, to_task):
         own_column, own_row = _at(intrinsics, rays[k, 0], rays[k, 1], rays[k, 2])
         for e in range(begin[k], begin[k + 1]):
             pose = poses[view[e]]

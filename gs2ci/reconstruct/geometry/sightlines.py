@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.sightline_kernels import list_open, places_on_map, places_on_planes
 
 
@@ -48,14 +49,36 @@ class Sightlines:
         """
         turned, centres = _seen_from(world_to_camera)
         places = np.empty((len(planes), len(self.view), 2))
-        places_on_planes(self.begin, self.view, self.rays, turned, centres, planes, intrinsics, places)
+        in_parts(
+            places_on_planes,
+            len(self.rays),
+            self.begin,
+            self.view,
+            self.rays,
+            turned,
+            centres,
+            planes,
+            intrinsics,
+            places,
+        )
         return places
 
     def on_map(self, inverse_depth: F32, world_to_camera: F64, intrinsics: F64) -> F64:
         """Return the same for the surface of a map of the reference view, [H, W]: [1, E, 2]."""
         places = np.empty((1, len(self.view), 2))
         poses, back = np.ascontiguousarray(world_to_camera[:, :3]), np.linalg.inv(intrinsics)
-        places_on_map(self.begin, self.view, self.rays, poses, inverse_depth, intrinsics, back, places[0])
+        in_parts(
+            places_on_map,
+            len(self.rays),
+            self.begin,
+            self.view,
+            self.rays,
+            poses,
+            inverse_depth,
+            intrinsics,
+            back,
+            places[0],
+        )
         return places
 
 

@@ -6,10 +6,10 @@ at random, so that its results are not reproducible.
 """
 
 import cv2
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import EXACT, b1_2, f32_1, f32_2, helper, i64, in_parts, kernel
 from gs2ci.render.simd.elementary import exp2_blend
 from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store, where_ge
 
@@ -44,7 +44,8 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
     planes = np.stack([_framed(view[..., k], _NO_COLOUR) for k in range(view.shape[2])])
     found = np.array(inverse_depth, np.float32)
     depths = np.ascontiguousarray(inverse_depth, np.float32)
-    _snap(depths, _framed(levels, _ZERO).reshape(-1), planes.reshape(-1), view.shape[2], still, found)
+    framed = _framed(levels, _ZERO).reshape(-1)
+    in_parts(_snap, len(found), depths, framed, planes.reshape(-1), view.shape[2], still, found)
     return found
 
 
@@ -54,7 +55,7 @@ def _framed(values: F32, around: np.float32) -> F32:
     return np.pad(values.astype(np.float32), beside, constant_values=around)
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _weights(planes, channels, apart, here, there):  # type: ignore[no-untyped-def]
     """Return the similarity of the colours of 16 pixels from `here` and 16 from `there`, offsets in a plane.
 
@@ -67,14 +68,16 @@ def _weights(planes, channels, apart, here, there):  # type: ignore[no-untyped-d
     return exp2_blend(maximum(squares * _LOG2_PER_SQUARE, _LEAST_LOG2))
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, fastmath={"contract"})
-def _snap(inverse_depth, levels, planes, channels, still, found):  # type: ignore[no-untyped-def]
+@kernel(i64, i64, f32_2, f32_1, f32_1, i64, b1_2, f32_2)
+def _snap(from_task, to_task, inverse_depth, levels, planes, channels, still, found):  # type: ignore[no-untyped-def]
     """Move pixels of `found` to the weighted median of the levels around them.
 
     Whether the median is a level that the pixel may keep is found for 16 pixels of a row at once; only where it is
     not, which is at jumps, is there a histogram.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         inverse_depth: [H, W] float32.
         levels: Of it, framed and flattened, float32.
         planes: Colours, C planes, likewise.
@@ -84,7 +87,7 @@ def _snap(inverse_depth, levels, planes, channels, still, found):  # type: ignor
     """
     height, width = inverse_depth.shape
     stride = levels.shape[0] // height
-    for r in numba.prange(height):
+    for r in range(from_task, to_task):
         sums, histogram = np.empty(3 * LANES, np.float32), np.empty(_LEVELS)
         weights = np.empty(_SIDE * 2 * LANES, np.float32)
         top, bottom = max(r - _REACH_PX, 0), min(r + _REACH_PX + 1, height)
@@ -115,7 +118,7 @@ def _snap(inverse_depth, levels, planes, channels, still, found):  # type: ignor
                     )
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _median(inverse_depth, levels, planes, channels, r, c, top, bottom, weights, histogram):  # type: ignore[no-untyped-def]
     """Return the weighted mean of what shares the median's level in the window of a pixel; `weights` is scratch."""
     height, width = inverse_depth.shape
@@ -145,7 +148,7 @@ def _median(inverse_depth, levels, planes, channels, r, c, top, bottom, weights,
     return np.float32(inside / histogram[median])
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _weigh_row(planes, channels, apart, here, there, weights, first):  # type: ignore[no-untyped-def]
     """Write the similarity of a pixel's colour to those of 32 pixels of a row from `there`, to weights[first:]."""
     for half in range(0, 2 * LANES, LANES):

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
+from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.eight import FEATURES
 from gs2ci.reconstruct.geometry.kernels import best_plane, cost_of_map, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
@@ -142,7 +143,8 @@ def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
         # A Sobel operator of size 3 returns eight times the derivative of a ramp.
         right, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
-        describe(blurred, right, down, np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8), described)
+        weights = np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8)
+        in_parts(describe, len(blurred), blurred, right, down, *weights, described)
     return features
 
 

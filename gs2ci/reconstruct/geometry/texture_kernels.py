@@ -6,11 +6,11 @@ Here: kernels, in float64. Surfaces and folds are the tasks that threads share, 
 the result is the same for any number of threads. Not here: the places (`sightlines`), what follows (`plane_evidence`).
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import EXACT, f32_3, f64_1, f64_2, f64_3, helper, i64, i64_1, in_parts, kernel
 from gs2ci.reconstruct.geometry.sightline_kernels import corner, interpolated
 from gs2ci.reconstruct.geometry.sightlines import Sightlines
 
@@ -42,25 +42,28 @@ def prediction_errors(
         smooth: Weight of the squared differences between neighbours of each texture, above 0, [P].
     """
     found = np.zeros((len(places), len(light)))
-    _predict(
-        places, sightlines.begin, sightlines.share, light, slow, channel, fold, folds, smooth, _ITERATIONS, found
-    )  # fmt: skip
+    lines = (sightlines.begin, sightlines.share)
+    in_parts(
+        _predict, len(places) * folds, places, *lines, light, slow, channel, fold, folds, smooth, _ITERATIONS, found
+    )
     return found
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _predict(places, begin, share, light, slow, channel, fold, folds, smooth, iterations, found):
-    for task in numba.prange(len(places) * folds):
+@kernel(i64, i64, f64_3, i64_1, f64_1, f64_1, f32_3, i64_1, i64_1, i64, f64_1, i64, f64_2, fastmath=EXACT)
+def _predict(from_task, to_task, places, begin, share, light, slow, channel, fold, folds, smooth, iterations, found):
+    for task in range(from_task, to_task):
         surface, out = task // folds, task % folds
         _predict_fold(
             places[surface], begin, share, light, slow, channel, fold, out, smooth[surface], iterations, found[surface]
         )
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _predict_fold(places, begin, share, light, slow, channel, fold, out, smooth, iterations, found):
     """Enter the squared errors of the readings of one fold, [K]."""
-    seen = fold != out
+    seen = np.empty(len(fold), np.bool_)
+    for k in range(len(fold)):
+        seen[k] = fold[k] != out
     left = without_slow(places, begin, share, light, slow, channel)
     low, size = _extent(places, slow.shape)
     left = left_over(places, low, begin, share, left, seen, np.zeros(size), smooth, iterations)
@@ -69,7 +72,7 @@ def _predict_fold(places, begin, share, light, slow, channel, fold, out, smooth,
             found[k] = left[k] ** 2
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@kernel(f64_2, i64_1, f64_1, f64_1, f32_3, i64_1)
 def without_slow(places, begin, share, light, slow, channel):
     """Return the readings without what the known part of the view contributes, [K]; places are of one surface, [E, 2].
 
@@ -82,7 +85,7 @@ def without_slow(places, begin, share, light, slow, channel):
     return left
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _extent(places, shape):
     """Return the first column and row of a texture that covers the places, and its height and width.
 
@@ -101,7 +104,7 @@ def _extent(places, shape):
     return low, (int(high[1] - low[1]), int(high[0] - low[0]))
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _cells(places, low, size):
     """Return the flat index of the cell of each place, unsigned since negative indices cost a test each, [E].
 
@@ -115,7 +118,7 @@ def _cells(places, low, size):
     return cells, inside
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _seen_through(texture, begin, share, cells, inside, found):
     flat, one, row = texture.ravel(), np.uint64(1), np.uint64(texture.shape[1])
     for k in range(len(found)):
@@ -128,7 +131,7 @@ def _seen_through(texture, begin, share, cells, inside, found):
         found[k] = total
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _sent_back(values, seen, begin, share, cells, inside, found):
     """Add the adjoint of `_seen_through`, of readings that are seen."""
     flat, one, row = found.ravel(), np.uint64(1), np.uint64(found.shape[1])
@@ -143,7 +146,7 @@ def _sent_back(values, seen, begin, share, cells, inside, found):
             flat[at + row + one] += x * y * value
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def _add_roughness(texture, smooth, found):
     """Add half the gradient of `smooth` times the squared differences between neighbours."""
     height, width = texture.shape
@@ -159,7 +162,7 @@ def _add_roughness(texture, smooth, found):
                 found[r + 1, c] += step
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@helper()
 def left_over(places, low, begin, share, light, seen, texture, smooth, iterations):
     """Return the residuals of readings, [K], by a texture estimated from those that are seen.
 
@@ -179,7 +182,7 @@ def left_over(places, low, begin, share, light, seen, texture, smooth, iteration
     against = np.zeros_like(texture)
     _sent_back(left, seen, begin, share, cells, inside, against)
     along = against.copy()
-    power = (against * against).sum()
+    power = _dot(against, against)
     for _ in range(iterations):
         if power == 0:
             break
@@ -187,10 +190,35 @@ def left_over(places, low, begin, share, light, seen, texture, smooth, iteration
         bent = np.zeros_like(texture)
         _sent_back(coded, seen, begin, share, cells, inside, bent)
         _add_roughness(along, smooth, bent)
-        step = power / (along * bent).sum()
-        texture += step * along
-        against -= step * bent
-        before, power = power, (against * against).sum()
-        along = against + power / before * along
+        step = power / _dot(along, bent)
+        _add_scaled(texture, along, step)
+        _add_scaled(against, bent, -step)
+        before, power = power, _dot(against, against)
+        _add_scaled_to(along, against, power / before)
     _seen_through(texture, begin, share, cells, inside, coded)
-    return left - coded
+    _add_scaled(left.reshape(1, -1), coded.reshape(1, -1), -1.0)
+    return left
+
+
+@helper(fastmath=EXACT)
+def _dot(a, b):
+    """Sum the products of two textures, row by row."""
+    total = 0.0
+    for r in range(a.shape[0]):
+        for c in range(a.shape[1]):
+            total += a[r, c] * b[r, c]
+    return total
+
+
+@helper()
+def _add_scaled(values, more, factor):
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            values[r, c] += factor * more[r, c]
+
+
+@helper()
+def _add_scaled_to(values, more, factor):
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            values[r, c] = more[r, c] + factor * values[r, c]

@@ -32,7 +32,7 @@ from gs2ci.reconstruct.settings import Settings
 # In polished views, which err by 0.05 to 0.2 px along tracks (decoded views by 0.2 to 0.8): the least parallax that
 # counts as one, and how many times larger errors must be under pure rotations than along the path. Small motions had
 # factors from 1.6 to 3.2, cameras that turned or stood still up to 1.55
-# (docs/decisions/0114-parallax-in-the-views-of-a-fit.md).
+# (docs/decisions/path-from-fits.md).
 _PARALLAX_PX: Final = 0.05
 _UNEXPLAINED: Final = 1.6
 

@@ -5,13 +5,13 @@
 
 Views 15° apart, in any order, share hardly a corner that can be tracked, and in views decoded by GAP-TV few features
 match. Similar patches, sought within each view and its neighbours, need no path, and decode such views 3 to 6 dB
-better (docs/decisions/0115-matched-again-in-a-longer-decode.md).
+better (docs/decisions/wide-baseline.md).
 
 A uniform motion that no tracks confirm is the last resort: a scene along it is seldom kept. So features are matched
 again before anything is fitted along it.
 
 Around an object, tracks follow points from one view to the next, and lose them before it has been turned by 20°: errors
-add up along the path, and halves of the tracks share them (docs/decisions/0116-scenes-grown-from-many-pairs.md).
+add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).
 
 Here: when to match again, and the look that results. Not here: the features and the scene that grows from them
 (`geometry.wide`), the first look itself (`first_look`), the fits (`fitting`).

@@ -46,7 +46,8 @@ RELEASED: Final = Origin.RELEASED.value
 MOVING: Final = Origin.MOVING.value
 
 # The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it
-# surely does: a first-order model explains little of a motion that is wider than the detail that moves (decision 0133).
+# surely does: a first-order model explains little of a motion that is wider than the detail that moves
+# (docs/decisions/moving-scenes.md).
 _LEAST_EXPLAINED: Final = 0.006
 _LEAST_SURELY: Final = 0.08
 # The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0000 of a wall that

@@ -470,7 +470,7 @@ class Race:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
 
         Sparsely: views decoded densely take three times as long, and where they only start fits and take part in the
-        combination, they gained 0.14 dB in one clip of three (docs/decisions/0111-fits-that-only-get-worse.md).
+        combination, they gained 0.14 dB in one clip of three (docs/decisions/schedule.md).
         """
         schedule = self._settings.long_decode
         if first.is_decoded_at_length or schedule is None:

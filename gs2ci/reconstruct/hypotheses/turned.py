@@ -1,7 +1,7 @@
 """Near and far exchanged: the hypothesis of the other order of depth, and what whole fits of both say.
 
 Fits of both orders explain the measurement about as well. Which of them hides what the views do not show tells them
-apart from about 3 px of parallax on (docs/decisions/0139-what-hides-what.md). The fit of the other order is not in
+apart from about 3 px of parallax on (docs/decisions/depth-order.md). The fit of the other order is not in
 vain: its views count in the mean, in place of a companion.
 
 Here: the hypothesis, and what follows from its fit. Not here: the evidence (`geometry/occlusion.py`), short fits

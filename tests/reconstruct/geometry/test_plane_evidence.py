@@ -304,9 +304,14 @@ def by_least_squares(coded, light, seen, size, smooth):
     return light - coded @ np.linalg.lstsq(normal, coded[seen].T @ light[seen], rcond=None)[0]
 
 
+@numba.njit
+def estimate(places, low, begin, share, light, seen, texture, smooth, iterations):
+    return left_over(places, low, begin, share, light, seen, texture, smooth, iterations)
+
+
 def left_by_kernel(places, open_share, light, seen, size, smooth, iterations=6):
     there, share, begin = listed(places, open_share)
-    return left_over(there, np.zeros(2), begin, share, light, seen, np.zeros(size), smooth, iterations)
+    return estimate(there, np.zeros(2), begin, share, light, seen, np.zeros(size), smooth, iterations)
 
 
 def test_what_is_left_is_that_of_least_squares():

@@ -279,7 +279,7 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
     """Whichever of the attempts is taken: patches, which told of it, gain by themselves, as decode and as views."""
     shot = exposed(thing_before_a_wall(2.5))
     # With positions that step in the view, depth explains an even motion
-    # (docs/decisions/0108-steps-in-the-reference-view.md).
+    # (docs/decisions/steps.md).
     fit = replace(WHOLE.fit, steps=replace(WHOLE.fit.steps, in_view=None))
     found, still = (reconstruct(shot, replace(WHOLE, fit=fit, motion=mode)).result for mode in ("auto", "off"))
     assert found.motion["tried"]
