@@ -14,6 +14,7 @@ from gs2ci.core.findings import Finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -101,7 +102,8 @@ def observe(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     partly = joins_in_part(first)
-    if again and (partly or (settings.poses == "auto" and needs_rest(first))):
+    matches = again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
+    if matches and (partly or (settings.poses == "auto" and needs_rest(first))):
         # A motion without tracks explains the measurement so far that weights corrected along it are better than those
         # given.
         weighted = holdout if partly else first.holdout

@@ -27,6 +27,7 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
@@ -146,7 +147,9 @@ class Auto:
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
-        still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
+        left_out = request.settings.left_out
+        may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+        still = share_at_rest(request.shot) if may_rest else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
         tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
@@ -159,10 +162,11 @@ class Auto:
             for name in names
         ]
         standing = _standing(answers)
-        if standing is None:
+        if standing is None and LeftOut.WIDE_MATCHES not in left_out:
             answers.append(_matched(request, tracks))
             standing = _standing(answers)
-        if doubtful and (standing is None or standing.source == tracks.source):
+        first = standing is None or standing.source == tracks.source
+        if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
@@ -189,6 +193,8 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
     follow what the decode leaves of it.
     """
     if tracks.has_path and not is_doubtful(tracks, request.settings.criteria):
+        return tracks
+    if LeftOut.DISPLACEMENTS in request.settings.left_out:
         return tracks
     displaced = displaced_motion(request, tracks)
     if not displaced.has_path:

@@ -14,6 +14,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
@@ -32,7 +33,6 @@ from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
-from gs2ci.reconstruct.hypotheses.moving import released
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
@@ -116,6 +116,8 @@ class Fits:
         geometry = first.geometry
         if self.settings.withheld != Withheld() or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
+        if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
+            return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
         if hurried or not self.tries_orders:
             return first, OrderFound(DepthOrder.UNTRIED if geometry.is_estimated else DepthOrder.SETTLED)
         if geometry.is_uniform:
@@ -290,3 +292,23 @@ class Fits:
     def _trying(self, fit: CoarseSettings) -> "Fits":
         """Return the same for auxiliary fits: they are neither scored nor ended early."""
         return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
+
+
+def released(fit: CoarseSettings) -> CoarseSettings:
+    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
+
+    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
+    first: without that, the first step took a fitted scene to four times its loss.
+    """
+    steps, iterations = fit.steps, max(1, fit.iterations // 2)
+    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
+    return replace(
+        fit,
+        iterations=iterations,
+        densify_until=0.0,
+        warm_up=iterations // 10,
+        mask_moments_from=0.0,
+        surfaces=None,
+        relief=None,
+        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
+    )

@@ -17,7 +17,7 @@ Here: when, from which start, and the record of it. Not here: the motion (`fit.m
 choice (`race`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -29,7 +29,6 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -225,26 +224,6 @@ def rested(first: FirstLook) -> FirstLook:
     A given path is kept, and so is a camera that was found to stand still or only to turn.
     """
     return from_rest(first) if first.geometry.has_path and first.geometry.is_estimated else first
-
-
-def released(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
-
-    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
-    first: without that, the first step took a fitted scene to four times its loss.
-    """
-    steps, iterations = fit.steps, max(1, fit.iterations // 2)
-    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
-    return replace(
-        fit,
-        iterations=iterations,
-        densify_until=0.0,
-        warm_up=iterations // 10,
-        mask_moments_from=0.0,
-        surfaces=None,
-        relief=None,
-        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
-    )
 
 
 def ask(holdout: Holdout, views: F32) -> LeftByMotion:

@@ -12,25 +12,20 @@ fitted again. One rule holds for all: after a quarter of its schedule a fit that
 after as many iterations is given up, and so is all but the best of those that entered with it. A fit that may not be
 needed waits.
 
-Here: the schedule and the jury. Not here: the hypotheses (a file each), the fits (`fitting`).
+Here: the schedule. Not here: the hypotheses (a file each), the fits (`fitting`), who is taken (`jury`).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.motion import moving_share
-from gs2ci.reconstruct.fit.stopping import has_clearly_risen
-from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
@@ -43,12 +38,9 @@ from gs2ci.reconstruct.hypotheses.hypothesis import (
     RaceEvidence,
     RaceOutcome,
 )
+from gs2ci.reconstruct.hypotheses.jury import Jury, clearly_less, got_worse, or_infinite
 from gs2ci.reconstruct.hypotheses.matches import look_far_apart
 from gs2ci.reconstruct.hypotheses.moving import (
-    BEHIND_DECODE,
-    BEHIND_PATCHES,
-    LEAST_GAIN,
-    LEAST_UNFOLLOWED,
     STILL,
     MotionQuestion,
     MotionReport,
@@ -58,8 +50,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
 )
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.hypotheses.rest import from_rest, needs_rest
-from gs2ci.reconstruct.hypotheses.turned import explain_alike, shown_by, turned_over
-from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
+from gs2ci.reconstruct.hypotheses.turned import turned_over
 
 QUARTER: Final = 0.25
 """After this share of the schedule the residual of a fit predicts its final one well enough: on the real fan that of
@@ -106,10 +97,9 @@ class Race:
 
     def __init__(self, fits: Fits) -> None:
         self.fits = fits
-        self._settings = fits.settings
+        self._settings, self._jury = fits.settings, Jury(fits)
         self._entered: list[Entrant] = []
         self._outcomes: dict[int, RaceOutcome] = {}
-        self._judged: dict[int, float | None] = {}
 
     def hurried(self, first: FirstLook, order: OrderFound) -> Raced:
         """Fit the first hypothesis and its companions, and nothing else, as within a budget."""
@@ -127,11 +117,11 @@ class Race:
         first, field = self._matched(first, field)
         asked = MotionQuestion()
         if self._may_move:
-            asked = self._question(field[0], field[0].run.result().views)
+            asked = self._jury.question(field[0], field[0].run.result().views)
             if asked.speaks_for_motion and len(field) > 1:
                 # One fit leaves more for patches to explain than the mean of several.
                 field = self._to(1.0, field)
-                asked = self._question(field[0], self._mean_of(self._counting(field)))
+                asked = self._jury.question(field[0], self._jury.mean_of(self._jury.counting(field)))
         residuals: dict[str, float | None] = {}
         if self._wants_motion or (asked.speaks_for_motion and not self.fits.halt.asked):
             moving, residuals = self._moving(first, field)
@@ -142,12 +132,12 @@ class Race:
             # If things move in a way that no scene follows, patches do; of a scene at rest they soon gain little more.
             follows = min(map(or_infinite, residuals.values())) < or_infinite(residuals[STILL])
             first = self._decoded_better(first, hurried=not follows)
-        elif self._may_move and not self.fits.halt.asked and (asked.behind_decode or _got_worse(field[0])):
+        elif self._may_move and not self.fits.halt.asked and (asked.behind_decode or got_worse(field[0])):
             # Patches follow what no still scene can, and are worth their time if the scene hardly beats GAP-TV, or if
             # its fit only got worse.
             first = self._decoded_better(first)
         field = self._to(1.0, field)
-        field, order = self._jury(field, asked)
+        field, order = self._jury.taken(field, asked)
         return self._delivered(first, field, order, asked, residuals)
 
     # Who enters.
@@ -173,7 +163,7 @@ class Race:
                 settled, order = self.fits.order_of(replace(again, decoded=views), hurried=False)
                 again = replace(again, geometry=settled.geometry)
             found.append(Hypothesis(Origin.AGAIN, again, views, order))
-        if needs_rest(first):
+        if needs_rest(first) and LeftOut.REST_AS_RIVAL not in self._settings.left_out:
             found.append(Hypothesis(Origin.REST, from_rest(first), first.decoded))
         return found
 
@@ -259,7 +249,7 @@ class Race:
             return True
         if self._may_move and speaks_for_motion(ask(holdout, views), known_at_rest=leader.geometry.known_at_rest):
             return True
-        return self._is_behind_decode(leader.hypothesis.look, views)
+        return self._jury.is_behind_decode(leader.hypothesis.look, views)
 
     # Features matched again.
 
@@ -273,9 +263,10 @@ class Race:
         """
         leader, geometry, settings = field[0], first.geometry, self._settings
         result = leader.run.result()
-        matched = geometry.is_matched or geometry.joined > 0 or needs_rest(first)
+        left_out = LeftOut.MATCHES_IN_A_LONGER_DECODE in settings.left_out
+        matched = left_out or geometry.is_matched or geometry.joined > 0 or needs_rest(first)
         may_match = settings.poses == "auto" and settings.may_look_again and geometry.is_estimated and not matched
-        far = turns_far(result.world_to_camera) or self._is_behind_decode(first, result.views)
+        far = turns_far(result.world_to_camera) or self._jury.is_behind_decode(first, result.views)
         if self.fits.halt.asked or not (may_match and far):
             return first, field
         first = self._decoded_better(first)
@@ -305,26 +296,6 @@ class Race:
         whole = self._settings.fit.iterations >= LEAST_SCHEDULE
         return self._settings.may_move and whole and not self.fits.halt.asked
 
-    def _question(self, leader: Entrant, views: F32) -> MotionQuestion:
-        """Test still views' residual for motion, and if the test is positive, how much patches reduce it."""
-        look = leader.hypothesis.look
-        unfollowed = float(followed_by_other_alone(self.fits.holdout, views, look.decoded).mean())
-        left, at_rest = ask(self.fits.holdout, views), look.geometry.known_at_rest
-        asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
-        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
-            return asked
-        refined = self.fits.refine(views)
-        further = [self._further(refined)]
-        if look.is_decoded_at_length:
-            further.append(look.decoded)
-        return replace(
-            asked,
-            gain=max(self._gain(refined, decoded) for decoded in further),
-            behind_decode=self._is_behind_decode(look, leader.run.result().views),
-            got_worse=_got_worse(leader),
-            no_path=not leader.geometry.has_path,
-        )
-
     def _moving(
         self, first: FirstLook, field: tuple[Entrant, ...]
     ) -> tuple[tuple[Entrant, ...], dict[str, float | None]]:
@@ -335,15 +306,15 @@ class Race:
         if not self._wants_motion:
             self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         ended = [one for one in field if one.run.has_ended]
-        still = self._mean_of(self._counting(ended))
-        residuals = {STILL: self.fits.holdout.residual_rms(self._shown(still, first.decoded))}
-        entered = [self._enter(one) for one in self._moving_hypotheses(first, field[0], still)]
+        still = self._jury.mean_of(self._jury.counting(ended))
+        residuals = {STILL: self.fits.holdout.residual_rms(self._jury.shown(still, first.decoded))}
+        entered = [self._enter(one) for one in self._jury.moving_hypotheses(first, field[0], still)]
         for entrant in entered:
             # One that continues a fit has ended after as many iterations as another after half of its schedule.
             self._try(HALF if entrant.hypothesis.after is None else 1.0, entrant)
         entered = [one for one in entered if one.number not in self._outcomes]
         for entrant in entered:
-            residuals[entrant.hypothesis.origin.value] = self._left(entrant, first.decoded)
+            residuals[entrant.hypothesis.origin.value] = self._jury.left(entrant, first.decoded)
         entered = [one for one in entered if not self._wants_motion or moving_share(one.run.scene) > 0] or entered
         entered.sort(key=lambda one: or_infinite(residuals[one.hypothesis.origin.value]))
         self._leave(entered[1:], RaceOutcome.LESS)
@@ -351,50 +322,11 @@ class Race:
             name = best.hypothesis.origin.value
             if self._wants_motion or or_infinite(residuals[name]) < or_infinite(residuals[STILL]):
                 self._try(1.0, best)
-                residuals[name] = self._left(best, first.decoded)
+                residuals[name] = self._jury.left(best, first.decoded)
                 if self._wants_motion or clearly_less(residuals[name], residuals[STILL]):
                     return self._to(1.0, [best, *self._companions(best, len(ended) - 1)]), residuals
             self._leave([best], RaceOutcome.LESS)
         return (), residuals
-
-    def _moving_hypotheses(self, first: FirstLook, leader: Entrant, still: F32) -> list[Hypothesis]:
-        """Return a scene that moves from the first, and along a sure path the still one, released."""
-        result, look = leader.run.result(), leader.hypothesis.look
-        starts = (self._shown(still, first.decoded), first.decoded, self._further(self.fits.refine(still)))
-        views = min(starts, key=lambda shown: or_infinite(self.fits.holdout.residual_rms(shown)))
-        found = [Hypothesis(Origin.MOVING, rested(look), views, moves=True)]
-        if look.geometry.has_path and not is_doubtful(look.geometry, self._settings.geometry.criteria):
-            found.append(Hypothesis(Origin.RELEASED, look, views, moves=True, after=result))
-        return found
-
-    # The jury.
-
-    def _jury(self, field: tuple[Entrant, ...], asked: MotionQuestion) -> tuple[tuple[Entrant, ...], OrderFound]:
-        """Return the fits of a still scene, that of the hypothesis taken first, and what they say of its order."""
-        leader, order = field[0], field[0].hypothesis.order
-        rivals = [one for one in field if one.hypothesis.origin not in (Origin.COMPANION, Origin.TURNED)]
-        if len(rivals) > 1:
-            for rival in rivals:
-                self._judged[rival.number] = self._left(rival)
-            leader = min(rivals, key=lambda one: or_infinite(self._judged[one.number]))
-            pathless = next((one for one in rivals if one.geometry.lacks_path), leader)
-            if not clearly_less(self._judged[leader.number], self._judged[pathless.number]):
-                leader = pathless
-            order = leader.hypothesis.order
-        # What moves hides other things than a scene at rest would, also where a moving scene explains no more.
-        turned = [one for one in field if one.hypothesis.origin == Origin.TURNED and not asked.speaks_for_motion]
-        told = self._told(leader, turned[0]) if turned else None
-        if told is not None:
-            leader, order = (leader if told[0] else turned[0]), told[1]
-        return (leader, *(one for one in field if one.number != leader.number)), order
-
-    def _told(self, one: Entrant, other: Entrant) -> tuple[bool, OrderFound] | None:
-        """Tell whether the first of two fits hides what its refined views do not show; None if that is not clear."""
-        results = [entrant.run.result() for entrant in (one, other)]
-        refined = [self.fits.refine(result.views) for result in results]
-        if not explain_alike(*(self.fits.holdout.residual_rms(views) for views in refined)):
-            return None
-        return shown_by(*(self.fits.occlusion(result, views) for result, views in zip(results, refined, strict=True)))
 
     def _delivered(
         self,
@@ -405,7 +337,7 @@ class Race:
         residuals: dict[str, float | None],
     ) -> Raced:
         """Return the result of the hypothesis taken, the first of those that may count in the mean."""
-        leader, *others = self._counting(field)
+        leader, *others = self._jury.counting(field)
         fits = (leader.run.result(), *(replace(one.run.result(), beside=one.of != leader.of) for one in others))
         ensemble = self.fits.mean(fits)
         self._outcomes[leader.number] = RaceOutcome.LED
@@ -419,30 +351,6 @@ class Race:
             geometry = replace(geometry, order_errors=order.errors)
         return Raced(first, leader.hypothesis.look, geometry, fits, ensemble, order, motion, self._course())
 
-    def _counting(self, field: Sequence[Entrant]) -> list[Entrant]:
-        """Return those whose views count in the mean: other hypotheses only if they do not raise its residual."""
-        leader = field[0]
-        own = [one for one in field if one.of == leader.of]
-        others = [one for one in field if one.of != leader.of]
-        if self.fits.mask_moments is not None:
-            # Views at the middle of the masks are rendered anew from all fits, with the camera matrix of the best.
-            focal_px = leader.geometry.intrinsics[0, 0]
-            others = [one for one in others if one.geometry.intrinsics[0, 0] == focal_px]
-        if not others:
-            return own
-        others.sort(key=lambda one: or_infinite(self._left(one)))
-        least = or_infinite(self._left(leader))
-        while others and self._left_of(self._mean_of([*own, *others])) > least:
-            others.pop()
-        return [*own, *others]
-
-    def _mean_of(self, field: Sequence[Entrant]) -> F32:
-        """Return the mean of the views of fits, [N, H, W, C]."""
-        together = field[0].run.result().views.copy()
-        for one in field[1:]:
-            together += one.run.result().views
-        return together / np.float32(len(field))
-
     def _course(self) -> tuple[RaceEvidence, ...]:
         return tuple(
             RaceEvidence(
@@ -452,19 +360,19 @@ class Race:
                 one.run.iterations,
                 one.schedule,
                 tuple((point.iteration, point.heldout) for point in one.run.curve if point.heldout is not None),
-                self._judged.get(one.number),
+                self._jury.judged.get(one.number),
                 self._outcomes.get(one.number, RaceOutcome.LESS),
             )
             for one in self._entered
         )
 
-    # What views leave.
-
     def _may_look_again(self, geometry: Geometry) -> bool:
-        return self._settings.may_look_again and is_wanted(geometry, self._settings.geometry)
+        may = self._settings.may_look_again and LeftOut.SECOND_LOOK not in self._settings.left_out
+        return may and is_wanted(geometry, self._settings.geometry)
 
     def _is_order_open(self, hypothesis: Hypothesis) -> bool:
-        return hypothesis.order.state == DepthOrder.OPEN and self.fits.tries_orders
+        may = self.fits.tries_orders and LeftOut.OCCLUSION not in self._settings.left_out
+        return may and hypothesis.order.state == DepthOrder.OPEN
 
     def _decoded_better(self, first: FirstLook, *, hurried: bool = False) -> FirstLook:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
@@ -479,55 +387,3 @@ class Race:
         self.fits.clock.lap("decode")
         before, after = (self.fits.holdout.residual_rms(look.decoded) for look in (first, longer))
         return longer if or_infinite(after) < or_infinite(before) else first
-
-    def _is_behind_decode(self, look: FirstLook, views: F32) -> bool:
-        """Tell whether views of a scene explain the held-out pixels barely better than a brief decode, or worse.
-
-        A whole decode by patches follows moving things, and may be better than a scene that is right: against it the
-        scene has to be clearly worse.
-        """
-        least = BEHIND_PATCHES if look.is_decoded_at_length else BEHIND_DECODE
-        fitted, decoded = (self.fits.holdout.residual_rms(one) for one in (views, look.decoded))
-        return fitted is not None and decoded is not None and fitted >= least * decoded > 0
-
-    def _further(self, refined: F32) -> F32:
-        """Decode by patches, which may move, for a few steps from refined views, [N, H, W, C]."""
-        return patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())
-
-    def _gain(self, refined: F32, decoded: F32) -> float:
-        """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""
-        before, after = (self.fits.holdout.residual_rms(views) for views in (refined, decoded))
-        return 0.0 if not before or after is None else 1 - after / before
-
-    def _shown(self, views: F32, decoded: F32) -> F32:
-        """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
-        where = followed_by_other_alone(self.fits.holdout, views, decoded)
-        return self.fits.refine(replaced(views, decoded, where) if where.any() else views)
-
-    def _left_of(self, views: F32) -> float:
-        """Return the held-out residual of views, [N, H, W, C], after their refinement."""
-        return or_infinite(self.fits.holdout.residual_rms(self.fits.refine(views)))
-
-    def _left(self, entrant: Entrant, decoded: F32 | None = None) -> float | None:
-        """Return the held-out residual of a fit's views, refined; about as delivered if decoded."""
-        run = entrant.run
-        views = run.result().views if run.has_ended else run.views()
-        return self.fits.holdout.residual_rms(
-            self.fits.refine(views) if decoded is None else self._shown(views, decoded)
-        )
-
-
-def clearly_less(one: float | None, other: float | None) -> bool:
-    """Tell whether a held-out residual is so much smaller than another that this is not chance."""
-    return one is not None and other is not None and one < (1 - LEAST_GAIN) * other
-
-
-def or_infinite(rms: float | None) -> float:
-    """Return a held-out residual, or infinity if it is not known."""
-    return math.inf if rms is None or math.isnan(rms) else rms
-
-
-def _got_worse(still: Entrant) -> bool:
-    """Tell whether the held-out residual of a fit ended clearly above its least value."""
-    left = [point.heldout for point in still.run.curve if point.heldout is not None]
-    return bool(left) and has_clearly_risen(min(left), left[-1])

@@ -17,7 +17,7 @@ from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.occlusion import Occlusion
-from gs2ci.reconstruct.hypotheses import race
+from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, RaceOutcome
@@ -128,9 +128,10 @@ def run(monkeypatch, first, leaves, order=None, *, left=QUIET, settings=None, oc
     monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
     matched = replace(first, geometry=replace(first.geometry, source="wide"))
     monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
+    monkeypatch.setattr(jury, "ask", lambda *_: left)
     monkeypatch.setattr(race, "ask", lambda *_: left)
-    monkeypatch.setattr(race, "followed_by_other_alone", lambda *_: np.zeros(1))
-    monkeypatch.setattr(race, "patch_decode_from", lambda *_: np.float64(further))
+    monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
+    monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
     monkeypatch.setattr(race, "moving_share", lambda _: 1.0)
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
