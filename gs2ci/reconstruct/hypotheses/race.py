@@ -171,7 +171,8 @@ class Race:
         """Return those that go on after a quarter of the schedule: the best, and what is most in doubt beside it."""
         kept = self._kept(leader, entered)
         best = kept[0]
-        if self._is_order_open(best.hypothesis) and not self.fits.halt.asked:
+        # Whether there is a motion at all, where no tracks confirm it, matters more than its order of depth.
+        if self._is_order_open(best.hypothesis) and not best.geometry.is_uniform and not self.fits.halt.asked:
             self._leave(kept[1:], RaceOutcome.NOT_NEEDED)
             kept = kept[:1]
         return (*kept, *(self._second(best) if len(kept) == 1 else self._companions(best, 1)))

@@ -162,7 +162,8 @@ TURNED, COMPANION, MATCHED = "other order of depth", "other density rule", "wide
             [(FIRST, 200), (SECOND, 100), (REST, 400), (COMPANION, 400)],
             REST,
         ),
-        (UNIFORM, None, {FIRST: 0.02, REST: 0.021}, [(FIRST, 400), (REST, 400)], FIRST),
+        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.021}, [(FIRST, 400), (REST, 400)], FIRST),
+        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.03}, [(FIRST, 400), (REST, 100), (TURNED, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.0299}, [(FIRST, 400), (SECOND, 400)], FIRST),
         (PATHLESS, None, {FIRST: 0.03, SECOND: 0.029}, [(FIRST, 400), (SECOND, 400)], SECOND),
         (
