@@ -18,6 +18,15 @@ ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
 FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""
 
+
+class Decoder(StrEnum):
+    """The same as an enumeration."""
+
+    GAP_TV = "gap-tv"
+    PATCHES = "patches"
+    PATCHES_QUICK = "patches-quick"
+
+
 DecodeMethod = str
 """One of `DECODE_METHODS`, onnx:FILE, or the name of a plug-in."""
 DECODE_METHODS: Final = (

@@ -29,7 +29,6 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import GIVEN
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians, joined
 
@@ -73,7 +72,7 @@ class FitState:
         self._seed = seed
         self._holdout = holdout
         # Without parallax, views show no depth.
-        moved = settings.surfaces is not None and geometry.verdict == "full"
+        moved = settings.surfaces is not None and geometry.has_path
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self._outside = outside
@@ -81,7 +80,7 @@ class FitState:
         self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
         # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
-        free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
+        free = geometry.has_path and not geometry.is_given and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._with_moments = renderer
@@ -306,7 +305,7 @@ def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRen
 
 def _reference_view(geometry: Geometry) -> ReferenceView | None:
     """Return the view in whose coordinates positions step; None without a path, when nothing tells depth."""
-    if geometry.verdict != "full":
+    if not geometry.has_path:
         return None
     poses = geometry.world_to_camera
     return ReferenceView(poses[geometry.reference], float(geometry.intrinsics[0, 0]), path_extent(poses))

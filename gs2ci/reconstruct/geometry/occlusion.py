@@ -7,7 +7,7 @@ So of two fits, one of each order, the right one hides more that the views confi
 (docs/decisions/depth-order.md).
 
 Here: this evidence in one fit, and the comparison of two. Not here: the fits and when they are made
-(`attempts/both_orders.py`).
+(`hypotheses/turned.py`).
 """
 
 from dataclasses import dataclass

@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct import far_apart
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.hypotheses import matches
+from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
 from gs2ci.reconstruct.measurement.brightness import Brightness, BrightnessSettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
@@ -37,7 +37,7 @@ def answering(monkeypatch, geometry):
         asked.append((request, tracks, tilted))
         return geometry
 
-    monkeypatch.setattr(far_apart, "matched_motion", matched)
+    monkeypatch.setattr(matches, "matched_motion", matched)
     return asked
 
 
@@ -111,9 +111,8 @@ def test_a_decode_by_patches_is_not_made_again(monkeypatch, seen):
 
 def test_a_look_is_of_views_far_apart_if_some_joined(seen):
     _, first = seen
-    partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
     assert not joins_in_part(first)
-    assert joins_in_part(replace(first, geometry=replace(first.geometry, notes=(partly,))))
+    assert joins_in_part(replace(first, geometry=replace(first.geometry, joined=3)))
 
 
 @pytest.mark.parametrize(("turned_deg", "taken"), [(20.0, True), (0.0, False)])

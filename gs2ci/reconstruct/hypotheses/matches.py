@@ -14,7 +14,7 @@ Around an object, tracks follow points from one view to the next, and lose them 
 add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).
 
 Here: when to match again, and the look that results. Not here: the features and the scene that grows from them
-(`geometry.wide`), the first look itself (`first_look`), the fits (`attempts`).
+(`geometry.wide`), the first look itself (`first_look`), the fits (`fitting`).
 """
 
 import math
@@ -27,7 +27,6 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
-from gs2ci.core.findings import Code
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
@@ -52,7 +51,7 @@ _SAME_TURN_DEG: Final = 3.0
 
 def joins_in_part(first: FirstLook) -> bool:
     """Tell whether features joined some views of a first look to a scene, and no source found a path for all."""
-    return any(note.code == Code.VIEWS_JOIN_IN_PART for note in first.geometry.notes)
+    return first.geometry.joined > 0
 
 
 def look_far_apart(
@@ -85,7 +84,7 @@ def look_far_apart(
     if settings.long_decode is None:
         return None
     progress.say("The views may lie far apart: features are matched again in a decode by similar patches.")
-    if first.holdout is not holdout:
+    if not np.array_equal(first.holdout.shot.weights, holdout.shot.weights):
         decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)
         first = replace(
@@ -97,7 +96,7 @@ def look_far_apart(
             sigma=last_sigma(settings.first_look, settings.decode),
             brief_rms=None,
         )
-    longer = first if first.decoder == "patches" else first.decoded_longer(settings.long_decode.sparse, progress)
+    longer = first if first.is_decoded_at_length else first.decoded_longer(settings.long_decode.sparse, progress)
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
     geometry = matched_motion(request, first.geometry, tilted=True)
@@ -106,7 +105,7 @@ def look_far_apart(
     # once agreed to 5 %, along a path of 2 % of the depth.
     agreed = halves_agree(geometry.path_error_expected, settings.geometry.criteria)
     turned = agreed and turns_far(geometry.world_to_camera)
-    found = geometry.verdict == "full" and (turned or explains_more_than_rest(request, geometry))
+    found = geometry.has_path and (turned or explains_more_than_rest(request, geometry))
     if not found or (path is not None and _is_path(geometry, path)):
         lap("geometry")
         return None

@@ -1,13 +1,13 @@
 """A doubtful path, or one that was not found, estimated once more from the views of a fit.
 
-    first look ─► fits ─► second look ─► fits ─► the better of both
+    first look ─► half a fit ─► second look ─► fits ─► the better of both
 
 With many masks or little light, decoded views are poor, and so is a path estimated from them. The views of a fit,
 refined by its residual, are far better: points can be tracked in them that are lost in the decode. A parallax of two
 pixels drowns in the decode's errors, and is clear in the views of a scene that was fitted without any, once they are
 refined and polished by patches.
 
-Here: when to look again, and the second estimate. Not here: the fits (`fits`), the choice between them (`choice`).
+Here: when to look again, and the second estimate. Not here: the fits (`fitting`), which go on (`race`).
 """
 
 import math
@@ -24,8 +24,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry
-from gs2ci.reconstruct.geometry.sources import ESTIMATED
+from gs2ci.reconstruct.geometry.reversal import turned
 from gs2ci.reconstruct.geometry.validity import halves_agree
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
@@ -40,12 +39,7 @@ _UNEXPLAINED: Final = 1.6
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
     """Tell whether a first geometry is worth a second look: it has a path that nothing confirms, or none."""
-    return lacks_path(first) or (first.verdict == "full" and is_doubtful(first, settings.criteria))
-
-
-def lacks_path(first: Geometry) -> bool:
-    """Tell whether no path was found, so that a scene is fitted as a plane before a camera that at most turned."""
-    return first.source in ESTIMATED and first.verdict != "full"
+    return first.lacks_path or (first.has_path and is_doubtful(first, settings.criteria))
 
 
 def second_look(
@@ -65,22 +59,23 @@ def second_look(
         progress: Receives every step.
     """
     before = first.geometry
-    if lacks_path(before):
+    if before.lacks_path:
         return _found_in_fit(first, views, lens, settings, progress)
     progress.say("The camera path is doubtful: it is estimated again from the views of the fit.")
     found = from_tracks(Request.of(first.holdout.seen, views, settings.geometry, lens), progress)
-    if found.verdict != "full":
+    if not found.has_path:
         return None
     if _covariance(found.inverse_depth, before.inverse_depth) < 0:
         # The order of depth was settled before; tracks alone may not reverse it.
-        found = found.reverse or reversed_geometry(found)
+        found = turned(found)
     geometry = replace(
         found,
         order_errors=before.order_errors,
-        reverse=None,
+        other_order=None,
         source=before.source,
         path_error_expected=before.path_error_expected,
         notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
+        path_notes=before.path_notes,
     )
     return replace(first, geometry=geometry)
 
@@ -101,7 +96,7 @@ def _found_in_fit(
     )
     seeking = replace(settings.geometry, criteria=criteria)
     found = from_tracks(Request.of(first.holdout.seen, polished, seeking, lens), progress)
-    if found.verdict != "full" or not halves_agree(found.path_error_expected, settings.geometry.criteria):
+    if not found.has_path or not halves_agree(found.path_error_expected, settings.geometry.criteria):
         return None
     note = finding(Code.PATH_FOUND_IN_FIT, parallax_px=found.parallax_px)
     return replace(first, geometry=replace(found, order_errors=None, notes=(*found.notes, note)))

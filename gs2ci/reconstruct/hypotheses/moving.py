@@ -1,24 +1,23 @@
 """Still or moving: when moving scenes are fitted, from which starts, and what the report says of it.
 
-    still fits ─► does their residual follow the masks' times? ─► do patches that may move explain more?
-    ─► moving fits ─► the better
+    still fit ─► does its residual follow the masks' times? ─► do patches that may move explain more?
+    ─► moving hypotheses ─► the better
 
 The fit of a still scene mistakes the motion of things for that of the camera, or leaves it in the residual. A
 regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
 scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
-may move, continues from the fits' views for a few steps. Moving Gaussians are fitted only if the decode explains
+may move, continues from the fit's views for a few steps. Moving hypotheses enter the race only if the decode explains
 clearly more of the measurement, or if the still scene is barely better than the decode. Neither test is needed if the
 brightness of the still scene's views surely errs over time in places where that of the decode does not
-(`measurement.over_time`). There are two attempts: new fits start from the flow between the views, with the camera at
-rest; and the still fits are continued with motion allowed, along their camera path. If there is none, or nothing
-confirms it, they are continued only if the first attempt was not clearly better than the still scene. The held-out
-pixels choose between all of them; a moving scene has more freedom than a still one, and has to be clearly better.
+(`measurement.over_time`). There are two: a new fit that starts from the flow between the best views so far, with the
+camera at rest; and along a path that is sure, the still fit continued with motion allowed. The held-out pixels choose;
+a moving scene has more freedom than a still one, and has to be clearly better.
 
-Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fits`), the choice
-(`attempts`).
+Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fitting`), the
+choice (`race`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -29,21 +28,21 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.first_look import FirstLook, from_rest
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.sources import ESTIMATED
 from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far
+from gs2ci.reconstruct.hypotheses.hypothesis import Origin
+from gs2ci.reconstruct.hypotheses.rest import from_rest
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians
 
 # The names of the attempts in reports.
 STILL: Final = "still"
-RELEASED: Final = "released from the still scene"
-MOVING: Final = "moving from the first"
+RELEASED: Final = Origin.RELEASED.value
+MOVING: Final = Origin.MOVING.value
 
 # The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it
 # surely does: a first-order model explains little of a motion that is wider than the detail that moves
@@ -51,7 +50,7 @@ MOVING: Final = "moving from the first"
 _LEAST_EXPLAINED: Final = 0.006
 _LEAST_SURELY: Final = 0.08
 # The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0000 of a wall that
-# does not move, 0.0041 to 0.0135 if a thing crosses it (`tests/reconstruct/test_moving.py`).
+# does not move, 0.0041 to 0.0135 if a thing crosses it (`tests/reconstruct/hypotheses/test_moving.py`).
 _LEAST_EXPLAINED_AT_REST: Final = 0.004
 # The share by which a moving scene has to reduce the residual at the held-out pixels.
 LEAST_GAIN: Final = 0.02
@@ -151,9 +150,7 @@ class MotionReport:
     @property
     def polishing(self) -> tuple[PatchSettings, ...]:
         """Get the dense schedules by which the patch decode may continue from the refined views."""
-        if self.tried:
-            return PatchSettings.polish(), PatchSettings.from_scene()
-        return ()
+        return (PatchSettings.polish(), PatchSettings.from_scene()) if self.tried else ()
 
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""
@@ -226,28 +223,7 @@ def rested(first: FirstLook) -> FirstLook:
 
     A given path is kept, and so is a camera that was found to stand still or only to turn.
     """
-    found = first.geometry.verdict == "full" and first.geometry.source in ESTIMATED
-    return from_rest(first) if found else first
-
-
-def released(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
-
-    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
-    first: without that, the first step took a fitted scene to four times its loss.
-    """
-    steps, iterations = fit.steps, max(1, fit.iterations // 2)
-    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
-    return replace(
-        fit,
-        iterations=iterations,
-        densify_until=0.0,
-        warm_up=iterations // 10,
-        mask_moments_from=0.0,
-        surfaces=None,
-        relief=None,
-        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
-    )
+    return from_rest(first) if first.geometry.has_path and first.geometry.is_estimated else first
 
 
 def ask(holdout: Holdout, views: F32) -> LeftByMotion:

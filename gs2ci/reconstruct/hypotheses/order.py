@@ -12,20 +12,23 @@ effect cancels between the two pairs. Prior knowledge counts a little: the order
 likelier, since a stage hardly turns.
 
 Here: when to compare, how many pairs, how much each kind of evidence counts, and what follows. Not here: the fits
-(`order_fits`), the reversal and its turn (`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
+(`fitting`), the reversal and its turn (`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
-from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.progress import Progress
+import numpy as np
+
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned
 from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 LEAST_SCHEDULE: Final = 150
 """If the whole fit has fewer iterations, no short fits are made, which would cost as much again. A draft has fewer."""
@@ -60,11 +63,8 @@ _BY_TRAVEL_ALONE: Final = 0.05
 _CONTRADICTS: Final = 0.25
 _CONTRADICTED_COUNTS: Final = 1 / 2
 
-# The source of paths that no tracks confirm.
-_UNTRACKED: Final = "uniform"
-
-ShortFit = Callable[[Geometry, int], float]
-"""Fits a geometry briefly, with a seed, and returns the mean square of its residual."""
+Begun = TypeVar("Begun")
+"""A geometry as fits begin with it."""
 
 
 def is_open(geometry: Geometry, criteria: Criteria) -> bool:
@@ -75,66 +75,75 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
     if geometry.order_given:
         return False
     surely = geometry.order_errors is not None and geometry.order_errors >= criteria.order_errors
-    return geometry.verdict == "full" and not surely
-
-
-def may_be_reversed(geometry: Geometry) -> bool:
-    """Tell whether short fits may reverse a geometry: one that no tracks confirm keeps its order whatever they say."""
-    return geometry.source != _UNTRACKED
-
-
-def unsettled(geometry: Geometry) -> Geometry:
-    """Add the note that the order of depth is open and that no short fits were made."""
-    return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
+    return geometry.has_path and not surely
 
 
 def shortened(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule of a short fit, with unchanged step sizes."""
-    return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
+    """Return the schedule of a short fit.
+
+    The measurement alone judges: surfaces estimated from the views of either order would confirm that order. And it
+    judges the depths as they are: with steps that move them fast, a wrong order soon leaves hardly more. The poses of
+    both orders are free: a reversal is only near its minimum.
+    """
+    return replace(
+        fit,
+        iterations=_ITERATIONS,
+        densify_every=_ITERATIONS // 8,
+        surfaces=None,
+        relief=None,
+        steps=replace(fit.steps, in_view=None),
+        poses=replace(fit.poses, given_weight=0.0),
+    )
 
 
-def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, given: bool) -> Geometry:
+def mean_square(holdout: Holdout, views: F32) -> float:
+    """Return the mean square of the residual that views, [N, H, W, C], leave at lit pixels that are not saturated."""
+    residual = (holdout.coded(views) - holdout.shot.measurement)[holdout.shot.usable].astype(np.float64)
+    return float(np.mean(residual**2)) if residual.size else 0.0
+
+
+def settle(
+    geometry: Geometry, begin: Callable[[Geometry], Begun], fit_briefly: Callable[[Begun, int], float]
+) -> tuple[Geometry, OrderFound]:
     """Choose the order of depth by short fits of both.
+
+    The sign of a path that a file or a model gave is kept unless pixels clearly contradict it.
 
     Args:
         geometry: The first estimate.
-        fit_briefly: Called for each geometry that is tried, with the same object each time.
-        progress: Receives what is done.
-        given: Whether a file or a model gave the path: its sign is kept unless pixels clearly contradict it.
+        begin: Returns a geometry as fits begin with it.
+        fit_briefly: Fits one.
 
     Returns:
-        The geometry in the preferred order, with a note if it was reversed or if the order is open. Its `order_errors`
-        are then those of pixels, tracks and travel together.
+        The geometry in the preferred order, and what is known of it. Its `order_errors` are those of pixels, tracks and
+        travel together.
     """
-    progress.say("Near and far may be exchanged: short fits compare both orders of depth.")
+    given = not geometry.is_estimated
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
     travel = 0.0 if given else _travel_errors(geometry)
-    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, given=given)
-    if not may_be_reversed(geometry) and errors < 0:
-        return _contested(geometry, -errors)
+    found, errors = _of_pairs(geometry, begin, fit_briefly, luck, tracks, travel)
+    backwards = errors < 0
     if given:
         agreed = len(found) >= _LEAST_PAIRS_AGAINST_GIVEN and all(ratio < 0 for ratio in found)
-        return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_GIVEN, _less(found), given=True)
-    return _taken(geometry, errors, errors < 0, _less(found), given=False)
+        backwards = agreed and errors <= -_SURE_AGAINST_GIVEN
+    taken = turned(geometry) if backwards else geometry
+    order = OrderFound(_state(errors, given=given, backwards=backwards), abs(errors), less=_less(found))
+    known = abs(errors) if backwards else errors
+    return replace(taken, source=geometry.source, order_errors=known, other_order=None, notes=geometry.notes), order
 
 
-def _contested(geometry: Geometry, errors: float) -> Geometry:
-    """Keep a motion that was found without tracks, but report its order as open, since the pairs prefer the other one.
-
-    The motion was chosen because it explains the whole measurement better than its reverse and than rest. If short fits
-    surely say the opposite, one of two judgements of the same pixels is wrong, and no tracks tell which: the number of
-    errors is then 0.
-    """
-    errors = errors if errors < _SURE else 0.0
-    notes = (*geometry.notes, finding(Code.DEPTH_ORDER_OPEN, errors=errors))
-    return replace(geometry, order_errors=errors, reverse=None, notes=notes)
+def _state(errors: float, *, given: bool, backwards: bool) -> DepthOrder:
+    if given:
+        return DepthOrder.CONTRADICTED if backwards else DepthOrder.SETTLED
+    if abs(errors) < _SURE:
+        return DepthOrder.OPEN
+    return DepthOrder.TURNED if backwards else DepthOrder.SETTLED
 
 
 def _travel_errors(geometry: Geometry) -> float:
     """Return by how many errors a geometry is preferred to its reverse because it turns less."""
-    other = geometry.reverse or reversed_geometry(geometry)
-    return _TRAVEL_COUNTS * (share_with_travel(geometry) - share_with_travel(other))
+    return _TRAVEL_COUNTS * (share_with_travel(geometry) - share_with_travel(turned(geometry)))
 
 
 def _with_travel(seen: float, travel: float) -> float:
@@ -150,31 +159,40 @@ def _with_travel(seen: float, travel: float) -> float:
 
 
 def _of_pairs(
-    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, travel: float, *, given: bool
+    geometry: Geometry,
+    begin: Callable[[Geometry], Begun],
+    fit_briefly: Callable[[Begun, int], float],
+    luck: float,
+    tracks: float,
+    travel: float,
 ) -> tuple[list[float], float]:
     """Compare orders by pairs of short fits, until they are sure.
 
     Args:
         geometry: Compared with its reversal; the tracks' solution in the other order, if any, with its own.
-        fit_briefly: Fits a geometry briefly.
+        begin: Returns a geometry as fits begin with it.
+        fit_briefly: Fits one.
         luck: The standard deviation of a pair's log ratio by chance.
         tracks: By how many errors tracks prefer the geometry's own order.
         travel: By how many errors it is preferred because it turns less.
-        given: Whether a file or a model gave the path.
 
     Returns:
         The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred in all.
     """
-    beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
-    pairs = [(one, reversed_geometry(one)) for one in beginnings]
+    given = not geometry.is_estimated
+    beginnings = [geometry] if geometry.other_order is None else [geometry, turned(geometry)]
+    pairs: list[tuple[Begun, Begun]] = []
     found: list[float] = []
     errors, sure = 0.0, False
     while not sure and len(found) < (_MOST_PAIRS_OF_GIVEN if given else _MOST_PAIRS):
-        one, turned = pairs[len(found) % len(pairs)]
         number = len(found)
-        ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
-        found.append(ratio if one is geometry else -ratio)
-        both = len(pairs) > 1 and len(found) % len(pairs) == 0
+        which = number % len(beginnings)
+        if len(pairs) <= which:
+            pairs.append((begin(beginnings[which]), begin(reversed_geometry(beginnings[which]))))
+        here, there = pairs[which]
+        ratio = _log_ratio(fit_briefly(there, number), fit_briefly(here, number))
+        found.append(-ratio if which else ratio)
+        both = len(beginnings) > 1 and len(found) % len(beginnings) == 0
         seen = _errors(found, luck) * (1.0 if given or both else _ONE_FINDING_COUNTS) + tracks
         errors = _with_travel(seen, travel)
         if given:
@@ -183,29 +201,6 @@ def _of_pairs(
         else:
             sure = abs(errors) >= _SURE
     return found, errors
-
-
-def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, given: bool) -> Geometry:
-    """Return a geometry in the order that was found, with the notes on it."""
-    taken = geometry if not backwards else geometry.reverse or reversed_geometry(geometry)
-    return replace(
-        taken,
-        source=geometry.source,
-        order_errors=abs(errors) if backwards else errors,
-        reverse=None,
-        notes=(*geometry.notes, *_said(geometry.source, abs(errors), less, backwards=backwards, given=given)),
-    )
-
-
-def _said(source: str, errors: float, less: float, *, backwards: bool, given: bool) -> tuple[Finding, ...]:
-    """Return the findings on the order that was found and how sure it is."""
-    if errors < _SURE and not given:
-        return (finding(Code.DEPTH_ORDER_OPEN, errors=errors),)
-    if not backwards:
-        return ()
-    if given:
-        return (finding(Code.POSES_SIGN_CONTRADICTED, source=source, less=less),)
-    return (finding(Code.DEPTH_ORDER_TURNED, errors=errors),)
 
 
 def _log_ratio(one: float, other: float) -> float:

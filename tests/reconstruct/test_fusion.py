@@ -15,7 +15,7 @@ from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.handing_over import _decodes, _polished, hand_over, polish_seconds
+from gs2ci.reconstruct.fusion import _decodes, _polished, hand_over, polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.settings import Settings
@@ -29,7 +29,7 @@ UNPOLISHED = replace(SETTINGS, polish=None)
 def unfollowed(monkeypatch):
     """Where scenes err over time: nowhere, unless a test says otherwise, as drawn errors of views do so too."""
     where = np.zeros(SIZE, np.float32)
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over.followed_by_other_alone", lambda *_: where)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion.followed_by_other_alone", lambda *_: where)
     return where
 
 
@@ -98,7 +98,7 @@ def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypa
         decoded.append(shot)
         return gap_tv(shot, *how, **more)
 
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over.gap_tv", noted)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion.gap_tv", noted)
     given = handed(first, astray(truth, by=0.3), settings=settings, hurried=True)
     assert [shot is first.holdout.shot for shot in decoded] == [True]
     assert psnr(given.views, truth) > psnr(gap_tv(first.holdout.shot), truth) - 0.3
@@ -109,7 +109,7 @@ def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypa
 
 def test_the_time_of_polishing_is_foreseen_from_its_first_step(monkeypatch):
     moments_s = iter([5.0, 5.5])
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over.time.monotonic", lambda: next(moments_s))
+    monkeypatch.setattr("gs2ci.reconstruct.fusion.time.monotonic", lambda: next(moments_s))
     first = look_at(moving())
     assert polish_seconds(first.holdout, first.decoded, PatchSettings.polish_sparsely()) == 0.5 * (12 + 4)
 
@@ -132,14 +132,14 @@ def test_a_brief_decode_by_patches_goes_on_as_the_settings_say_and_gains_by_it()
 def test_a_brief_decode_that_has_no_share_as_it_is_is_not_gone_on_with(monkeypatch):
     truth = moving()
     first = by_patches(look_at(truth))
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over._FAR_OFF", np.inf)
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over._decodes", None)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion._FAR_OFF", np.inf)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion._decodes", None)
     assert handed(first, truth).verdict == "refined"
 
 
 def test_a_right_scene_is_handed_over_as_it_is_and_no_decode_is_made_again(monkeypatch):
     truth = moving()
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over.gap_tv", None)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion.gap_tv", None)
     given = handed(look_at(truth, 0.01), truth)
     assert given.verdict == "refined"
     assert psnr(given.views, truth) > 45
@@ -205,7 +205,7 @@ def test_the_sparse_polish_goes_on_from_what_the_dense_one_came_to(monkeypatch):
         begun.append(views)
         return Candidate(views, views)
 
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over._polished", polished)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion._polished", polished)
     for polish in (False, True):
         handed(first, mean, polish=polish)
     assert psnr(begun[1], truth) > psnr(begun[0], truth) + 0.2
@@ -223,7 +223,7 @@ def test_a_sparse_polish_has_a_share_by_what_it_gains_and_a_note_says_so():
 
 
 def test_nothing_is_polished_where_the_decode_is_all_that_would_be_handed_over(monkeypatch):
-    monkeypatch.setattr("gs2ci.reconstruct.handing_over._polished", None)
+    monkeypatch.setattr("gs2ci.reconstruct.fusion._polished", None)
     assert handed(look_at(moving()), moving(seed=9)).verdict == "decode"
 
 

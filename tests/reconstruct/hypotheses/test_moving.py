@@ -15,7 +15,6 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.moments import render_moments
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.reconstruct import moving
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
@@ -25,9 +24,10 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_mov
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.hypotheses import fitting, moving
+from gs2ci.reconstruct.hypotheses.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
-from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -135,13 +135,13 @@ def test_first_gaussians_take_over_the_flow_in_scene_units():
 
 def test_a_still_fit_goes_on_with_motion_in_short_steps_that_grow():
     before = CoarseSettings()
-    after = moving.released(before)
+    after = fitting.released(before)
     assert (after.iterations, after.warm_up, after.densify_until) == (200, 20, 0.0)
     assert after.steps.in_view == before.steps.in_view.times(0.5)
     assert after.steps.means == before.steps.means / 2
     assert after.steps.motion_px < before.steps.motion_px
     without = replace(before, steps=replace(before.steps, in_view=None))
-    assert moving.released(without).steps.in_view is None
+    assert fitting.released(without).steps.in_view is None
 
 
 def test_every_second_fit_has_all_rows():

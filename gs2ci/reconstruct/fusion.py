@@ -12,15 +12,16 @@ Polishing is a decode by groups of similar patches that starts from the refined 
 lacks, and follows moving things.
 
 Here: the candidates, the name of the result, and how long polishing takes. Not here: their weights
-(`fit/combination.py`), the fits and the order of the stages (`pipeline`).
+(`fit/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
 """
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
@@ -34,11 +35,11 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
-from gs2ci.reconstruct.record import Recovered
 from gs2ci.reconstruct.settings import Settings
 
 # A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
@@ -59,6 +60,49 @@ _CALLED: Final[dict[Part, Verdict]] = {
     "decode": "decode",
     "coupled decode": "decode",
 }
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """The delivered views, what they are made of, and the held-out residuals that led to them."""
+
+    views: F32
+    verdict: Verdict
+    heldout_rms: dict[Verdict, float | None]
+    notes: tuple[Finding, ...]
+    exposed: F32 | None = None
+    """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
+    scene_views: F32 | None = None
+    """Views of the best scene at the middle of each mask's time; None: those of the fit."""
+
+    @property
+    def is_decode(self) -> bool:
+        """Get whether the views are almost entirely those of the decode."""
+        return self.verdict == _CALLED["decode"]
+
+    @property
+    def is_refined(self) -> bool:
+        """Get whether they are a combination with the mean of the fits."""
+        return self.verdict == _CALLED["refined"]
+
+    def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
+        """Return the views at the middle of each mask's time.
+
+        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
+        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
+        of theirs. A decode is not corrected, since it has no camera path.
+        """
+        if renderer.moments_per_mask == 1:
+            return self
+        averaged = (ensemble.best, *ensemble.others)[: max(ensemble.averaged, 1)]
+        differ = [
+            renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
+            for fit in averaged
+        ]
+        mean = np.mean(differ, axis=0, dtype=np.float32)
+        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
+        views = self.views + correction
+        return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
 
 
 def hand_over(
@@ -225,7 +269,7 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
     all this if a decode by patches gets no weight as it is.
     """
     holdout, uncoupled = first.holdout, settings.decode
-    if first.decoder == "patches-quick" and settings.long_decode is not None:
+    if first.is_decoded_briefly and settings.long_decode is not None:
         longer = first.decoded_longer(settings.long_decode, hurried=True)
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer

@@ -7,12 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code
-from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.attempts.order import is_open, settle, shortened, unsettled
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.hypotheses.findings import order_findings
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
+from gs2ci.reconstruct.hypotheses.order import is_open, mean_square, settle, shortened
+from gs2ci.reconstruct.measurement.holdout import Holdout
 
 NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
 
@@ -50,7 +53,10 @@ class Fits:
 
 
 def settled(geometry, fits, *, given=False):
-    return settle(geometry, fits, Silent(), given=given)
+    """Return the geometry taken, with what is said of its order."""
+    geometry = replace(geometry, source="file") if given else geometry
+    taken, order = settle(geometry, lambda one: one, fits)
+    return replace(taken, notes=order_findings(order, taken))
 
 
 def codes(geometry):
@@ -80,15 +86,15 @@ def test_an_order_that_leaves_clearly_more_is_turned_over_with_a_word(found):
 
 
 def test_what_tracks_found_the_other_way_round_is_taken_rather_than_a_mere_reflection(found):
-    other = replace(reversed_geometry(found), tracks=77)
-    taken = settled(replace(found, reverse=other), Fits(1.5, 1.0))
-    assert taken.tracks == 77
-    assert taken.reverse is None
+    other = replace(reversed_geometry(found), reprojection_rms_px=0.77)
+    taken = settled(replace(found, other_order=OtherOrder.of(other)), Fits(1.5, 1.0))
+    assert taken.reprojection_rms_px == 0.77
+    assert taken.other_order is None
 
 
 def test_pairs_begin_in_turn_with_either_finding_of_the_tracks(found):
     fits = Fits(1.0, 1.0)
-    settled(replace(found, reverse=reversed_geometry(found)), fits)
+    settled(replace(found, other_order=OtherOrder.of(reversed_geometry(found))), fits)
     assert [tried for tried, _ in fits.tried] == [False, True, True, False]
     assert [number for _, number in fits.tried] == [0, 0, 1, 1]
 
@@ -110,7 +116,7 @@ def test_one_finding_and_its_mere_reflection_are_not_sure_by_what_two_findings_a
     """A reflection leaves more for being one, which only the reflection of what tracks found the other way tells."""
     alone, both = (
         settled(found, Fits(1.0, 1.2)),
-        settled(replace(found, reverse=reversed_geometry(found)), Fits(1.0, 1.2)),
+        settled(replace(found, other_order=OtherOrder.of(reversed_geometry(found))), Fits(1.0, 1.2)),
     )
     assert codes(alone) == [Code.DEPTH_ORDER_OPEN]
     assert codes(both) == []
@@ -120,7 +126,7 @@ def test_one_finding_and_its_mere_reflection_are_not_sure_by_what_two_findings_a
 def test_both_findings_have_their_turn_before_either_is_believed(found):
     """The first pair, of the finding near left, speaks for it by what a reflection alone may leave more."""
     fits = Fits(1.0, 1.0, luck=(0.75, 1.35))
-    taken = settled(replace(found, reverse=reversed_geometry(found)), fits)
+    taken = settled(replace(found, other_order=OtherOrder.of(reversed_geometry(found))), fits)
     assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
     assert len(fits.tried) == 4
 
@@ -132,7 +138,7 @@ def test_what_tracks_say_counts_a_third(found):
 
 
 def test_a_camera_that_need_not_turn_is_preferred_where_nothing_else_tells(carried):
-    for geometry in (carried, replace(reversed_geometry(carried), reverse=carried)):
+    for geometry in (carried, replace(reversed_geometry(carried), other_order=OtherOrder.of(carried))):
         taken = settled(geometry, Fits(1.0, 1.0))
         assert near_is_left(taken)
         assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
@@ -141,7 +147,7 @@ def test_a_camera_that_need_not_turn_is_preferred_where_nothing_else_tells(carri
 
 def test_a_camera_that_need_not_turn_makes_no_order_sure_that_is_not_sure_without(carried):
     """Of a pair with 2.5 and 1.3 errors: the first is sure alone."""
-    both = replace(carried, reverse=reversed_geometry(carried))
+    both = replace(carried, other_order=OtherOrder.of(reversed_geometry(carried)))
     sure, open_ = settled(both, Fits(1.0, 1.15)), settled(both, Fits(1.0, 1.08))
     assert codes(sure) == []
     assert sure.order_errors == pytest.approx(2.5 + 1.0, abs=0.1)
@@ -150,7 +156,7 @@ def test_a_camera_that_need_not_turn_makes_no_order_sure_that_is_not_sure_withou
 
 
 def test_short_fits_overrule_a_camera_that_need_not_turn_and_are_sure_by_twice_as_much(carried):
-    both = replace(carried, reverse=reversed_geometry(carried))
+    both = replace(carried, other_order=OtherOrder.of(reversed_geometry(carried)))
     surely, hardly, not_at_all = (settled(both, Fits(left, 1.0)) for left in (1.8, 1.25, 1.04))
     assert not near_is_left(surely)
     assert codes(surely) == [Code.DEPTH_ORDER_TURNED]
@@ -173,7 +179,9 @@ def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
 
 def test_a_told_path_is_not_turned_over_by_what_would_turn_an_untold_one(found):
     assert near_is_left(settled(replace(found, source="file"), Fits(1.18, 1.0), given=True))
-    assert not near_is_left(settled(replace(found, reverse=reversed_geometry(found)), Fits(1.18, 1.0)))
+    assert not near_is_left(
+        settled(replace(found, other_order=OtherOrder.of(reversed_geometry(found))), Fits(1.18, 1.0))
+    )
 
 
 def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
@@ -201,22 +209,6 @@ def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
     assert len(fits.tried) == 2 * 3
 
 
-@pytest.mark.parametrize(("left", "errors"), [((2.5, 1.0), 0.0), ((1.05, 1.0), 0.3)])
-def test_a_motion_found_without_tracks_is_not_turned_over_however_sure_short_fits_are(found, left, errors):
-    uniform = replace(found, source="uniform")
-    taken = settled(uniform, Fits(*left))
-    assert near_is_left(taken)
-    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
-    assert taken.order_errors == pytest.approx(errors, abs=0.2)
-    assert not near_is_left(settled(found, Fits(2.5, 1.0)))
-
-
-def test_a_motion_found_without_tracks_whose_order_short_fits_bear_out_is_believed(found):
-    taken = settled(replace(found, source="uniform"), Fits(1.0, 1.8))
-    assert near_is_left(taken)
-    assert codes(taken) == []
-
-
 def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
     sure = Criteria().order_errors
     assert is_open(found, Criteria())
@@ -226,11 +218,39 @@ def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
     assert not is_open(replace(found, order_given=True, order_errors=-9.0), Criteria())
 
 
-def test_an_order_that_nobody_looked_at_is_doubted(found):
-    assert codes(unsettled(found)) == [Code.DEPTH_ORDER_UNTRIED]
+@pytest.mark.parametrize(
+    ("order", "code"),
+    [
+        (OrderFound(DepthOrder.UNTRIED), Code.DEPTH_ORDER_UNTRIED),
+        (OrderFound(DepthOrder.OPEN, 0.4), Code.DEPTH_ORDER_OPEN),
+        (OrderFound(DepthOrder.SHOWN, 3.0, times=4.0), Code.DEPTH_ORDER_SHOWN),
+        (OrderFound(), None),
+    ],
+)
+def test_what_is_known_of_an_order_is_said_only_of_a_path(found, order, code):
+    assert [note.code for note in order_findings(order, found)] == ([code] if code else [])
+    assert order_findings(order, replace(found, verdict="static")) == ()
 
 
-def test_a_short_fit_takes_the_steps_of_the_whole_one():
+def test_a_short_fit_is_judged_by_the_measurement_alone():
     settings = shortened(CoarseSettings(iterations=600))
     assert settings.iterations == 60
-    assert settings.steps == CoarseSettings().steps
+    assert settings.surfaces is None
+    assert settings.relief is None
+    assert settings.steps == replace(CoarseSettings().steps, in_view=None)
+    assert settings.poses.given_weight == 0
+
+
+def test_a_reading_that_cannot_be_trusted_is_not_asked():
+    rng = np.random.default_rng(0)
+    masks, views = np.ones((3, 4, 5), np.float32), rng.random((3, 4, 5, 1)).astype(np.float32)
+    saturated = np.zeros((4, 5), bool)
+    saturated[1, 2] = True
+    coded = views.sum(axis=0)
+    shot = Shot(measurement=coded, masks=masks, weights=np.ones(3, np.float32)).check()
+    assert mean_square(Holdout.of(shot, 0.1, 0), views) == pytest.approx(0, abs=1e-10)
+    off = coded.copy()
+    off[1, 2] = 9.0
+    assert mean_square(Holdout.of(replace(shot, measurement=off), 0.1, 0), views) > 1
+    trusted = replace(shot, measurement=off, saturated=saturated)
+    assert mean_square(Holdout.of(trusted, 0.1, 0), views) == pytest.approx(0, abs=1e-10)
