@@ -29,6 +29,7 @@ BENCHMARKS = (
     "video_out",
     "proxies",
     "compiling",
+    "endings",
     "small_matrices",
     "digests",
     "decoders",
@@ -84,6 +85,7 @@ BENCHMARKS = (
 )
 
 LONG = (
+    "endings",
     "gpu",
     "photograph_rings",
     "motion_within_masks",
