@@ -159,11 +159,20 @@ def _show(server: Any, scene: ViewerScene) -> None:
         )
         frustum.on_click(lambda event, pose=pose: _step_into(event.client, pose))
     middle = scene.camera_to_world[len(scene.pictures) // 2]
-    # A little behind the middle camera, so that its neighbours are in sight.
-    server.initial_camera.position = middle[:3, 3] - 0.25 * SHOWN_DEPTH * middle[:3, 2]
+    server.initial_camera.position = middle[:3, 3] + _before_symbols(scene) * middle[:3, 2]
     server.initial_camera.look_at = middle[:3, 3] + SHOWN_DEPTH * middle[:3, 2]
     server.initial_camera.up = -middle[:3, 1]
     server.initial_camera.fov = scene.fov
+
+
+def _before_symbols(scene: ViewerScene) -> float:
+    """Return how far ahead of the middle camera no camera's symbol hides what it looks at.
+
+    Symbols reach ahead of their cameras by their size. Where the path leads into the scene, half of the way is enough.
+    """
+    middle = scene.camera_to_world[len(scene.pictures) // 2]
+    ahead = (scene.camera_to_world[:, :3, 3] - middle[:3, 3]) @ middle[:3, 2]
+    return float(min(1.1 * scene.symbol + max(ahead.max(), 0.0), 0.5 * SHOWN_DEPTH))
 
 
 def _step_into(client: Any, pose: F64) -> None:

@@ -6,8 +6,7 @@ picture. Here each plain pixel gets votes on its depth from pixels of similar co
 extended as planes. If the median of the votes is another surface, and the views agree there nearly as well, the pixel
 is moved to it.
 
-Here: slopes, votes, and the comparison of the views. Not here: edges within a few pixels (`snapping`), the sweep
-(`sweep`).
+Here: slopes, votes, and the comparison of the views. Not here: the sweep (`sweep`).
 """
 
 from typing import Final
@@ -123,13 +122,6 @@ def plain_pixels(view: F32) -> Bool:
     variances = [cv2.blur(one * one, window) - cv2.blur(one, window) ** 2 for one in planes]
     plain: Bool = np.mean(variances, axis=0) < _PLAIN_SIGMA**2
     return plain
-
-
-def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
-    """Return the rays of the pixels of a picture of this height and width, at z = 1, [H, W, 3]."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-    rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
-    return rays
 
 
 @helper(fastmath=EXACT)

@@ -43,6 +43,7 @@ class SweepSettings(Bounded):
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
         window_px: Side of the window over which views are compared.
         blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
+        plain: Whether plain areas are moved to the surface that they belong to (`plain`).
     """
 
     planes: Annotated[int, Field(ge=LEAST_PLANES)] = 96
@@ -51,6 +52,7 @@ class SweepSettings(Bounded):
     most_pixels: int = 500_000
     window_px: Annotated[int, Field(ge=1, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 7
     blur_px: Positive = RESIDUE_BLUR_PX
+    plain: bool = True
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
