@@ -33,7 +33,8 @@ from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
-from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.wires.grbl import GrblTwin
+from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.wires.screen import ScreenTwin
 from gs2ci_sims.wires.v4l2 import V4l2Twin

@@ -14,7 +14,8 @@ from gs2ci_drivers.testing.stage import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.stage import StageBench
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.wires.grbl import GrblTwin
+from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 
@@ -41,7 +42,7 @@ def _grbl(referenced: bool) -> StageBench:
     def reopen() -> Stage:
         return GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x", "y")))
 
-    return StageBench(reopen(), twin, clock, reopen, twin.reboot)
+    return StageBench(reopen(), twin, clock, reopen, twin.reboot, "$J=")
 
 
 MAKERS = {"zaber": _zaber, "grbl": _grbl}
