@@ -90,6 +90,7 @@ class Taken:
         stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
             stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
+        stage_error_mm: By how much positions during a sweep may be off, as far as those that were read tell.
         attempts: 1, or more if it had to be repeated.
         incidents: Problems from which drivers recovered meanwhile.
     """
@@ -99,6 +100,7 @@ class Taken:
     trigger_index: int
     stage_mm: F64 | None = None
     stage_target_mm: F64 | None = None
+    stage_error_mm: float | None = None
     attempts: int = 1
     incidents: tuple[str, ...] = ()
 
@@ -356,6 +358,7 @@ class _Capture:
                 trigger_index=first_trigger,
                 stage_mm=stage_mm,
                 stage_target_mm=target_mm,
+                stage_error_mm=None if self._watch is None else self._watch.error_mm,
                 attempts=attempt,
                 incidents=tuple(self._devices.incidents()),
             )

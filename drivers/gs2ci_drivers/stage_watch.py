@@ -67,6 +67,11 @@ class StageWatch:
         return sweep.lead_s
 
     @property
+    def error_mm(self) -> float | None:
+        """Get by how much the positions of the present sweep may be off; None at rest."""
+        return None if self._check is None else self._check.error_mm
+
+    @property
     def exchange_s(self) -> float:
         """Get how long the last position took to read."""
         read = self._check.read if self._check is not None else []

@@ -28,7 +28,7 @@ RAMP_SLACK = 0.1
 """Ramps are known less well than the part of constant speed: by so much, and this share of their time. Firmware
 computes them in steps of 10 ms, or rounds their corners."""
 MOST_POSITIONS = 1000
-"""Of one sweep: longer ones are read less often than the line allows."""
+"""About so many of one sweep: longer ones are read less often than the line allows."""
 
 
 @dataclass(frozen=True)
@@ -179,24 +179,21 @@ class _Profile:
 
     def when_s(self, gone_mm: float, factor: float) -> tuple[float, float]:
         """Return the first and the last time at which it may be so far beyond `from_mm`."""
-        cruise_s = self._length_mm / (self._speed * factor)
-        begun_mm = gone_mm + self._before_mm
+        speed, cruise_s = self._speed * factor, self._length_mm / (self._speed * factor)
+        begun_mm, over_mm = gone_mm + self._before_mm, gone_mm - self._length_mm
         if begun_mm <= 0:
             return -inf, -self._lead_s
         if begun_mm < self._ramp_mm:
-            return self._about(-self._lead_s + sqrt(2 * begun_mm / self._acceleration))
-        over_mm = gone_mm - self._length_mm
+            ramped_s = -self._lead_s + sqrt(2 * begun_mm / self._acceleration)
+            return ramped_s - self._slack_s, min(ramped_s + self._slack_s, gone_mm / speed)
         if over_mm <= 0:
-            due_s = gone_mm / (self._speed * factor)
-            return due_s, due_s
-        flat_mm = self._after_mm - self._ramp_mm
+            return gone_mm / speed, gone_mm / speed
+        # However it brakes, it is never faster than at constant speed.
+        flat_mm, flat_s = self._after_mm - self._ramp_mm, cruise_s + over_mm / speed
         if over_mm <= flat_mm:
-            due_s = cruise_s + over_mm / self._speed
-            return due_s, due_s
+            return flat_s, flat_s
         braked_mm = min(over_mm - flat_mm, self._ramp_mm)
         left_mm_s = sqrt(max(self._speed**2 - 2 * self._acceleration * braked_mm, 0.0))
-        braked_s = cruise_s + flat_mm / self._speed + (self._speed - left_mm_s) / self._acceleration
-        return (self._about(braked_s)[0], inf) if over_mm >= self._after_mm else self._about(braked_s)
-
-    def _about(self, when_s: float) -> tuple[float, float]:
-        return when_s - self._slack_s, when_s + self._slack_s
+        braked_s = cruise_s + flat_mm / speed + (self._speed - left_mm_s) / self._acceleration
+        latest_s = inf if over_mm >= self._after_mm else braked_s + self._slack_s
+        return max(flat_s, braked_s - self._slack_s), latest_s

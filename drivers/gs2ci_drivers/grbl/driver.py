@@ -291,14 +291,13 @@ class GrblStage(Stage):
         asked = f"move to {self._targets} mm" if self._targets else "wait"
         status = self._wait_until_synchronised(timeout_s, asked)
         targets, self._targets = self._targets, {}
-        here, machine_mm = self._positions(status), self._machine_mm(status)
-        lost = self._rest.lost(machine_mm, {LETTERS.index(axis): target for axis, target in targets.items()})
-        self._rest.settle(machine_mm)
+        here = self._positions(status)
+        self._settle(status, targets)
         for axis, target in targets.items():
             info = self.info.axes[axis]
             if abs(here[axis] - target) <= ARRIVAL_STEPS * info.step_mm + info.report_mm:
                 continue
-            if lost or self._link.suspicion:
+            if self._link.restarted or self._link.suspicion:
                 raise self._restarted(asked, f"axis {axis} counts {here[axis]:.4f} mm")
             raise MoveFailedError(
                 self.name,
@@ -315,7 +314,7 @@ class GrblStage(Stage):
         return self._positions(status)
 
     def _do_stop(self) -> None:
-        self._targets = {}
+        targets, self._targets = self._targets, {}
         self._link.drain("stop")
         status = None if self._homing or self._link.locked else self._halt()
         if status is None:
@@ -325,8 +324,8 @@ class GrblStage(Stage):
         elif status.suspended:
             status = self._drop_what_waits(status)
         self._homing = False
-        if self._rest.left and status.state in ("Idle", "Alarm"):
-            self._rest.settle(self._machine_mm(status))
+        if self._rest.left:
+            self._settle(status, targets)
 
     def _halt(self) -> Status | None:
         """Cancel a jog, hold anything else; return the report of a controller at rest with nothing left to do.
@@ -436,6 +435,17 @@ class GrblStage(Stage):
         )
         return ReferenceLostError(self.name, asked, [why], remedy=f"home the stage: `{HOME_COMMAND}`")
 
+    def _settle(self, status: Status, targets_mm: Mapping[str, float]) -> None:
+        """Note where a motion ended; if it could not have ended there, the controller has restarted."""
+        self._require_on_path(status, targets_mm)
+        self._rest.settle(self._machine_mm(status))
+
+    def _require_on_path(self, status: Status, targets_mm: Mapping[str, float]) -> None:
+        targets = {LETTERS.index(axis): target for axis, target in targets_mm.items()}
+        suspicious = bool(self._link.suspicion)
+        if targets and self._rest.lost(self._machine_mm(status), targets, suspicious=suspicious):
+            self._link.restarted = True
+
     def _report(self, asked: str) -> Status:
         """Request a report; notice a restart by a position at rest that is not the one that was left."""
         try:
@@ -447,6 +457,7 @@ class GrblStage(Stage):
             return status
         found = self._rest.compare(self._machine_mm(status), suspicious=bool(self._link.suspicion))
         if found is None:
+            self._require_on_path(status, self._targets)
             return status
         changed, restarted = found
         self._link.suspicion = ""

@@ -69,7 +69,7 @@ class Rest:
         shown = [", ".join(f"{value:.3f}" for value in values) for values in (before_mm, machine_mm)]
         return f"at rest the position changed from {shown[0]} to {shown[1]} mm", suspicious or not any(machine_mm)
 
-    def lost(self, machine_mm: tuple[float, ...], targets_mm: Mapping[int, float]) -> bool:
+    def lost(self, machine_mm: tuple[float, ...], targets_mm: Mapping[int, float], *, suspicious: bool) -> bool:
         """Return whether the end of a motion lies where no motion to its targets could have ended."""
         if self._from_mm is None or len(self._from_mm) != len(machine_mm):
             return not any(machine_mm)
@@ -78,7 +78,7 @@ class Rest:
             low_mm, high_mm = sorted((begin, targets_mm.get(i, begin)))
             if not low_mm - slack_mm <= end <= high_mm + slack_mm:
                 return True
-        return not any(machine_mm) and any(targets_mm.values())
+        return not any(machine_mm) and (suspicious or any(targets_mm.values()))
 
     def machine_mm(self, status: Status, *, inches: bool) -> tuple[float, ...]:
         """Return the machine position of every axis, in mm.
