@@ -31,10 +31,11 @@ def _counted(stage: type[Interleaving], done: Counter[str]) -> type[Interleaving
     return Counted
 
 
-def run(count: int = COUNT) -> None:
-    """Print what was tried and what was found."""
+def run(count: int = COUNT, *names: str) -> None:
+    """Print what was tried and what was found, of all stages or of some."""
     print(f"{count} interleavings of up to {STEPS} steps each; seconds are those of the processor")
-    for name, stage in STAGES.items():
+    for name in names or STAGES:
+        stage = STAGES[name]
         done: Counter[str] = Counter()
         begin_s = time.process_time()
         try:
@@ -48,4 +49,4 @@ def run(count: int = COUNT) -> None:
 
 
 if __name__ == "__main__":
-    run(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)
+    run(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT, *sys.argv[2:])

@@ -17,15 +17,13 @@ locked or in a homing cycle, to one that gives no reports, in `stop` and, after 
 A restart shows by its greeting, whose text is the user's on some firmware; else by the position at rest, which does
 not change by itself: `Rest` keeps it.
 
-Here: what a stage does. Not here: lines (`link`), formats (`packets`), firmware and its settings (`build`).
+Here: what a stage does. Not here: lines (`link`), formats (`packets`), firmware and its settings (`build`, `setup`).
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from math import hypot
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.failures import (
     HOME_COMMAND,
     BadReplyError,
@@ -37,7 +35,7 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
     WrongStateError,
 )
-from gs2ci_drivers.grbl.build import LETTERS, Build, SteppedAxis, read_build
+from gs2ci_drivers.grbl.build import LETTERS, Build, SteppedAxis
 from gs2ci_drivers.grbl.link import GrblLink
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.grbl.packets import (
@@ -47,11 +45,9 @@ from gs2ci_drivers.grbl.packets import (
     JOG_CANCEL,
     Status,
     jog,
-    parse_homing_mm,
-    parse_setting,
-    parse_startup,
 )
 from gs2ci_drivers.grbl.rest import Rest
+from gs2ci_drivers.grbl.setup import ask_build, axis_info
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
 
@@ -62,11 +58,8 @@ SAMPLE_GAP_S = 0.02
 60 ms ahead (stepper.c, SEGMENT_BUFFER_SIZE)."""
 STOP_TIMEOUT_S = 5.0
 SYNC_TIMEOUT_S = 5.0
-FEED_STEP_MM_MIN = 0.001
-"""Resolution of the feed in the commands."""
 ARRIVAL_STEPS = 1.0
 LOCKED_OUT, BEYOND = "error:9", "error:15"
-NUMBERS_NEEDED = (100, 110, 120, 130)
 OFFSET_REPORTS = 31
 """The offset of work positions comes at the latest with so many reports (config.h, REPORT_WCO_REFRESH_BUSY_COUNT)."""
 OWN_AXES = (
@@ -102,7 +95,8 @@ class GrblStage(Stage):
 
     def _do_connect(self) -> StageInfo:
         status = self._come_to_rest(self._link.await_boot())
-        self._read_build()
+        self._build = ask_build(self._link, self.name, self._names)
+        self._link.lock_s = self._build.lock_s
         for _ in range(OFFSET_REPORTS):
             if status.machine is not None or self._rest.offset is not None or status.offset is not None:
                 break
@@ -112,7 +106,7 @@ class GrblStage(Stage):
             model="GRBL controller" if self._build.family == "grbl" else f"{self._build.family} controller",
             serial="",
             firmware=self._build.version,
-            axes={axis: self._axis_info(axis) for axis in self._names},
+            axes={axis: axis_info(self._build, self.name, axis) for axis in self._names},
         )
 
     def _come_to_rest(self, status: Status) -> Status:
@@ -141,63 +135,6 @@ class GrblStage(Stage):
             status = self._link.status("connect")
             if not status.moving:
                 return status
-
-    def _read_build(self) -> None:
-        settings = dict(found for line in self._link.command("$$") if (found := parse_setting(line)) is not None)
-        for number in NUMBERS_NEEDED:
-            if number + LETTERS.index(self._names[0]) not in settings:
-                raise BadReplyError(self.name, "$$", b"", f"setting ${number} is missing", allowed="GRBL 1.1")
-        told = self._link.command("$I")
-        try:
-            startup = dict(row for line in self._link.command("$N") if (row := parse_startup(line)) is not None)
-        except RefusedError:  # FluidNC has macros instead
-            startup = {}
-        self._build = read_build(told, settings, startup)
-        if self._build.family == "FluidNC":
-            self._build = replace(self._build, homing_mm=self._read_homing_mm())
-        self._link.lock_s = self._build.lock_s
-        if self._build.motions():
-            raise UnsupportedError(
-                self.name,
-                f"a startup line moves the stage at each reset and after homing: {', '.join(self._build.motions())}",
-                asked="connect",
-                allowed="startup lines without motion",
-                remedy="clear it with $N0= (or $N1=)",
-            )
-
-    def _read_homing_mm(self) -> dict[int, float]:
-        found = {}
-        for axis in self._names:
-            try:
-                lines = self._link.command(f"$/axes/{axis}/homing/mpos_mm")
-            except RefusedError:  # it has no homing
-                continue
-            for line in lines:
-                if (home_mm := parse_homing_mm(line)) is not None:
-                    found[LETTERS.index(axis)] = home_mm
-        return found
-
-    def _axis_info(self, axis: str) -> AxisInfo:
-        i, build = LETTERS.index(axis), self._build
-        values = [build.settings.get(base + i, 0.0) for base in NUMBERS_NEEDED]
-        if min(values) <= 0:
-            raise BadReplyError(
-                self.name, "$$", b"", f"settings of axis {axis} are not positive: {values}", allowed="above 0"
-            )
-        steps_per_mm, speed_mm_min, acceleration, _ = values
-        low_mm, high_mm = build.travel_mm(axis)
-        kind = SteppedAxis if build.family == "grbl" else AxisInfo
-        return kind(
-            name=axis,
-            min_mm=low_mm,
-            max_mm=high_mm,
-            step_mm=1.0 / steps_per_mm,
-            max_speed_mm_s=speed_mm_min / 60.0,
-            speed_step_mm_s=FEED_STEP_MM_MIN / 60.0,
-            acceleration_mm_s2=acceleration,
-            min_speed_mm_s=build.lowest_mm_s(axis),
-            report_mm=self._rest.report_mm(build.inches),
-        )
 
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         build = self._build
@@ -314,7 +251,6 @@ class GrblStage(Stage):
         return self._positions(status)
 
     def _do_stop(self) -> None:
-        targets, self._targets = self._targets, {}
         self._link.drain("stop")
         status = None if self._homing or self._link.locked else self._halt()
         if status is None:
@@ -325,7 +261,8 @@ class GrblStage(Stage):
             status = self._drop_what_waits(status)
         self._homing = False
         if self._rest.left:
-            self._settle(status, targets)
+            self._settle(status, self._targets)
+        self._targets = {}  # not before: a stop may be interrupted
 
     def _halt(self) -> Status | None:
         """Cancel a jog, hold anything else; return the report of a controller at rest with nothing left to do.

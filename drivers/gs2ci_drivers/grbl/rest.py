@@ -17,6 +17,11 @@ REPORT_STEP_MM = 0.001
 """Reports have three decimals; in inches four."""
 
 
+def report_mm(*, inches: bool) -> float:
+    """Return the resolution of the reports."""
+    return REPORT_STEP_MM * (MM_PER_INCH / 10 if inches else 1.0)
+
+
 class Rest:
     """The last position at rest.
 
@@ -35,11 +40,6 @@ class Rest:
     def left(self) -> bool:
         """Get whether a motion was begun since the last rest."""
         return self._at_mm is None
-
-    @staticmethod
-    def report_mm(inches: bool) -> float:
-        """Return the resolution of the reports."""
-        return REPORT_STEP_MM * (MM_PER_INCH / 10 if inches else 1.0)
 
     def settle(self, machine_mm: tuple[float, ...]) -> None:
         """Note where it rests."""

@@ -14,6 +14,7 @@ from gs2ci_drivers.failures import (
 )
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.wires.grbl import GrblTwin
 from gs2ci_sims.wires.grbl_build import FLUIDNC, GRBL, GRBLHAL, GrblBuild, GrblMachine, stepped_rate_hz
 from gs2ci_sims.world import VirtualClock
@@ -513,3 +514,12 @@ def test_the_twin_homes_z_first_then_x_and_y_fast_and_then_slowly():
     clock.sleep_s(40.0)
     assert [round(twin.positions_mm_at(clock.now_s())[axis], 3) for axis in "xyz"] == [-1.0, -1.0, -1.0]
     assert GRBL.options == "V"
+
+
+def test_steps_that_the_motor_loses_change_no_report():
+    clock, twin, stage = make(GrblMachine(mechanics={"x": Mechanics(slip_mm=0.5, seed=1)}))
+    stage.connect()
+    assert stage.move_to({"x": -90.0})["x"] == pytest.approx(-90.0)
+    assert true_mm(twin, clock) < -90.05
+    stage.home()
+    assert stage.positions_mm()["x"] == pytest.approx(true_mm(twin, clock), abs=0.5)

@@ -5,6 +5,7 @@ import pytest
 from gs2ci_drivers.failures import MoveFailedError, ReferenceLostError
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
+from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 
@@ -86,3 +87,9 @@ def test_the_carriage_stands_still_when_the_power_fails_and_homing_finds_its_sen
     stage.home()
     assert twin.positions_mm_at(clock.now_s())["x"] == pytest.approx(0.0, abs=1e-9)
     assert stage.move_to({"x": 60.0})["x"] == pytest.approx(twin.positions_mm_at(clock.now_s())["x"])
+
+
+def test_steps_that_a_motor_without_encoder_loses_change_no_report():
+    clock, twin, stage = make(ZaberAxis(microstep_mm=COUNT_MM, mechanics=Mechanics(slip_mm=0.5, seed=1)))
+    assert stage.move_to({"x": 60.0})["x"] == pytest.approx(60.0)
+    assert abs(twin.positions_mm_at(clock.now_s())["x"] - 60.0) > 0.05
