@@ -155,6 +155,11 @@ class StageWatch:
         if self._check is None or travel is None:
             return measured, target
         path = self._check.path()
+        if path.speed_factor != 1.0:
+            self._stage.incidents.append(
+                f"{self._stage.name}: axis {path.sweep.axis} moved at {path.speed_factor:.4f} times its planned speed, "
+                "as with another clock; positions keep the planned one, which a calibration of the stage corrects"
+            )
         self._require_constant_speed(path, first_s + float(seen_s[0, 0]), first_s + float(seen_s[-1, 1]), unsure_s)
         column, way = axes.index(path.sweep.axis), 1.0 if path.sweep.to_mm > path.sweep.from_mm else -1.0
         measured[:, column] = [path.position_mm(first_s + centre_s) for centre_s in centres_s]

@@ -3,8 +3,9 @@
 An answer was true at some time between its question and its arrival, to within `AxisInfo.error_mm`. So each position
 says between which two times the sweep can have been shifted against its plan. An undisturbed sweep has a shift that all
 its positions allow; where none is left the path was another one, by more than the answers leave open, and there is no
-threshold to be tuned. A constant shift (the time of a command, a late start) and a speed that is off by less than
-`SPEED_TOLERANCE` (another crystal) are not faults: the poses are computed with them.
+threshold to be tuned. A constant shift (the time of a command, a late start) is no fault: the poses are computed with
+it. Nor is a speed that is off by less than `SPEED_TOLERANCE` (another crystal). It is stated; the poses keep the
+planned speed from where the sweep began, since a calibration of the stage corrects it from there.
 
 What a device does not tell cannot be found here: a controller that counts the steps it has sent does not notice a
 motor that has lost some.
@@ -12,6 +13,7 @@ motor that has lost some.
 Here: positions and what they allow. Not here: when they are read during a capture (`stage_watch`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import copysign, inf, isfinite, sqrt
 
@@ -52,8 +54,8 @@ class Path:
     positions: int
 
     def position_mm(self, when_s: float) -> float:
-        """Return where the axis was, while its speed was constant."""
-        return self.sweep.position_mm((when_s - self.crossed_s - self.shift_s) * self.speed_factor)
+        """Return where the axis was while its speed was constant: at the planned speed, from `sweep.from_mm` on."""
+        return self.sweep.position_mm(when_s - self.crossed_s - self.shift_s)
 
     def outside_s(self, begin_s: float, end_s: float) -> float:
         """Return for how long of this interval the speed was not constant yet, or no more."""
@@ -128,17 +130,24 @@ class SweepCheck:
             if self._room_s(factor) < 0:
                 raise self._error(low_s - high_s)
             low_s, high_s = self._shifts_s(factor)
-        shift_s = (low_s + high_s) / 2 if isfinite(low_s + high_s) else min(max(0.0, low_s), high_s)
+        # The first position is the one from which a calibration counts what a wrong speed adds.
+        first_s = sum(self._shifts_s(factor, self._first())) / 2
+        shift_s = min(max(first_s if isfinite(first_s) else 0.0, low_s), high_s)
         return Path(self.sweep, self.crossed_s, shift_s, factor, self.error_mm, len(self.read))
+
+    def _first(self) -> list[tuple[float, float, float]]:
+        """Return the first position in the part of constant speed, or the first of all."""
+        ends_mm = sorted((self.sweep.from_mm, self.sweep.to_mm))
+        return [one for one in self.read if ends_mm[0] <= one[2] <= ends_mm[1]][:1] or self.read[:1]
 
     def _room_s(self, factor: float) -> float:
         low_s, high_s = self._shifts_s(factor)
         return high_s - low_s
 
-    def _shifts_s(self, factor: float) -> tuple[float, float]:
+    def _shifts_s(self, factor: float, read: Sequence[tuple[float, float, float]] | None = None) -> tuple[float, float]:
         """Return the least and the largest shift that all positions allow; the least is larger where none is left."""
         lows, highs = [-inf], [inf]
-        for asked_s, answered_s, position_mm in self.read:
+        for asked_s, answered_s, position_mm in self.read if read is None else read:
             earliest_s, latest_s = self._due_s(position_mm, factor)
             lows.append(asked_s - self.crossed_s - latest_s)
             highs.append(answered_s - self.crossed_s - earliest_s)

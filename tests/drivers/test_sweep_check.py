@@ -47,7 +47,7 @@ def test_a_late_start_is_measured_and_a_pose_in_its_ramp_is_counted():
 
 
 @pytest.mark.parametrize("factor", [0.994, 1.006])
-def test_another_crystal_is_measured_too(factor):
+def test_another_crystal_is_stated_and_poses_keep_the_planned_speed_from_the_beginning(factor):
     sweep = plan_sweep("stage0", AXIS, 10.0, 90.0, 10.0)
     motion = moved(factor=factor, sweep=sweep)
     check = SweepCheck("stage0", AXIS, sweep, 5.0 + sweep.lead_s)
@@ -55,8 +55,9 @@ def test_another_crystal_is_measured_too(factor):
         check.read.append((asked_s, asked_s + 0.006, motion.position_at(asked_s + 0.003)))
     path = check.path()
     assert path.speed_factor == pytest.approx(factor, abs=1e-3)
-    for when_s in (6.0, 8.0, 11.0):
-        assert path.position_mm(when_s) == pytest.approx(motion.position_at(when_s), abs=path.error_mm)
+    first_s = path.crossed_s + path.shift_s
+    assert path.position_mm(first_s) == pytest.approx(motion.position_at(first_s), abs=2 * path.error_mm)
+    assert path.position_mm(first_s + 1.0) - path.position_mm(first_s) == pytest.approx(sweep.speed_mm_s)
 
 
 def test_a_speed_that_no_crystal_explains_is_refused():

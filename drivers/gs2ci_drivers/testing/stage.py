@@ -232,10 +232,9 @@ def test_a_sweep_crosses_its_span_at_constant_speed_at_the_time_it_said(bench: S
     assert speeds == pytest.approx([sweep.speed_mm_s] * 4, rel=1e-4)
 
 
-@pytest.mark.parametrize("axis_share", [0.2, 0.5, 0.8])
-def test_an_undisturbed_sweep_is_found_to_be_one(bench: StageBench, axis_share: float) -> None:
+def test_an_undisturbed_sweep_is_found_to_be_one(bench: StageBench) -> None:
     axis = bench.stage.info.axes[bench.axis]
-    speed = max(axis_share * min(axis.max_speed_mm_s, 30.0), axis.min_speed_mm_s)
+    speed = max(0.5 * min(axis.max_speed_mm_s, 30.0), axis.min_speed_mm_s)
     path = swept(bench, bench.middle_mm(), bench.middle_mm() + 0.4 * speed, speed)
     assert path.positions > 10
     when_s = path.crossed_s + path.shift_s + path.sweep.cruise_s / 2
@@ -244,7 +243,7 @@ def test_an_undisturbed_sweep_is_found_to_be_one(bench: StageBench, axis_share: 
     )
 
 
-@pytest.mark.parametrize("how", [{"pause_s": 0.06}, {"speed_factor": 0.6}, {"speed_factor": 1.5}, {"jump_mm": 0.5}])
+@pytest.mark.parametrize("how", [{"pause_s": 0.06}, {"speed_factor": 1.5}])
 def test_a_sweep_that_is_disturbed_on_its_way_is_found_to_be(bench: StageBench, how: dict[str, float]) -> None:
     with pytest.raises(PathError, match=r"stage0.*axis x left its path by.*allowed"):
         swept(bench, bench.middle_mm(), bench.middle_mm() + 4.0, 10.0, 0.4, how)
@@ -284,7 +283,7 @@ def test_a_speed_below_its_lowest_is_refused_with_a_sentence(bench: StageBench) 
         bench.stage.plan_sweep(bench.axis, bench.middle_mm(), bench.middle_mm() + 1.0, axis.min_speed_mm_s / 2)
 
 
-@pytest.mark.parametrize("after_s", [0.0, 1e-3, 3e-3, 6e-3, 0.02, 0.2])
+@pytest.mark.parametrize("after_s", [1e-3, 6e-3, 0.2])
 def test_nothing_moves_after_a_stop_that_interrupted_a_move(bench: StageBench, after_s: float) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt

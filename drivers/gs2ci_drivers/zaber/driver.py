@@ -31,6 +31,8 @@ from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_drivers.zaber.units import Units
 
 POLL_S = 0.02
+POLL_SHARE = 0.05
+"""The longer a motion lasts, the less often it is asked for its end, which may be noticed late by this share of it."""
 ARRIVAL_STEPS = 2
 """Microsteps by which a finished move may miss its target, on an axis that has no tolerance of its own."""
 MM_PER_UM = 1e-3
@@ -220,7 +222,7 @@ class ZaberStage(Stage):
                 raise NoAnswerError(
                     self.name, f"{asked}: arrival", waited_s, remedy="look for an obstacle on the stage"
                 )
-            self.clock.sleep_s(POLL_S)
+            self.clock.sleep_s(max(POLL_S, POLL_SHARE * waited_s))
 
     def _read_flags(self) -> tuple[str, ...]:
         """Return the flags that are set on any axis in use; another one may have no reference, or no stage at all."""
