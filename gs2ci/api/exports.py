@@ -1,14 +1,13 @@
 """Parts of a run as files for other programs: `export`, `mesh`.
 
-Here: the list of parts, and writing a file or folder completely or not at all. Not here: the formats
-(`gs2ci.evaluate.exports`, `gs2ci.render`).
+Here: the list of parts, and what of a run each holds. Not here: the formats (`gs2ci.evaluate.exports`,
+`gs2ci.render`), what may be replaced by an export (`gs2ci.api.places`).
 """
 
 import json
-import re
 import shutil
-import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, get_args
@@ -16,21 +15,28 @@ from typing import TYPE_CHECKING, Final, Literal, get_args
 import numpy as np
 
 from gs2ci.api.options import check_choice
+from gs2ci.api.places import check_free, write_to
 from gs2ci.api.runs import Run, open_run
-from gs2ci.core.errors import InputError, StorageError, reason_of
-from gs2ci.core.whole_file import check_place
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress, Silent
 
 if TYPE_CHECKING:
     from gs2ci.core.arrays import F32
     from gs2ci.evaluate.points import Cameras
+    from gs2ci.render.gaussians import Gaussians
 
-ExportFormat = Literal["ply", "spz", "colmap", "nerfstudio", "depth-png", "depth-exr", "nexus", "gif", "mp4"]
+ExportFormat = Literal[
+    "ply", "spz", "sog", "glb", "colmap", "nerfstudio", "instant-ngp", "depth-png", "depth-exr", "nexus", "gif", "mp4"
+]
 # Name of the output if none is given, inside the folder if one is.
 NAMES: Final[dict[ExportFormat, str]] = {
     "ply": "scene.ply",
     "spz": "scene.spz",
+    "sog": "scene.sog",
+    "glb": "scene.glb",
     "colmap": "colmap",
     "nerfstudio": "nerfstudio",
+    "instant-ngp": "instant-ngp",
     "depth-png": "depth-png",
     "depth-exr": "depth-exr",
     "nexus": "run.nxs",
@@ -40,24 +46,40 @@ NAMES: Final[dict[ExportFormat, str]] = {
 # Of the exports that are folders, every file by its path inside; a folder that holds another one is no such export.
 _FILES: Final[dict[str, str]] = {
     "colmap": r"sparse/0/\w+\.(bin|txt)|images/view_\d+\.png",
-    "nerfstudio": r"transforms\.json|points\.ply|views/view_\d+\.png",
+    "nerfstudio": r"transforms\.json|points\.ply|views/view_\d+\.png|depth/depth_\d+\.npy",
+    "instant-ngp": r"transforms\.json|views/view_\d+\.png",
     "depth-png": r"depth\.json|depth_\d+\.png",
     "depth-exr": r"depth_\d+\.exr",
 }
 
 
-def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = None, *, overwrite: bool = False) -> Path:
+def export(
+    run: Run | str | Path,
+    to: ExportFormat,
+    path: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    as_fitted: bool = False,
+    f_rest: bool = False,
+    spz_version: Literal[2, 3] = 3,
+    progress: Progress | None = None,
+) -> Path:
     """Write a part of a saved run for another program.
 
     Args:
         run: A run that was saved, or its folder.
-        to: ply and spz contain the Gaussians; colmap is a folder with sparse model and images, nerfstudio one with
-            transforms.json and images; depth-png (16 bit) and depth-exr are folders of depth maps; nexus is an HDF5
-            file with views, depth and cameras under the names of the NeXus standard; gif and mp4 show a short orbit of
-            the scene.
+        to: ply, spz, sog and glb contain the Gaussians, fitted to what viewers do; colmap is a folder with sparse model
+            and images, nerfstudio and instant-ngp are folders with transforms.json and images; depth-png (16 bit) and
+            depth-exr are folders of depth maps; nexus is an HDF5 file with views, depth and cameras under the names of
+            the NeXus standard; gif and mp4 show a short orbit of the scene.
         path: The file or folder to write; by default one with the format's usual name in the current folder.
         overwrite: Replace an existing file, or a folder that is an earlier export to the same format, as a whole.
             Nothing inside the run folder is replaced.
+        as_fitted: Write the Gaussians exactly as the reconstruction fitted them, and not as viewers show them best.
+        f_rest: In a PLY file, write all coefficients of colours that depend on direction, even if all are zero: viewers
+            of SIBR's kind open no file without them.
+        spz_version: Of the SPZ format: older readers open version 2 alone, whose rotations are less exact.
+        progress: Receives sentences on what was changed for the format; None drops them.
 
     Returns:
         The path.
@@ -81,11 +103,24 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
         raise InputError(
             f"--to {to} into {target}", allowed=f"a name like {NAMES[to]}", remedy="change --to, or the name after -o"
         )
-    _check_free(target, opened, _FILES.get(to), overwrite=overwrite)
-    return _whole(target, _WRITERS[to](opened, opened.folder))
+    check_free(target, opened, _FILES.get(to), overwrite=overwrite)
+    told = Silent() if progress is None else progress
+    options = _Options(as_fitted=as_fitted, f_rest=f_rest, spz_version=spz_version, say=told.say)
+    return write_to(target, _WRITERS[to](opened, opened.folder, options))
 
 
-def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 160, overwrite: bool = False) -> Path:
+# Lengths of units that are known.
+_METRES: Final = {"mm": 1e-3}
+
+
+def mesh(
+    run: Run | str | Path,
+    path: str | Path = "mesh.ply",
+    *,
+    voxels: int = 160,
+    least_share: float = 0.01,
+    overwrite: bool = False,
+) -> Path:
     """Write a mesh of the surfaces in a run's depth maps, as PLY with a colour per vertex.
 
     The mesh is closed only if the views see a surface from all sides; otherwise it ends where they see no more. If
@@ -95,6 +130,8 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
         run: A run that was saved, or its folder.
         path: The file to write.
         voxels: Number along the longest side of the visible scene: more are finer; memory grows with their cube.
+        least_share: Leave out pieces that hang together with nothing else and whose area is less than this share of the
+            largest piece's; 0 keeps all.
         overwrite: Replace an existing file, unless it lies in the run folder.
 
     Returns:
@@ -113,33 +150,84 @@ def mesh(run: Run | str | Path, path: str | Path = "mesh.ply", *, voxels: int = 
 
     opened = run if isinstance(run, Run) else open_run(run)
     target = Path(path)
-    _check_free(target, opened, overwrite=overwrite)
+    check_free(target, opened, overwrite=overwrite)
     depth, confidence = _depth(opened), opened.depth_confidence
     motion = opened.report.motion
     seen = of_one_moment(len(depth), moves=motion is not None and motion.moves)
     cameras = Cameras(opened.path[seen], opened.intrinsics, opened.distortion)
     sure = None if confidence is None else confidence[seen]
-    return write_mesh(target, fuse(depth[seen], opened.views[seen], cameras, sure, voxels=voxels))
+    return write_mesh(
+        target, fuse(depth[seen], opened.views[seen], cameras, sure, voxels=voxels, least_share=least_share)
+    )
 
 
 _Write = Callable[[Path], object]
 
 
-def _ply(run: Run, folder: Path) -> _Write:
-    from gs2ci.render.ply import read_ply
+@dataclass(frozen=True)
+class _Options:
+    """What some formats can be told, and where they say what they changed."""
+
+    as_fitted: bool
+    f_rest: bool
+    spz_version: Literal[2, 3]
+    say: Callable[[str], None]
+
+
+def _scene_to_show(run: Run, options: _Options) -> "Gaussians":
+    """Return the Gaussians as a file for viewers holds them."""
+    if options.as_fitted:
+        return run.scene
+    import torch
+
+    from gs2ci.evaluate.exports.for_viewers import for_viewers
+
+    height, width = run.views.shape[1:3]
+    path, intrinsics = torch.from_numpy(run.path), torch.from_numpy(run.intrinsics)
+    found = for_viewers(run.scene, path, intrinsics, (int(height), int(width)))
+    options.say(found.sentence)
+    return found.scene
+
+
+def _ply(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.render.harmonics import DEGREE_MAX
+    from gs2ci.render.ply import read_ply, write_ply
 
     read_ply(folder / "scene.ply")  # a damaged scene is refused, not copied
-    return lambda path: shutil.copyfile(folder / "scene.ply", path)
+    if options.as_fitted and not options.f_rest:
+        return lambda path: shutil.copyfile(folder / "scene.ply", path)
+    scene = _scene_to_show(run, options)
+    return lambda path: write_ply(path, scene, degree=DEGREE_MAX if options.f_rest else 0)
 
 
-def _spz(run: Run, folder: Path) -> _Write:
-    from gs2ci.render.spz import write_spz
+def _spz(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.render.spz import fitting_scale, write_spz
 
-    scene = run.scene
-    return lambda path: write_spz(path, scene)
+    scene = _scene_to_show(run, options)
+    scale = fitting_scale(scene)
+    if scale != 1:
+        options.say(
+            f"SPZ cannot hold these lengths: all of the file's are {scale:g} times those of the run. Divide by that to "
+            f"have {run.report.length_unit}, or export ply, sog or glb."
+        )
+    return lambda path: write_spz(path, scene, version=options.spz_version, scale=scale)
 
 
-def _colmap(run: Run, folder: Path) -> _Write:
+def _sog(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.render.sog import write_sog
+
+    scene = _scene_to_show(run, options)
+    return lambda path: write_sog(path, scene)
+
+
+def _glb(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.render.glb import write_glb
+
+    scene = _scene_to_show(run, options)
+    return lambda path: write_glb(path, scene, metres_per_unit=_METRES.get(run.report.length_unit))
+
+
+def _colmap(run: Run, folder: Path, options: _Options) -> _Write:
     from gs2ci.evaluate.whole_folder import write_pictures
 
     def write(path: Path) -> None:
@@ -152,8 +240,12 @@ def _colmap(run: Run, folder: Path) -> _Write:
     return write
 
 
-def _nerfstudio(run: Run, folder: Path) -> _Write:
+def _nerfstudio(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.evaluate.cameras import split_of
+    from gs2ci.evaluate.exports.depth_files import write_nerfstudio_depth
     from gs2ci.evaluate.whole_folder import write_pictures
+
+    depth = None if run.report.lacks_path else run.depth
 
     def write(path: Path) -> None:
         transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
@@ -162,24 +254,49 @@ def _nerfstudio(run: Run, folder: Path) -> _Write:
         if (folder / "points.ply").is_file():
             shutil.copyfile(folder / "points.ply", path / "points.ply")
             transforms["ply_file_path"] = "points.ply"
+        if depth is not None:
+            for frame, name in zip(transforms["frames"], write_nerfstudio_depth(path, depth), strict=True):
+                frame["depth_file_path"] = name
+        transforms |= split_of([frame["file_path"] for frame in transforms["frames"]])
         (path / "transforms.json").write_text(json.dumps(transforms, indent=1), encoding="utf-8")
 
     return write
 
 
-def _depth_png(run: Run, folder: Path) -> _Write:
+def _instant_ngp(run: Run, folder: Path, options: _Options) -> _Write:
+    from gs2ci.evaluate.cameras import ngp_box
+    from gs2ci.evaluate.points import surface_points
+    from gs2ci.evaluate.whole_folder import write_pictures
+
+    depth = None if run.report.lacks_path else run.depth
+    points = np.zeros((0, 3)) if depth is None else surface_points(depth, _cameras(run), run.depth_confidence)
+    box = ngp_box(points, run.path)
+    if run.distortion is not None and run.distortion[4] != 0:
+        options.say(f"instant-ngp knows no k3; that of this lens, {run.distortion[4]:.3g}, is left out.")
+
+    def write(path: Path) -> None:
+        transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
+        path.mkdir()
+        write_pictures(path / "views", run.views)
+        del transforms["camera_model"], transforms["k3"]
+        (path / "transforms.json").write_text(json.dumps({**box, **transforms}, indent=1), encoding="utf-8")
+
+    return write
+
+
+def _depth_png(run: Run, folder: Path, options: _Options) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_png
 
     return _into_a_folder(partial(write_depth_png, unit=run.report.length_unit), _depth(run))
 
 
-def _depth_exr(run: Run, folder: Path) -> _Write:
+def _depth_exr(run: Run, folder: Path, options: _Options) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_exr
 
-    return _into_a_folder(write_depth_exr, _depth(run))
+    return _into_a_folder(partial(write_depth_exr, unit=run.report.length_unit), _depth(run))
 
 
-def _nexus(run: Run, folder: Path) -> _Write:
+def _nexus(run: Run, folder: Path, options: _Options) -> _Write:
     from gs2ci.evaluate.exports.nexus import write_nexus
 
     depth = None if run.report.lacks_path else run.depth
@@ -194,18 +311,21 @@ def _into_a_folder(write_files: "Callable[[Path, F32], object]", depth: "F32") -
     return write
 
 
-def _film(run: Run, folder: Path) -> _Write:
+def _film(run: Run, folder: Path, options: _Options) -> _Write:
     from gs2ci.evaluate.exports.orbit import write_film
 
     frames = orbit(run)
     return lambda path: write_film(path, frames)
 
 
-_WRITERS: Final[dict[ExportFormat, Callable[[Run, Path], _Write]]] = {
+_WRITERS: Final[dict[ExportFormat, Callable[[Run, Path, _Options], _Write]]] = {
     "ply": _ply,
     "spz": _spz,
+    "sog": _sog,
+    "glb": _glb,
     "colmap": _colmap,
     "nerfstudio": _nerfstudio,
+    "instant-ngp": _instant_ngp,
     "depth-png": _depth_png,
     "depth-exr": _depth_exr,
     "nexus": _nexus,
@@ -266,76 +386,3 @@ def _cameras(run: Run) -> "Cameras":
     from gs2ci.evaluate.points import Cameras
 
     return Cameras(run.path, run.intrinsics, run.distortion)
-
-
-def _check_free(target: Path, run: Run, files: str | None = None, *, overwrite: bool) -> None:
-    """Check that an output can be written, and that nothing is lost by it but an earlier output.
-
-    Args:
-        target: The file or folder.
-        run: The run that it is made of.
-        files: Pattern of the paths inside it, if it is a folder; None for a file.
-        overwrite: Whether an earlier output may be replaced.
-
-    Raises:
-        StorageError: It exists and may not be replaced, or nothing can be written there.
-    """
-    check_place(target)
-    if not target.resolve().parent.is_dir():
-        raise StorageError(
-            f"{target} cannot be written: there is no folder {target.parent}", remedy="create it, or choose another"
-        )
-    if not (target.exists() or target.is_symlink()):
-        return
-    if not overwrite:
-        raise StorageError(f"{target} exists", remedy="choose another name with -o, or add --overwrite to replace it")
-    place = target.resolve()
-    if run.folder is not None and (home := run.folder.resolve()) in (place, *place.parents):
-        raise StorageError(
-            f"{target} belongs to the run folder {home}, where an export replaces nothing",
-            remedy="choose another place with -o, or move it away first",
-        )
-    if (target.is_dir() and not target.is_symlink()) != (files is not None):
-        kind = "file" if files is None else "folder"
-        raise StorageError(
-            f"{target} is not a {kind}, and is not replaced by one", remedy="choose another name with -o"
-        )
-    if files is not None and (other := _other_file(target, files)) is not None:
-        raise StorageError(
-            f"{target} holds something other than an export of this kind, which is not replaced: {other}",
-            remedy="choose another place with -o",
-        )
-
-
-def _other_file(folder: Path, files: str) -> Path | None:
-    """Return the first file inside a folder whose path there does not match a pattern; None if there is none."""
-    inside = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
-    return next((path for path in inside if not re.fullmatch(files, path.relative_to(folder).as_posix())), None)
-
-
-def _whole(target: Path, write: _Write) -> Path:
-    """Write a file or a folder under a temporary name, and move it to its place, which `_check_free` has checked.
-
-    Raises:
-        StorageError: Writing fails.
-    """
-    from gs2ci.evaluate.whole_folder import swap_in
-
-    made = target
-    try:
-        with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.name}.") as scratch:
-            made = Path(scratch) / target.name
-            write(made)
-            if target.is_dir() and not target.is_symlink():
-                swap_in(made, target, Path(scratch) / "before")
-            else:
-                made.replace(target)
-    except (OSError, StorageError) as error:
-        # The user knows the name of the output, and not the temporary one.
-        told = error.problem if isinstance(error, StorageError) else f"cannot be written: {reason_of(error)}"
-        told = told.replace(str(made), str(target))
-        raise StorageError(
-            told if told.startswith(str(target)) else f"{target}: {told}",
-            remedy="check the free space and the permissions",
-        ) from error
-    return target

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
+from gs2ci.api.preparing import prepare_first_run
 from gs2ci.api.runs import Run
 from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
@@ -138,7 +139,6 @@ def reconstruct(
     from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
     from gs2ci.reconstruct.presets.budget import Budget
-    from gs2ci.render import backend
 
     overrides = Overrides(
         geometry=geometry,
@@ -164,11 +164,7 @@ def reconstruct(
     settings, halt = settings_of(preset, overrides), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
-        if backend.needs_compiling(settings.backend):
-            display.say(
-                "The first run on this machine compiles the rasteriser, which takes about half a minute; "
-                "`gs2ci compile` does it in advance."
-            )
+        prepare_first_run(settings.backend, display)
         found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)
 

@@ -50,7 +50,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     for name, what in (
         ("report.html", "look here first"),
         ("overview.png", "the same in one picture"),
-        ("scene.ply", "for any 3DGS viewer"),
+        ("scene.ply", "the Gaussians; for viewers: gs2ci export --to ply"),
         ("report.json", ""),
     ):
         line = Text(f"{Path(folder) / name}")

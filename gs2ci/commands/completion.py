@@ -58,10 +58,27 @@ def run(shell: Annotated[Shell, tyro.conf.Positional], /) -> str:
     from gs2ci.cli import COMMANDS
 
     about = {name: text for name, (_, text) in COMMANDS.items()}
-    options = {name: options_of(importlib.import_module(module).run) for name, (module, _) in COMMANDS.items()}
-    made = {"bash": bash_script, "zsh": zsh_script, "fish": fish_script}[shell](about, options)
+    runs = {name: importlib.import_module(module).run for name, (module, _) in COMMANDS.items()}
+    options = {name: options_of(command) for name, command in runs.items()}
+    words = {name: found for name, command in runs.items() if (found := words_of(command))}
+    made = {"bash": bash_script, "zsh": zsh_script, "fish": fish_script}[shell](about, options, words)
     sys.stdout.write(made)
     return made
+
+
+def words_of(command: Any) -> tuple[str, ...]:
+    """List what a command takes without an option where that is one of a few words; () where it is anything else."""
+    hints = typing.get_type_hints(command, _names_of(command), include_extras=True)
+    found: list[str] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind, marks = _unwrapped(hints.get(name, str))
+        if _is_positional(parameter, marks) and get_origin(kind) is Literal:
+            found += map(str, get_args(kind))
+    return tuple(found)
+
+
+def _is_positional(parameter: inspect.Parameter, marks: list[Any]) -> bool:
+    return parameter.kind is parameter.POSITIONAL_ONLY or any("Positional" in repr(mark) for mark in marks)
 
 
 def options_of(command: Any) -> list[CompletedOption]:
@@ -71,7 +88,7 @@ def options_of(command: Any) -> list[CompletedOption]:
     found = [CompletedOption(("-h", "--help"), bare=True, help="show help")]
     for name, parameter in inspect.signature(command).parameters.items():
         kind, marks = _unwrapped(hints.get(name, str))
-        if parameter.kind is parameter.POSITIONAL_ONLY or any("Positional" in repr(mark) for mark in marks):
+        if _is_positional(parameter, marks):
             continue
         option = f"--{(_said(marks, 'name') or name).replace('_', '-')}"
         bare = kind is bool
@@ -105,11 +122,21 @@ def _said(marks: list[Any], name: str) -> Any:
 
 
 def _first_sentence(text: str) -> str:
-    return re.split(r"(?<=[.;:]) ", text)[0].rstrip(".;:")
+    return re.split(r"(?<=\.) ", text)[0].rstrip(".")
 
 
-def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
-    """Return the script for bash."""
+_Options = Mapping[str, list[CompletedOption]]
+_Words = Mapping[str, tuple[str, ...]]
+
+
+def bash_script(about: Mapping[str, str], options: _Options, words: _Words) -> str:
+    """Return the script for bash.
+
+    Args:
+        about: Commands, and what each does.
+        options: Of each.
+        words: Of those that take one of a few words, these.
+    """
     cases = []
     for command, listed in options.items():
         values = [
@@ -120,13 +147,14 @@ def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
         files = "|".join(name for one in listed if one.files for name in one.names)
         if files:
             values.append(f"        {files}) {_FILES_BY_BASH}; return;;")
-        words = " ".join(name for one in listed for name in one.names)
+        names = " ".join(name for one in listed for name in one.names)
+        taken = f" free='{' '.join(words[command])}'" if command in words else ""
         choice = "\n".join(['      case "$before" in', *values, "      esac"]) if values else ""
-        cases.append(f"    {command})\n{choice}\n      words='{words}';;".replace("\n\n", "\n"))
+        cases.append(f"    {command})\n{choice}\n      words='{names}'{taken};;".replace("\n\n", "\n"))
     return "\n".join(
         [
             _HEAD.format(of="bash") + "_gs2ci() {",
-            '  local word="${COMP_WORDS[COMP_CWORD]}" before="${COMP_WORDS[COMP_CWORD-1]}" words=',
+            '  local word="${COMP_WORDS[COMP_CWORD]}" before="${COMP_WORDS[COMP_CWORD-1]}" words= free=',
             "  COMPREPLY=()",
             '  if [ "$COMP_CWORD" = 1 ]; then',
             f"    COMPREPLY=($(compgen -W '{' '.join(about)} --help --version' -- \"$word\")); return",
@@ -135,6 +163,7 @@ def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
             *cases,
             "  esac",
             '  if [[ "$word" == -* ]]; then COMPREPLY=($(compgen -W "$words" -- "$word"));',
+            '  elif [ -n "$free" ]; then COMPREPLY=($(compgen -W "$free" -- "$word"));',
             f"  else {_FILES_BY_BASH}; fi",
             "}",
             "complete -o filenames -F _gs2ci gs2ci",
@@ -143,8 +172,8 @@ def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
     )
 
 
-def zsh_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
-    """Return the script for zsh."""
+def zsh_script(about: Mapping[str, str], options: _Options, words: _Words) -> str:
+    """Return the script for zsh; the arguments are those of `bash_script`."""
     cases = []
     for command, listed in options.items():
         lines = []
@@ -153,31 +182,40 @@ def zsh_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOpt
                 after = "" if one.bare else ":value:_files" if one.files else f":value:({' '.join(one.values)})"
                 after = after if one.bare or one.files or one.values else ":value: "
                 lines.append(f"        '{name}[{_for_zsh(one.help)}]{after}'")
+        free = f"'*:word:({' '.join(words[command])})'" if command in words else "'*:file:_files'"
         cases.append(
-            "\n".join(
-                [f"      {command}) _arguments \\", " \\\n".join([*lines, "        '*:file:_files'"]), "      ;;"]
-            )
+            "\n".join([f"      {command}) _arguments \\", " \\\n".join([*lines, f"        {free}"]), "      ;;"])
         )
     listing = "\n".join(f"    '{name}:{_for_zsh(text)}'" for name, text in about.items())
     return (
         f"#compdef gs2ci\n{_HEAD.format(of='zsh')}_gs2ci() {{\n  local -a commands\n  commands=(\n{listing}\n  )\n"
-        "  if (( CURRENT == 2 )); then _describe command commands; return; fi\n"
+        "  if (( CURRENT == 2 )); then\n"
+        "    if [[ $words[2] == -* ]]; then _arguments '--help[show help]' '--version[show the version]'\n"
+        "    else _describe command commands; fi\n    return\n  fi\n"
         '  local command="$words[2]"\n  shift words; (( CURRENT-- ))\n'
         '  case "$command" in\n' + "\n".join(cases) + "\n  esac\n}\n"
         'if [ "$funcstack[1]" = _gs2ci ]; then _gs2ci "$@"; else compdef _gs2ci gs2ci; fi\n'
     )
 
 
-def fish_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
-    """Return the script for fish."""
+def fish_script(about: Mapping[str, str], options: _Options, words: _Words) -> str:
+    """Return the script for fish; the arguments are those of `bash_script`."""
     lines = [_HEAD.format(of="fish").rstrip()]
+    lines += [
+        f"complete -c gs2ci -n __fish_use_subcommand -l {name} -d '{text}'"
+        for name, text in (("help", "show help"), ("version", "show the version"))
+    ]
     lines += [
         f"complete -c gs2ci -n __fish_use_subcommand -f -a {name} -d '{_for_fish(text)}'"
         for name, text in about.items()
     ]
+    lines += [
+        f"complete -c gs2ci -n '__fish_seen_subcommand_from {command}' -f -a '{' '.join(found)}'"
+        for command, found in words.items()
+    ]
     for command, listed in options.items():
         for one in listed:
-            words = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in one.names]
+            names = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in one.names]
             after = (
                 ""
                 if one.bare
@@ -188,7 +226,7 @@ def fish_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOp
                 else " -x"
             )
             seen = f"-n '__fish_seen_subcommand_from {command}'"
-            lines.append(f"complete -c gs2ci {seen} {' '.join(words)}{after} -d '{_for_fish(one.help)}'")
+            lines.append(f"complete -c gs2ci {seen} {' '.join(names)}{after} -d '{_for_fish(one.help)}'")
     return "\n".join(lines) + "\n"
 
 

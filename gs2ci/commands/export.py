@@ -9,9 +9,10 @@ from rich.console import Console
 from gs2ci.api.derived import with_options_of
 from gs2ci.api.exports import ExportFormat, export
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.core.progress import Silent
 
 
-@with_options_of(export, without=("run", "path"))
+@with_options_of(export, without=("run", "path", "progress"))
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     /,
@@ -34,7 +35,11 @@ def run(
         Gs2ciError: The folder is no run, or has no such part, or the output cannot be written.
     """
     with answered(as_text=not json) as answer:
-        written = export(folder, to, output, **options)
-        Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
-        answer({"path": written, "format": to})
+        heard = Silent()
+        written = export(folder, to, output, progress=heard, **options)
+        console = Console(highlight=False)
+        for sentence in heard.sentences:
+            console.print(sentence, markup=False, soft_wrap=True)
+        console.print(str(written), markup=False, soft_wrap=True)
+        answer({"path": written, "format": to, "notes": heard.sentences})
     return written

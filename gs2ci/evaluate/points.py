@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.core.lens import slopes_of, undistorted
+from gs2ci.core.lens import distorted, pixels_of, slopes_of, stretch, undistorted
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.ply import named_columns, ply_bytes
 
@@ -49,6 +49,26 @@ class Cameras:
         rotation, translation = self.world_to_camera[view, :3, :3], self.world_to_camera[view, :3, 3]
         moved: F64 = (vectors if directions else vectors - translation) @ rotation
         return moved
+
+    def seen(self, points: F64, view: int, size: tuple[int, int]) -> tuple[Bool, F64, F64]:
+        """Project points, [P, 3], into a view of a size (height, width).
+
+        Returns:
+            Which of them fall into it, [P]; how far ahead each lies, [P]; and their places, [P, 2] as (x, y) px, which
+            mean something only where the first is true.
+        """
+        pose, matrix = self.world_to_camera[view], self.intrinsics
+        local = points @ pose[:3, :3].T + pose[:3, 3]
+        ahead = local[:, 2]
+        before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
+        slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
+        if self.distortion is not None:
+            # Far outside the frame the lens's polynomial folds back into it.
+            before &= stretch(slopes, self.distortion) > 0
+            slopes = distorted(slopes, self.distortion)
+        pixels = pixels_of(slopes, matrix)
+        inside = before & (pixels >= 0).all(axis=1) & (pixels < (size[1], size[0])).all(axis=1)
+        return inside, ahead, pixels
 
 
 @dataclass(frozen=True)
@@ -95,6 +115,23 @@ def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Poin
         colours = np.broadcast_to(np.clip(views[view][sound], 0, 1), (len(positions), 3))
         parts.append((positions, normals, colours, confidence[view][sound]))
     return Points(*(np.concatenate(column).astype(np.float32) for column in zip(*parts, strict=True)))
+
+
+def surface_points(depth: F32, cameras: Cameras, confidence: F32 | None = None) -> F64:
+    """Return where the pixels with a sure depth lie in the world, [P, 3].
+
+    Args:
+        depth: [N, H, W], 0 at pixels without a depth.
+        cameras: Cameras of the views.
+        confidence: Of depth, [N, H, W]; None takes every depth for sure.
+    """
+    sure = depth > 0 if confidence is None else (depth > 0) & (confidence >= _LEAST_CONFIDENCE)
+    found = [np.zeros((0, 3))]
+    for view in range(len(depth)):
+        row, column = np.nonzero(sure[view])
+        rays = cameras.rays(np.stack([column + 0.5, row + 0.5], axis=-1))
+        found.append(cameras.in_world(view, rays * depth[view, row, column, None]))
+    return np.concatenate(found)
 
 
 def _normals(seen: F64, depth: F32) -> tuple[F64, Bool]:

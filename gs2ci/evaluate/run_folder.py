@@ -142,7 +142,11 @@ def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussia
     middle = torch.from_numpy(poses[len(poses) // 2])
     shown = (scene.means, colours_from(scene, middle))
     points, colors = (tensor.detach()[keep].float().numpy() for tensor in shown)
-    write_colmap_model(model, poses, result.intrinsics, size, points=points, colors=colors, distortion=lens)
+    # What moves is at no one place for several views to see.
+    depth = None if scene.motion is not None or report.lacks_path else result.depth
+    write_colmap_model(
+        model, poses, result.intrinsics, size, points=points, colors=colors, distortion=lens, depth=depth
+    )
 
 
 def _write_motion(folder: Path, result: RunResult, scene: Gaussians) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import Verdict
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
@@ -88,6 +89,8 @@ def hand_over(
         judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
         return Recovered(own, "scene", judged, _doubts(holdout, own))
     unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
+    if LeftOut.ERRORS_OVER_TIME in settings.left_out:
+        unfollowed = np.zeros_like(unfollowed)
     if unfollowed.any():
         own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
     noise_by_reading = noise_of_readings(holdout, ensemble.views)
@@ -95,16 +98,18 @@ def hand_over(
     noise = least_noise * followed(holdout, ensemble.views)
     refine = refine.with_noise(noise_by_reading)
     in_full, by_share = refine.in_full_and_by_share(mean)
-    refined_views, notes = _polished_densely(holdout, by_share, polishing)
+    dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
+    refined_views, notes = _polished_densely(holdout, by_share, dense)
     polished_so_far = by_share if refined_views is None else refined_views.blind
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
+    cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
         # If patches, which may move, reduced the residual much, the scenes explain the sum of views, not each view:
         # their errors cancel along the views.
-        "mean": Candidate(mean, mean, cancels=bool(notes)),
-        "scene": Candidate(own, own, cancels=bool(notes)),
+        "mean": Candidate(mean, mean, cancels=cancels),
+        "scene": Candidate(own, own, cancels=cancels),
     }
     near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
     decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
@@ -226,10 +231,15 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
             first = longer
     if first.sigma is not None:
         return _decoded_from_all_pixels(first, settings)
-    weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
-    is_weighed = (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0)
-    decoded, known = (weighed, noise) if is_weighed else (first.decoded, None)
+    decoded: F32 = first.decoded
+    known: F32 | None = None
+    if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
+        weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
+        if (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
+            decoded, known = weighed, noise
     found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.shot, uncoupled, noise=known))}
+    if LeftOut.COUPLED_DECODE in settings.left_out:
+        return found
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
     blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
     left = [holdout.residual_rms(views) or 0.0 for views in blind]

@@ -20,6 +20,7 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts.choice import Attempts
 from gs2ci.reconstruct.attempts.fits import Fits
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer, needs_rest
 from gs2ci.reconstruct.fit.fine import Fine
@@ -103,7 +104,11 @@ def reconstruct(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     partly = joins_in_part(first)
-    if again and (partly or (settings.poses == "auto" and needs_rest(first))):
+    if (
+        again
+        and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
+        and (partly or (settings.poses == "auto" and needs_rest(first)))
+    ):
         # A motion without tracks explains the measurement so far that weights corrected along it are better than those
         # given.
         weighted = holdout if partly else first.holdout

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from pydantic import Field, PositiveInt
 
 from gs2ci.core.bounds import Bounded
-from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, MotionMode, PoseSource, ProxyName
+from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, LeftOut, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -67,6 +67,7 @@ class Settings(Bounded):
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
             residual, but not within a budget; "on": from the start; "off": never (`moving`).
         registration: Of the step before all others, which estimates from the measurement where its masks lie.
+        left_out: Parts that are left out, to see what they give (`mechanisms`).
         seed: Seed of every random draw.
     """
 
@@ -93,6 +94,7 @@ class Settings(Bounded):
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    left_out: tuple[LeftOut, ...] = ()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 42
 
     @property

@@ -62,6 +62,7 @@ def needs_compiling(name: str) -> bool:
     """Tell whether a backend's first rendering on this machine has to wait until its kernels are compiled."""
     if name != "cpu":
         return False
-    from gs2ci.render.cpu.compile import is_compiled  # noqa: PLC0415
+    import gs2ci.render.cpu.blend as kernels  # noqa: PLC0415
+    from gs2ci.core.kernels import is_compiled  # noqa: PLC0415
 
-    return not is_compiled()
+    return not is_compiled(kernels.__name__)

@@ -234,24 +234,26 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
     return table
 
 
-def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
+def write_ply(path: str | Path, gaussians: Gaussians, *, degree: int = 0) -> Path:
     """Write a scene as binary little-endian PLY; the file appears whole or not at all.
 
     Args:
         path: Of the file; an existing file is replaced.
         gaussians: The scene; the format cannot store its motion.
+        degree: Harmonics are written at least up to this degree, as zeros where the scene has none: viewers of SIBR's
+            kind stop at a file without the 45 properties f_rest of degree 3.
 
     Returns:
         The path written.
 
     Raises:
-        InputError: The Gaussians do not fit together or hold NaN.
+        InputError: The Gaussians do not fit together or hold NaN, or the degree is not 0 to 3.
         StorageError: The file cannot be written.
     """
     g = gaussians.check().detach().map(torch.Tensor.float)
-    rest = torch.zeros(len(g), 0)
-    if g.harmonics is not None:
-        rest = g.harmonics.transpose(1, 2).reshape(len(g), 3 * g.harmonics.shape[1])
+    own = torch.zeros(len(g), 0, 3) if g.harmonics is None else g.harmonics
+    held = torch.cat([own, torch.zeros(len(g), max(0, coefficients(degree) - own.shape[1]), 3)], dim=1)
+    rest = held.transpose(1, 2).reshape(len(g), 3 * held.shape[1])
     columns = torch.cat(
         [
             *(g.means, torch.zeros_like(g.means), (g.colours - 0.5) / SH_DC, rest),

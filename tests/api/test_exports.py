@@ -1,13 +1,17 @@
 """Exports of a run, each opened by somebody else's reader."""
 
 import base64
+import gzip
 import json
+import re
 import shutil
 import subprocess
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import gsply
 import h5py
 import imageio.v3 as imageio
 import jsonschema
@@ -15,13 +19,17 @@ import numpy as np
 import pycolmap
 import pytest
 import trimesh
+from PIL import Image, ImageSequence
 
 import gs2ci
 from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.evaluate import points as points_module
+from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
 from gs2ci.evaluate.report import GeometrySection
 from gs2ci.evaluate.whole_folder import write_pictures
+from gs2ci.render.ply import read_ply, write_ply
 from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
 from tests.evaluate.reports import GEOMETRY
@@ -34,10 +42,53 @@ def run(examples):
     return gs2ci.open_run("run")
 
 
-def test_gaussians_as_ply_and_spz(run):
-    points = trimesh.load(gs2ci.export(run, "ply"))
+def test_gaussians_for_viewers_and_as_they_were_fitted(run):
+    heard = gs2ci.Silent()
+    points = trimesh.load(gs2ci.export(run, "ply", progress=heard))
     np.testing.assert_allclose(points.vertices, run.scene.means, atol=1e-6)
-    assert gs2ci.export(run, "spz").stat().st_size < 2000
+    assert re.search(r"colours within 0 to 1: .*dB where opacities are kept", heard.sentences[0])
+    shown = read_ply("scene.ply")
+    assert 0 <= shown.colours.min() <= shown.colours.max() <= 1
+    gs2ci.export(run, "ply", "own.ply", as_fitted=True)
+    assert Path("own.ply").read_bytes() == (run.folder / "scene.ply").read_bytes()
+    gs2ci.export(run, "ply", "whole.ply", as_fitted=True, f_rest=True)
+    assert b"property float f_rest_44" in Path("whole.ply").read_bytes()
+
+
+def test_gaussians_as_spz_sog_and_glb(run):
+    sizes = {to: gs2ci.export(run, to, as_fitted=True).stat().st_size for to in ("spz", "sog", "glb")}
+    assert sizes["spz"] < 2000
+    two = gs2ci.export(run, "spz", "two.spz", as_fitted=True, spz_version=2)
+    assert [gzip.decompress(path.read_bytes())[4] for path in (Path("scene.spz"), two)] == [3, 2]
+    assert Path("scene.glb").read_bytes()[:4] == b"glTF"
+    with zipfile.ZipFile("scene.sog") as archive:
+        assert json.loads(archive.read("meta.json"))["count"] == len(run.scene)
+    with pytest.raises(InputError, match=r"version 4 of SPZ"):
+        gs2ci.export(run, "spz", "four.spz", as_fitted=True, spz_version=4)
+
+
+def test_lengths_that_spz_cannot_hold_are_said_to_be_rescaled(run, gs2ci, capsys):
+    scene = run.scene
+    scene.means *= 1e5
+    scene.log_scales += np.log(1e5)
+    (run.folder / "scene.ply").unlink()
+    write_ply(run.folder / "scene.ply", scene)
+    assert gs2ci("export", "run", "--to", "spz", "--as-fitted", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    (told,) = answer["notes"]
+    scale = float(re.search(r"are (\S+) times those of the run", told)[1])
+    np.testing.assert_allclose(
+        gsply.read_spz("scene.spz").means / scale, scene.means.numpy() * (1, -1, -1), rtol=0, atol=2.0
+    )
+
+
+def test_a_known_unit_stands_in_a_glb_files_node(run):
+    told = replace(run, _scene=run.scene)
+    geometry = GeometrySection.model_validate({**GEOMETRY, "unit_of": "stage"})
+    report = run.report.model_copy(update={"provenance": {"source": "rig"}, "geometry": geometry})
+    told.__dict__["report"] = report
+    whole = gs2ci.export(told, "glb", as_fitted=True).read_bytes()
+    assert json.loads(whole[20 : 20 + int.from_bytes(whole[12:16], "little")])["nodes"][0]["scale"] == [1e-3] * 3
 
 
 def test_a_folder_for_nerfstudio_is_what_its_parser_reads(run):
@@ -47,9 +98,11 @@ def test_a_folder_for_nerfstudio_is_what_its_parser_reads(run):
     schema = json.loads(Path(__file__).with_name("nerfstudio.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(transforms, schema)
-    for wrong in ({"camera_model": "PINHOLES"}, {"w": 32.5}, {"frames": []}, {"train_filenames": ["views/a.png"]}):
+    for wrong in ({"camera_model": "PINHOLES"}, {"w": 32.5}, {"frames": []}, {"val_filenames": "views/a.png"}):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate({**transforms, **wrong}, schema)
+    with pytest.raises(jsonschema.ValidationError, match="dependency"):
+        jsonschema.validate({key: value for key, value in transforms.items() if key != "val_filenames"}, schema)
     for frame in transforms["frames"]:
         assert (folder / frame["file_path"]).is_file()
         rotation = np.array(frame["transform_matrix"])[:3, :3]
@@ -61,6 +114,46 @@ def test_a_folder_for_nerfstudio_is_what_its_parser_reads(run):
     assert (seen[2] < 0).all()
     across = transforms["fl_x"] * seen[0] / -seen[2] + transforms["cx"]
     assert np.median(np.abs(across / transforms["w"] - 0.5)) < 0.5
+
+
+def test_nerfstudio_finds_depth_in_the_unit_of_the_poses_and_a_split(run):
+    """Its own split has no view to judge by below ten (E4); it multiplies what it reads by a thousandth."""
+    folder = gs2ci.export(run, "nerfstudio", "studio")
+    transforms = json.loads((folder / "transforms.json").read_text())
+    read = np.stack([np.load(folder / frame["depth_file_path"]) * 1e-3 for frame in transforms["frames"]])
+    np.testing.assert_allclose(read, run.depth, rtol=1e-6)
+    files = {frame["file_path"] for frame in transforms["frames"]}
+    trained, judged = set(transforms["train_filenames"]), set(transforms["val_filenames"])
+    assert (len(judged), trained | judged, trained & judged) == (1, files, set())
+    assert transforms["test_filenames"] == transforms["val_filenames"]
+
+
+@pytest.mark.parametrize(("unit", "place"), [(1e-3, 0.0), (1.0, 300.0), (1e6, -2e7)])
+def test_instant_ngps_box_holds_the_scene_in_any_unit(run, unit, place):
+    """As it reads a folder: places times `scale` plus `offset`, within a cube round a half (E5)."""
+    path = run.path.copy()
+    path[:, :3, 3] = unit * path[:, :3, 3] - path[:, :3, :3] @ np.full(3, place)
+    moved = replace(run, path=path, depth=run.depth * np.float32(unit))
+    moved.__dict__["report"] = run.report
+    cameras = nerfstudio_transforms(path, run.intrinsics, (24, 32), None)
+    (run.folder / "cameras.json").write_text(json.dumps(cameras))
+    folder = gs2ci.export(moved, "instant-ngp", f"ngp{unit}")
+    transforms = json.loads((folder / "transforms.json").read_text())
+    points = points_module.surface_points(moved.depth, exports._cameras(moved), run.depth_confidence)
+    eyes = np.array([frame["transform_matrix"] for frame in transforms["frames"]])[:, :3, 3]
+    for places, least in ((points, 0.99), (eyes, 1.0)):
+        inside = np.abs(places * transforms["scale"] + transforms["offset"] - 0.5) <= transforms["aabb_scale"] / 2
+        assert inside.all(axis=1).mean() >= least
+    assert transforms["aabb_scale"] in (1, 2, 4, 8, 16, 32, 64, 128)
+    assert "k3" not in transforms
+    assert all((folder / frame["file_path"]).is_file() for frame in transforms["frames"])
+
+
+def test_a_k3_that_instant_ngp_knows_not_is_said(run):
+    heard = gs2ci.Silent()
+    bent = replace(run, distortion=np.array([0, 0, 0, 0, 0.01]))
+    gs2ci.export(bent, "instant-ngp", progress=heard)
+    assert heard.sentences == ["instant-ngp knows no k3; that of this lens, 0.01, is left out."]
 
 
 def test_cameras_and_pictures_for_colmap_and_nerfstudio_tell_the_same(run):
@@ -123,7 +216,9 @@ def test_a_nexus_file_that_cannot_be_written_is_told(run):
         nexus.write_nexus(Path("nowhere/x.nxs"), run.report, run.views, None, exports._cameras(run))
 
 
-@pytest.mark.parametrize("to", ["gif", "mp4", "nexus", "ply", "spz", "colmap", "nerfstudio"])
+@pytest.mark.parametrize(
+    "to", ["gif", "mp4", "nexus", "ply", "spz", "sog", "glb", "colmap", "nerfstudio", "instant-ngp"]
+)
 def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, small_files, tmp_path, to):
     folder = tmp_path / "full"
     folder.mkdir()
@@ -157,6 +252,12 @@ def test_depth_as_png_and_exr(run):
     maps = sorted(gs2ci.export(run, "depth-exr", "exr").glob("*.exr"))
     read = np.stack([OpenEXR.File(str(path)).channels()["Z"].pixels for path in maps])
     np.testing.assert_array_equal(read, run.depth)
+    header = OpenEXR.File(str(maps[0])).header()
+    assert (header["unit"], header["unknownDepth"]) == ("scene units", 0.0)
+    assert "0: no depth" in header["comments"]
+    texts = imageio.immeta(folder / "depth_000.png")
+    assert (texts["unit"], texts["unknown"]) == ("scene units", "0")
+    assert float(texts["unit_per_step"]) == step
 
 
 def test_what_is_not_seen_has_a_reading_of_its_own(tmp_path):
@@ -191,7 +292,7 @@ LEVELS = np.linspace(0, 1, 6)
 
 @pytest.fixture
 def film(run, monkeypatch):
-    """An MP4 of six even frames from black to white, whose odd last row and column are left out."""
+    """An MP4 of six even frames from black to white, whose odd last row and column are shown twice."""
     frames = np.float32(LEVELS)[:, None, None, None] * np.ones((6, 25, 33, 3), np.float32)
     monkeypatch.setattr(exports, "orbit", lambda run: frames)
     return gs2ci.export(run, "mp4")
@@ -200,13 +301,16 @@ def film(run, monkeypatch):
 def test_ffprobe_reads_a_film(film):
     if shutil.which("ffprobe") is None:
         pytest.skip("no ffprobe on this machine")
-    wanted = "stream=codec_name,width,height,pix_fmt,avg_frame_rate,nb_read_frames:format=format_name,duration"
+    wanted = "stream=codec_name,width,height,pix_fmt,avg_frame_rate,nb_read_frames,color_space,color_primaries,"
+    wanted += "color_transfer:format=format_name,duration"
     asked = ["ffprobe", "-v", "error", "-count_frames", "-show_entries", wanted, "-of", "json", film]
     told = json.loads(subprocess.run(asked, capture_output=True, check=True).stdout)
     (stream,) = told["streams"]
-    assert (stream["codec_name"], stream["width"], stream["height"]) == ("vp9", 32, 24)
+    assert (stream["codec_name"], stream["width"], stream["height"]) == ("vp9", 34, 26)
     assert (stream["pix_fmt"], stream["avg_frame_rate"], stream["nb_read_frames"]) == ("yuv420p", "24/1", "6")
     assert "mp4" in told["format"]["format_name"].split(",")
+    colours = [stream[name] for name in ("color_space", "color_primaries", "color_transfer")]
+    assert colours == ["smpte170m", "bt709", "iec61966-2-1"]
     assert float(told["format"]["duration"]) == pytest.approx(6 / 24, abs=0.01)
 
 
@@ -235,7 +339,7 @@ def test_a_browser_plays_a_film(film, tab, tmp_path):
         return [film.videoWidth, film.videoHeight, film.duration, levels];
     })()"""
     width, height, duration_s, levels = tab.run(show)
-    assert (width, height) == (32, 24)
+    assert (width, height) == (34, 26)
     assert duration_s == pytest.approx(6 / 24, abs=0.01)
     np.testing.assert_allclose(levels, LEVELS, atol=0.06)
 
@@ -248,7 +352,7 @@ def test_films_of_an_orbit(run, film):
     reader = cv2.VideoCapture(str(path))
     levels = []
     while (read := reader.read())[0]:
-        assert read[1].shape == (24, 32, 3)
+        assert read[1].shape == (26, 34, 3)
         levels.append(read[1].mean() / 255)
     np.testing.assert_allclose(levels, LEVELS, atol=0.06)
     with pytest.raises(InputError, match=r"\.gif or \.mp4"):
@@ -257,6 +361,27 @@ def test_films_of_an_orbit(run, film):
         orbit.write_film(path.parent / "nowhere" / "o.mp4", frames)
     with pytest.raises(StorageError):
         orbit.write_film(path.parent / "nowhere" / "o.gif", frames)
+
+
+@pytest.mark.parametrize("count", [1, 5, 24, 48])
+def test_a_gif_lasts_as_long_as_its_frames_at_their_rate(tmp_path, count):
+    """Delays of a GIF are hundredths of a second: 24 frames a second played at 25 (E6)."""
+    draws = np.random.default_rng(1)
+    path = orbit.write_film(tmp_path / "film.gif", draws.random((count, 7, 9, 3), np.float32))
+    with Image.open(path) as film:
+        lasts = [frame.info["duration"] for frame in ImageSequence.Iterator(film)] if count > 1 else [40]
+    assert sum(lasts) == pytest.approx(1000 * count / 24, abs=5)
+    assert set(lasts) <= {40, 50}
+
+
+@pytest.mark.parametrize("size", [(24, 32), (25, 32), (24, 33), (7, 9)])
+def test_a_film_keeps_the_last_row_and_column(tmp_path, size):
+    frames = np.zeros((3, *size, 3), np.float32)
+    frames[:, -1:], frames[:, :, -1:] = 1, 1
+    held = cv2.VideoCapture(str(orbit.write_film(tmp_path / "film.mp4", frames))).read()[1]
+    assert held.shape[0] >= size[0]
+    assert held[size[0] - 1, : size[1] // 2].mean() > 120
+    assert held[: size[0] // 2, size[1] - 1].mean() > 120
 
 
 def test_an_orbit_goes_round_what_it_looks_at_and_comes_back(run):
@@ -344,7 +469,7 @@ def contents(folder):
     return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-FOLDERS = ["colmap", "nerfstudio", "depth-png", "depth-exr"]
+FOLDERS = ["colmap", "nerfstudio", "instant-ngp", "depth-png", "depth-exr"]
 
 
 @pytest.mark.parametrize("to", FOLDERS)

@@ -34,7 +34,6 @@ from gs2ci.reconstruct.attempts import fits
 from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.geometry import surface_map
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
@@ -58,7 +57,6 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
-    ("sweeps, edges of their maps", surface_map, "snapped"),
     ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),

@@ -40,6 +40,33 @@ def test_bash_completes_values_that_are_fixed(scripts):
     assert bash_completes(scripts["bash"], "gs2ci", "reconstruct", "x.h5", "--preset", "s") == ["standard"]
 
 
+def test_bash_completes_words_that_a_command_takes_without_an_option(scripts, tmp_path, monkeypatch):
+    """It listed files (E7)."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "zebra.h5").touch()
+    assert bash_completes(scripts["bash"], "gs2ci", "completion", "") == ["bash", "zsh", "fish"]
+    assert bash_completes(scripts["bash"], "gs2ci", "completion", "z") == ["zsh"]
+    assert bash_completes(scripts["bash"], "gs2ci", "completion", "-") == ["-h", "--help"]
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_words_without_an_option_are_in_every_script(scripts, command):
+    for word in completion.words_of(importlib.import_module(cli.COMMANDS[command][0]).run):
+        assert bash_completes(scripts["bash"], "gs2ci", command, word) == [word]
+        assert re.search(rf"'\*:word:\([^)]*\b{word}\b", scripts["zsh"])
+        assert re.search(rf"__fish_seen_subcommand_from {command}' -f -a '[^']*\b{word}\b", scripts["fish"])
+
+
+def test_every_shell_knows_the_options_without_a_command(scripts):
+    assert bash_completes(scripts["bash"], "gs2ci", "--v") == ["--version"]
+    assert "__fish_use_subcommand -l version" in scripts["fish"]
+    assert "--version[" in scripts["zsh"]
+
+
+def test_help_is_a_whole_sentence():
+    assert completion._first_sentence("Of a thing; and of another: both. More.") == "Of a thing; and of another: both"
+
+
 def test_bash_completes_files_else(scripts, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("shot.h5", "my first shot.h5"):

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.lens import distorted, pixels_of
-from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.evaluate.cameras import nerfstudio_transforms, ngp_box, split_of, write_colmap_model
 from gs2ci.evaluate.whole_folder import view_names
 
 INTRINSICS = np.array([[50.0, 0, 30.5], [0, 52.0, 20.25], [0, 0, 1]])
@@ -97,3 +97,49 @@ def test_colours_are_clamped_and_rounded(tmp_path):
     )
     (point,) = pycolmap.Reconstruction(tmp_path).points3D.values()
     assert point.color.tolist() == [0, 128, 255]
+
+
+@pytest.mark.parametrize("lens", [None, np.array([-0.1, 0.02, 0, 0, 0.0])])
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e6])
+def test_points_are_observed_by_the_views_in_whose_depth_they_lie(tmp_path, lens, unit):
+    """Dense stereo finds no pictures to compare without tracks."""
+    draws = np.random.default_rng(3)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = [0, -0.1 * unit, -0.2 * unit]
+    points = unit * np.column_stack([draws.uniform(-1.5, 1.5, (200, 2)), np.full(200, 3.0)]).astype(np.float32)
+    points[:20, 2] *= 2  # behind the surface
+    depth = np.full((3, 40, 60), 3 * unit, np.float32)
+    depth[1, :, :30] = 0  # not known there
+    colors = np.zeros((200, 3), np.float32)
+    told = {"points": points, "colors": colors, "distortion": lens, "depth": depth}
+    write_colmap_model(tmp_path, poses, INTRINSICS, (40, 60), **told)
+    model = pycolmap.Reconstruction(tmp_path)
+    assert model.num_points3D() == 200
+    tracks = {index: point.track.elements for index, point in model.points3D.items()}
+    assert not any(tracks[index] for index in range(1, 21))
+    lengths = {len(track) for track in tracks.values()}
+    assert lengths <= {0, 2, 3}
+    assert {2, 3} <= lengths
+    for index, track in tracks.items():
+        for element in track:
+            image = model.images[element.image_id]
+            observed = image.points2D[element.point2D_idx]
+            assert observed.point3D_id == index
+            np.testing.assert_allclose(observed.xy, image.project_point(model.points3D[index].xyz), atol=1e-3)
+            assert not (element.image_id == 2 and observed.xy[0] < 30)
+    assert model.compute_mean_reprojection_error() < 1e-3
+
+
+@pytest.mark.parametrize("count", range(1, 40, 3))
+def test_every_split_has_views_to_train_with_and_views_to_judge_by(count):
+    names = [f"views/view_{index:03d}.png" for index in range(count)]
+    split = split_of(names)
+    assert split["train_filenames"]
+    assert split["val_filenames"] == split["test_filenames"]
+    assert len(split["val_filenames"]) >= max(1, count // 8)
+    assert set(split["train_filenames"]) | set(split["val_filenames"]) == set(names)
+
+
+def test_a_box_of_one_place_is_of_some_size():
+    box = ngp_box(np.zeros((0, 3)), np.eye(4)[None])
+    assert (box["scale"], box["offset"], box["aabb_scale"]) == (1.0, [0.5, 0.5, 0.5], 1)

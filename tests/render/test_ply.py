@@ -3,10 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.render.harmonics import SH_DC, colours_seen
+from gs2ci.render.harmonics import SH_DC, coefficients, colours_seen
 from gs2ci.render.ply import read_ply, read_ply_scene, write_ply
+from tests.render.scenes_in_units import drawn
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
 NAMES += ["rot_0", "rot_1", "rot_2", "rot_3"]
@@ -223,3 +225,21 @@ def test_failed_write_leaves_nothing_behind(tmp_path, make):
 def test_missing_folder_is_a_storage_error(tmp_path, make):
     with pytest.raises(StorageError, match="cannot be written"):
         write_ply(tmp_path / "none" / "scene.ply", make().scene)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_zeros_are_written_for_harmonics_that_a_scene_has_not(tmp_path, degree):
+    """Viewers of SIBR's kind stop at a file without the 45 coefficients of degree 3 (E10)."""
+    scene = drawn(degree, degree=degree, count=5)
+    whole = trimesh.load(write_ply(tmp_path / "whole.ply", scene, degree=3)).metadata["_ply_raw"]["vertex"]["data"]
+    names = [name for name in whole.dtype.names if name.startswith("f_rest_")]
+    assert names == [f"f_rest_{k}" for k in range(45)]
+    own = coefficients(degree)
+    held = np.stack([whole[name] for name in names], axis=1).reshape(5, 3, 15)
+    assert not held[:, :, own:].any()
+    if degree:
+        np.testing.assert_array_equal(held[:, :, :own], scene.harmonics.transpose(1, 2))
+    else:  # what is zero everywhere is none
+        assert read_ply(tmp_path / "whole.ply").harmonics is None
+    with pytest.raises(InputError, match="harmonics of degree 4"):
+        write_ply(tmp_path / "four.ply", scene, degree=4)

@@ -1,5 +1,7 @@
 """SPZ files, read by a reader of somebody else's (gsply)."""
 
+import gzip
+import struct
 from dataclasses import replace
 
 import gsply
@@ -10,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.harmonics import basis, coefficients
-from gs2ci.render.spz import write_spz
+from gs2ci.render.harmonics import SH_DC, basis, coefficients, turned
+from gs2ci.render.spz import fitting_scale, write_spz
+from tests.render.scenes_in_units import UNITS, drawn, psnr_db, scaled, shown
 
 
 def some(count=200, spread=1.0):
@@ -79,3 +82,89 @@ def test_the_ends_of_the_range(tmp_path):
     read = gsply.read_spz(str(write_spz(tmp_path / "edge.spz", edge)))
     assert read.means[0, 0] == pytest.approx(2.0**21, rel=1e-6)
     np.testing.assert_allclose(np.abs(read.quats[:, 0]), 1, atol=0.001)
+
+
+def as_scene(read, scale=1.0):
+    """What a foreign reader found, in our axes and unit."""
+    count = len(read.means)
+    turn = np.array([1.0, 1, -1, -1])
+    harmonics = np.asarray(read.shN if read.shN is not None else np.zeros((count, 0, 3))).reshape(count, -1, 3)
+    found = Gaussians(
+        torch.tensor(read.means * (1, -1, -1)),
+        torch.tensor(read.scales),
+        torch.tensor(read.quats * turn),
+        torch.tensor(read.opacities.reshape(-1)),
+        torch.tensor(0.5 + SH_DC * read.sh0),
+        harmonics=turned(torch.tensor(harmonics), torch.diag(torch.tensor([1.0, -1, -1]))) if harmonics.size else None,
+    )
+    return scaled(found.map(torch.Tensor.float), 1 / scale)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_a_scene_in_any_unit_looks_as_before_in_a_foreign_reader(tmp_path, unit, degree):
+    """A scene in mm, 20 m away, lost 95 % of its sizes, and a small one its positions (E1)."""
+    scene = drawn(degree, unit, degree)
+    scale = fitting_scale(scene)
+    read = gsply.read_spz(str(write_spz(tmp_path / "scene.spz", scene, scale=scale)))
+    assert psnr_db(shown(as_scene(read, scale), unit), shown(scene, unit)) >= 45
+    assert (scale == 1) == (unit in (1.0, 20.0))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_sizes_are_refused_where_they_would_be_clipped(tmp_path, unit):
+    scene = drawn(5, unit * 1e4)
+    with pytest.raises(InputError, match=r"sizes that SPZ cannot hold.*fitting_scale"):
+        write_spz(tmp_path / "clipped.spz", scene)
+    small = scaled(drawn(5), 1e-6)
+    with pytest.raises(InputError, match="sizes that SPZ cannot hold"):
+        write_spz(tmp_path / "clipped.spz", small)
+    scene.log_scales[0], scene.log_scales[1] = 18.0, -18.0
+    with pytest.raises(InputError, match=r"under one scale for all.*ply, sog or glb"):
+        fitting_scale(scene)
+    assert not (tmp_path / "clipped.spz").exists()
+    assert fitting_scale(scene.map(lambda tensor: tensor[:0])) == 1
+
+
+def test_the_thickness_of_a_disc_may_be_the_least_size(tmp_path):
+    scene = drawn(6)
+    scene.log_scales[:, 2] = -16
+    assert fitting_scale(scene) == 1
+    read = gsply.read_spz(str(write_spz(tmp_path / "discs.spz", scene)))
+    assert psnr_db(shown(as_scene(read)), shown(scene)) >= 45
+
+
+def version_two(path):
+    """Read the rotations of a file of version 2, as its format says: x, y and z in 8 bits each."""
+    body = gzip.decompress(path.read_bytes())
+    magic, version, count, _, bits, _, _ = struct.unpack("<IIIBBBB", body[:16])
+    assert (magic, version) == (0x5053474E, 2)
+    at = 16 + count * (9 + 1 + 3)
+    logs = np.frombuffer(body, np.uint8, 3 * count, at).reshape(-1, 3) / 16 - 10
+    three = np.frombuffer(body, np.uint8, 3 * count, at + 3 * count).reshape(-1, 3) / 127.5 - 1
+    w = np.sqrt(np.maximum(1 - (three**2).sum(axis=1), 0))
+    assert bits >= 1
+    assert len(body) == at + 6 * count
+    return logs, np.column_stack([w, three])
+
+
+def test_version_two_holds_the_same_ellipsoids_in_eight_bits_of_rotation(tmp_path):
+    """Many readers know version 2 alone (E2)."""
+    scene = drawn(7)
+    logs, quaternions = version_two(write_spz(tmp_path / "two.spz", scene, version=2))
+    turn = np.array([1.0, 1, -1, -1])
+    found = replace(scene, log_scales=torch.tensor(logs).float(), quaternions=torch.tensor(quaternions * turn).float())
+    assert psnr_db(shown(found), shown(scene)) >= 47
+    with pytest.raises(InputError, match=r"version 4 of SPZ.*2 or 3"):
+        write_spz(tmp_path / "four.spz", scene, version=4)
+
+
+def test_opacities_stay_finite_as_logits_and_large_harmonics_are_refused(tmp_path):
+    scene = drawn(8, degree=1)
+    scene.opacity_logits[:2] = torch.tensor([40.0, -40.0])
+    body = gzip.decompress(write_spz(tmp_path / "a.spz", scene).read_bytes())
+    opacities = np.frombuffer(body, np.uint8, len(scene), 16 + 9 * len(scene))
+    assert (opacities.min(), opacities.max()) == (1, 254)
+    scene.harmonics[0, 0, 0] = 1.4
+    with pytest.raises(InputError, match=r"coefficient of a harmonic of 1\.4"):
+        write_spz(tmp_path / "b.spz", scene)

@@ -20,6 +20,10 @@ from gs2ci_drivers.ports import Feature, FeatureValue
 
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 NEUTRAL: Final[Mapping[str, FeatureValue]] = {
+    "SequencerMode": "Off",
+    "TriggerDivider": 1,
+    "TriggerMultiplier": 1,
+    "ImageCompressionMode": "Off",
     "BinningHorizontal": 1,
     "BinningVertical": 1,
     "DecimationHorizontal": 1,
@@ -106,6 +110,8 @@ class Leftovers:
             DriverError: The camera refuses, or does not answer.
         """
         listed = self._features.list()
+        if "SequencerMode" not in self._requested:
+            self._set("SequencerMode", "Off")  # it changes other features from frame to frame, and locks them
         autos = dict.fromkeys((*AUTOMATICS, *(name for _, name in listed if name.endswith("Auto"))))
         for name in autos:
             if name not in self._requested and self._features.has(name, "Off"):

@@ -11,6 +11,8 @@ EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1, both in microseconds."""
 GAINS = ("Gain", "GainAbs")
 """SFNC 2 and SFNC 1; by the node's unit in decibels or a factor (Chromasens)."""
+SECONDS = {"us": 1e-6, "µs": 1e-6, "μs": 1e-6, "": 1e-6, "ns": 1e-9, "ms": 1e-3, "s": 1.0}
+"""Seconds per unit of a time, by the node's unit; SFNC's is the microsecond, also where a camera names none."""
 FACTORS = ("x", "X", "times", "factor")
 
 
@@ -19,6 +21,24 @@ def in_decibels(gain: Feature) -> bool | None:
     if gain.unit.strip().lower() == "db":
         return True
     return False if gain.unit.strip() in FACTORS else None
+
+
+def seconds_per_unit(device: str, name: str, feature: Feature) -> float:
+    """Return the length of a time's unit.
+
+    Raises:
+        UnsupportedError: The camera names a unit that is none of time.
+    """
+    unit = feature.unit.strip()
+    if unit not in SECONDS:
+        raise UnsupportedError(
+            device,
+            f"{name} has the unit {unit!r}",
+            asked="configure",
+            allowed=", ".join(filter(None, SECONDS)),
+            remedy="see the camera's manual: this feature is no time, or the camera is none of the standard's",
+        )
+    return SECONDS[unit]
 
 
 class Features:

@@ -13,7 +13,7 @@ from typing import Final
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
 from gs2ci_drivers.genicam.leftovers import Leftovers
-from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels
+from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.ports import CameraIdentity, Feature
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
@@ -83,7 +83,8 @@ def _largest(features: Features, name: str) -> int:
 def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float, float, float]:
     found = features.first(EXPOSURES)
     if found is not None:
-        return found[1].low * US, found[1].high * US, US
+        unit_s = seconds_per_unit(features.device, *found)
+        return found[1].low * unit_s, found[1].high * unit_s, min(unit_s, US)
     fixed_s = options.fixed_exposure_s or 0.01
     return fixed_s, fixed_s, fixed_s
 
@@ -121,7 +122,7 @@ class GenicamSetup:
         self.form: PfncFormat = PFNC_FORMATS["Mono8"]
         self.chunks: tuple[str, ...] = ()
         self.settings: SensorSettings | None = None
-        self._delay_us = 0.0
+        self._set_delay_s = 0.0
 
     def apply(self, config: SensorConfig) -> SensorSettings:
         """Apply the configuration; a setting that limits others is set before them.
@@ -171,7 +172,7 @@ class GenicamSetup:
         if features.has("TriggerSelector", options.trigger_selector):
             features.write("TriggerSelector", options.trigger_selector)
         features.write_if_there("TriggerMode", "Off")  # some cameras lock the rest while it is on
-        self._delay_us = 0.0
+        self._set_delay_s = 0.0
         if mode is TriggerMode.FREE_RUN:
             features.write_if_there("ExposureMode", "Timed")
             return
@@ -184,8 +185,9 @@ class GenicamSetup:
             features.write("TriggerOverlap", options.trigger_overlap)
         delay = features.first(("TriggerDelay", "TriggerDelayAbs"))
         if delay is not None:
-            least_us = delay[1].low if not options.trigger_delay_s else 0.0
-            self._delay_us = float(features.write(delay[0], max(options.trigger_delay_s / US, least_us)))
+            unit_s = seconds_per_unit(self._device, *delay)
+            least = delay[1].low if not options.trigger_delay_s else 0.0
+            self._set_delay_s = unit_s * float(features.write(delay[0], max(options.trigger_delay_s / unit_s, least)))
         elif options.trigger_delay_s:
             raise UnsupportedError(
                 self._device,
@@ -290,7 +292,8 @@ class GenicamSetup:
         found = self._features.first(EXPOSURES)
         assert found is not None  # the caller has seen it
         name, limits = found
-        return float(self._features.write(name, min(max(exposure_s / US, limits.low), limits.high))) * US
+        unit_s = seconds_per_unit(self._device, name, limits)
+        return float(self._features.write(name, min(max(exposure_s / unit_s, limits.low), limits.high))) * unit_s
 
     def _set_gain(self, gain_db: float | None) -> None:
         if gain_db is None:
@@ -359,7 +362,7 @@ class GenicamSetup:
         found = self._features.first(EXPOSURES)
         if found is None:
             return None
-        present_us = float(self._features.read(found[0]))
+        present_s = float(self._features.read(found[0])) * seconds_per_unit(self._device, *found)
         try:
             self._write_exposure(0.0)
             shortest_hz = self._rate_hz()
@@ -368,7 +371,7 @@ class GenicamSetup:
             self._write_exposure(2 / shortest_hz)
             longer_hz = self._rate_hz()
         finally:
-            self._write_exposure(present_us * US)
+            self._write_exposure(present_s)
         return shortest_hz if longer_hz is not None and longer_hz < shortest_hz else None
 
     def _rate_hz(self) -> float | None:
@@ -381,4 +384,4 @@ class GenicamSetup:
     def _delay_s(self, mode: TriggerMode) -> float:
         if mode is TriggerMode.FREE_RUN:
             return 0.0
-        return self._delay_us * US + self._options.trigger_latency_s
+        return self._set_delay_s + self._options.trigger_latency_s

@@ -415,6 +415,8 @@ class ControlFlag(enum.IntFlag):
     INACTIVE = 0x10
     WRITE_ONLY = 0x40
     MODIFY_LAYOUT = 0x400
+    HAS_PAYLOAD = 0x100
+    NEXT_COMPOUND = 0x40000000
     NEXT_CTRL = 0x80000000
 
 
@@ -440,7 +442,10 @@ class SelectionTarget(enum.IntEnum):
     """V4L2_SEL_TGT_*: which region is meant."""
 
     CROP = 0
+    CROP_DEFAULT = 1
     CROP_BOUNDS = 2
+    COMPOSE = 0x100
+    COMPOSE_DEFAULT = 0x101
 
 
 MEMORY_MMAP: Final = 1
@@ -448,6 +453,7 @@ FIELD_NONE: Final = 1
 EXPOSURE_MANUAL: Final = 1
 FORMAT_ACTIVE: Final = 1
 CTRL_WHICH_CUR_VAL: Final = 0
+CTRL_WHICH_DEF_VAL: Final = 0x0F000000
 
 
 def fourcc(name: str) -> int:

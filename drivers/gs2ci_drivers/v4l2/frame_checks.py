@@ -21,6 +21,8 @@ _STAMP_GRAIN_NS: Final = 1000
 """The kernel truncates time stamps to whole microseconds."""
 _FUTURE_NS: Final = 1_000_000_000
 """A stamp that lies further behind the frame's arrival is of another clock."""
+_PAST_NS: Final = 3600 * 1_000_000_000
+"""And so is one that lies further before it: the kernel keeps no frame for so long."""
 FIRSTS: Final = {"unicam": (0, 1)}
 """The numbers that a kernel driver's first frame may have, other than 0: unicam's are 0 or 1, by version
 (kbingham/libcamera issue 50; raspberrypi/linux pull 5507). A frame lost before it is then missing at the end."""
@@ -107,13 +109,14 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
         return self._deliver(pixels, taken.buffer.time_ns, taken.t_host_ns, flags)
 
     def _check_clock(self, taken: TakenBuffer) -> None:
-        """Refuse stamps that are flagged as CLOCK_MONOTONIC and lie after the frame's arrival: of another clock."""
+        """Refuse stamps flagged as CLOCK_MONOTONIC that lie after the arrival, or hours before: another clock's."""
         ahead_ns = taken.buffer.time_ns - taken.t_host_ns
-        if taken.monotonic and ahead_ns > _FUTURE_NS:
+        if taken.monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
+            when = f"{abs(ahead_ns) * 1e-9:.3g} s {'after' if ahead_ns > 0 else 'before'} the frame's arrival"
             raise DeviceFaultError(
                 self.device,
                 "VIDIOC_DQBUF",
-                [f"a time stamp {ahead_ns * 1e-9:.3g} s after the frame's arrival, flagged as CLOCK_MONOTONIC"],
+                [f"a time stamp {when}, flagged as CLOCK_MONOTONIC"],
                 remedy="it counts on another clock: for uvcvideo, write CLOCK_MONOTONIC to "
                 "/sys/module/uvcvideo/parameters/clock (`options uvcvideo clock=monotonic` in /etc/modprobe.d)",
             )

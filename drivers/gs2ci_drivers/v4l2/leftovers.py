@@ -78,6 +78,10 @@ NEUTRAL: Final = {
 """Standard controls whose neutral value is known, whatever the driver's default."""
 
 
+STRING: Final = 7
+"""Type of a control that holds a text, which is recorded only."""
+
+
 def is_automatic(control: Control) -> bool:
     """Return whether a control lets the camera change others."""
     return control.cid in AUTOMATIC
@@ -112,7 +116,9 @@ def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterabl
         DriverError: The node does not answer.
     """
     notes, unknown = [], []
-    for control in only:
+    for listed in only:
+        # What an automatic setting made inactive is active again without it.
+        control = table.renewed(listed) if listed.flags & abi.ControlFlag.INACTIVE else listed
         passive = not control.settable or not control.has_value or control.flags & abi.ControlFlag.INACTIVE
         wanted = None if passive or control.cid in kept else neutral_of(control)
         if wanted is None:
@@ -143,4 +149,31 @@ def reset(table: ControlTable, device: str, kept: Collection[int], only: Iterabl
             allowed="their defaults, or what [sensor.controls] states",
             remedy="write the values that are wanted into [sensor.controls], by these names",
         )
+    return notes
+
+
+def reset_payloads(table: ControlTable, device: str) -> list[str]:
+    """Write the defaults of arrays and structures that are off them; return a note for each that was.
+
+    Raises:
+        DeviceFaultError: One does not take its default.
+        DriverError: The node does not answer.
+    """
+    notes = []
+    for payload in table.payloads.values():
+        elsewhere = payload.cid & CLASS_MASK in ELSEWHERE or payload.cid in RECORDED or payload.kind == STRING
+        if elsewhere or not payload.settable or payload.flags & abi.ControlFlag.WRITE_ONLY:
+            continue
+        default = table.read_payload(payload, default=True)
+        if table.read_payload(payload) == default:
+            continue
+        table.write_payload(payload, default)
+        if table.read_payload(payload) != default:
+            raise DeviceFaultError(
+                device,
+                f"reset {payload.name}",
+                ["it does not take its default"],
+                remedy="power the camera off, or load its driver again",
+            )
+        notes.append(f"{device}: {payload.name} was off its default and has been reset")
     return notes

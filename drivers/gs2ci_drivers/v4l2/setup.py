@@ -146,7 +146,6 @@ class OpenCamera:
             DeviceFaultError: The kernel reports an impossible frame.
             DriverError: On the way.
         """
-        self.controls.refresh()
         notes = self._set_layout(config)
         fmt = self._set_format(config)
         geometry = self._geometry(fmt)
@@ -190,7 +189,8 @@ class OpenCamera:
         if exposure is not None:
             kept |= exposure.controls
         notes = self._leftovers(kept, leftovers.is_automatic)
-        self.controls.refresh()
+        for table in (self.controls, self._others):
+            notes += [] if table is None else leftovers.reset_payloads(table, self.name)
         gain = None if config.gain_db is None else self._gain_control()
         return notes + self._leftovers(kept | ({gain.cid} if gain is not None else set()), lambda control: True)
 
@@ -209,9 +209,10 @@ class OpenCamera:
             "format": f"{present.code.strip()} {present.height} x {present.width}",
         }
         node = self._subdevice or self.node
-        region = node.get_region(abi.SelectionTarget.CROP, of_subdevice=self._subdevice is not None)
-        if region is not None:
-            recorded["region"] = f"{region.height} x {region.width} at {region.top}, {region.left}"
+        for name, target in (("region", abi.SelectionTarget.CROP), ("composed", abi.SelectionTarget.COMPOSE)):
+            region = node.get_region(target, of_subdevice=self._subdevice is not None)
+            if region is not None:
+                recorded[name] = f"{region.height} x {region.width} at {region.top}, {region.left}"
         others = {} if self._others is None else {f"node.{name}": v for name, v in self._others.values().items()}
         return recorded | self.adapter.recorded() | self.controls.values() | others
 
@@ -236,7 +237,10 @@ class OpenCamera:
 
     def _set_format(self, config: SensorConfig) -> NodeFormat:
         """Set the format on the sub-device and the capture node; return the one that the kernel set."""
-        node, present = self.node, self.node.get_format()
+        node = self.node
+        if self._subdevice is None:
+            self._whole_picture(node)
+        present = node.get_format()
         code = config.fourcc.ljust(4) if config.fourcc else present.code
         if code not in PIXEL_FORMATS:
             raise UnsupportedError(
@@ -266,6 +270,15 @@ class OpenCamera:
                 remedy="choose another `format` in [sensor]",
             )
         return fmt
+
+    def _whole_picture(self, node: VideoNode) -> None:
+        """Undo another program's region: behind a scaler it would be enlarged, or fill a part of the frame only."""
+        targets = abi.SelectionTarget
+        for target, default in ((targets.CROP, targets.CROP_DEFAULT), (targets.COMPOSE, targets.COMPOSE_DEFAULT)):
+            present = node.get_region(target, of_subdevice=False)
+            whole = node.get_region(default, of_subdevice=False)
+            if present is not None and whole is not None and present != whole:
+                node.set_region(whole, of_subdevice=False, target=target)
 
     def _set_region(self, node: VideoNode, config: SensorConfig, *, of_subdevice: bool) -> bool:
         """Set the requested region of interest; return whether the driver supports regions.

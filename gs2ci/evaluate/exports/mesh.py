@@ -13,13 +13,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, map_coordinates
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from skimage.measure import marching_cubes
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.lens import distorted, stretch
 from gs2ci.core.whole_file import write_whole
-from gs2ci.evaluate.points import Cameras
+from gs2ci.evaluate.points import Cameras, surface_points
 from gs2ci.render.ply import named_columns, ply_bytes
 
 VOXELS: Final = 160
@@ -27,6 +28,8 @@ VOXEL_RANGE: Final = (8, 512)
 # Distances are integrated so many voxels either side of a surface: less leaves holes, more fills gaps between surfaces.
 TRUNCATION_VOXELS: Final = 4.0
 LEAST_CONFIDENCE: Final = 0.5
+LEAST_SHARE: Final = 0.01
+"""Of the largest piece's area: smaller pieces are mostly where single wrong depths agree."""
 # This share of the points at each end of an axis is left out, so that single wrong depths do not stretch the lattice.
 _LEFT_OUT: Final = 0.005
 _AT_ONCE: Final = 1 << 20
@@ -48,7 +51,13 @@ class SurfaceMesh:
 
 
 def fuse(
-    depth: F32, views: F32, cameras: Cameras, confidence: F32 | None = None, *, voxels: int = VOXELS
+    depth: F32,
+    views: F32,
+    cameras: Cameras,
+    confidence: F32 | None = None,
+    *,
+    voxels: int = VOXELS,
+    least_share: float = LEAST_SHARE,
 ) -> SurfaceMesh:
     """Fuse depths into one mesh.
 
@@ -58,10 +67,14 @@ def fuse(
         cameras: Of the views.
         confidence: Of depth, [N, H, W]; what lies below `LEAST_CONFIDENCE` is not used. None uses all.
         voxels: Of the lattice's longest side.
+        least_share: Pieces that do not hang together with the rest are left out where their area is less than this
+            share of the largest piece's; 0 keeps all.
 
     Raises:
         InputError: No depth is reliable, or no surface lies in the lattice.
     """
+    if not 0 <= least_share <= 1:
+        raise InputError(f"--least-share {least_share}", allowed="0 to 1")
     least, most = VOXEL_RANGE
     if not least <= voxels <= most:
         raise InputError(f"--voxels {voxels}", allowed=f"{least} to {most}")
@@ -87,10 +100,33 @@ def fuse(
         raise InputError(
             "the depths of this run make no surface", remedy="give more --voxels, or look at points.ply"
         ) from error
+    vertices, faces = without_crumbs(vertices, faces, least_share)
     shades = np.stack([map_coordinates(colour[..., k], vertices.T, order=1) for k in range(3)], axis=1)
     share = map_coordinates(known.astype(np.float32), vertices.T, order=1)
     colours = np.clip(shades / np.maximum(share, 1e-6)[:, None], 0, 1).astype(np.float32)
     return SurfaceMesh((origin + step * vertices).astype(np.float32), faces.astype(np.int32), colours)
+
+
+def without_crumbs(vertices: Any, faces: Any, least_share: float) -> tuple[Any, Any]:
+    """Leave out pieces of a mesh whose area is less than a share of the largest piece's.
+
+    Args:
+        vertices: [V, 3].
+        faces: Indices of vertices, [F, 3].
+        least_share: The share.
+
+    Returns:
+        The vertices and faces that stay.
+    """
+    count = len(vertices)
+    edges = coo_matrix((np.ones(2 * len(faces), bool), (faces[:, :2].ravel(), faces[:, 1:].ravel())), (count, count))
+    _, piece = connected_components(edges, directed=False)
+    corners = vertices[faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    whole = np.bincount(piece[faces[:, 0]], areas, count)
+    kept = faces[(whole >= least_share * whole.max())[piece[faces[:, 0]]]]
+    used, renamed = np.unique(kept, return_inverse=True)
+    return vertices[used], renamed.reshape(kept.shape)
 
 
 def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
@@ -106,11 +142,8 @@ def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
 
 def _box(depth: F32, reliable: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
     """Return the corner and the size of a box round the reliable points."""
-    seen = []
-    for view, (row, column) in ((v, np.nonzero(reliable[v])) for v in range(len(depth))):
-        rays = cameras.rays(np.stack([column + 0.5, row + 0.5], axis=-1))
-        seen.append(cameras.in_world(view, rays * depth[view, row, column, None]))
-    low, high = np.quantile(np.concatenate(seen), (_LEFT_OUT, 1 - _LEFT_OUT), axis=0)
+    points = surface_points(np.where(reliable, depth, 0), cameras)
+    low, high = np.quantile(points, (_LEFT_OUT, 1 - _LEFT_OUT), axis=0)
     size = high - low
     return low, np.maximum(size, 1e-3 * max(float(size.max()), 1e-12))
 
@@ -134,10 +167,10 @@ def _integrated(
         places = np.stack(np.unravel_index(np.arange(part.start, part.stop), shape), axis=1)
         points = origin + step * places
         for view in range(len(depth)):
-            inside, ahead, pixels = _seen(points, cameras, view, depth.shape[1:])
-            row, column = pixels
+            inside, ahead, pixels = cameras.seen(points, view, (depth.shape[1], depth.shape[2]))
+            column, row = pixels[inside].astype(int).T
             there = reliable[view, row, column]
-            gap = (depth[view, row, column] - ahead) / truncation
+            gap = (depth[view, row, column] - ahead[inside]) / truncation
             there &= gap >= -1
             chosen = np.flatnonzero(inside)[there] + begin
             distance[chosen] += np.minimum(gap[there], 1).astype(np.float32)
@@ -151,20 +184,3 @@ def _integrated(
         weight.reshape(shape),
         np.divide(colour, known[:, None], dtype=np.float32).reshape(*shape, 3),
     )
-
-
-def _seen(points: F64, cameras: Cameras, view: int, size: tuple[int, ...]) -> tuple[Any, F64, tuple[Any, Any]]:
-    """Return which points fall into a view, [P]; how far ahead these lie, and the row and column of each."""
-    pose, matrix = cameras.world_to_camera[view], cameras.intrinsics
-    local = points @ pose[:3, :3].T + pose[:3, 3]
-    ahead = local[:, 2]
-    before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
-    slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
-    if cameras.distortion is not None:
-        # Far outside the frame the lens's polynomial folds back into it.
-        before &= stretch(slopes, cameras.distortion) > 0
-        slopes = distorted(slopes, cameras.distortion)
-    across = matrix[0, 0] * slopes[:, 0] + matrix[0, 2]
-    down = matrix[1, 1] * slopes[:, 1] + matrix[1, 2]
-    inside = before & (across >= 0) & (across < size[1]) & (down >= 0) & (down < size[0])
-    return inside, ahead[inside], (down[inside].astype(int), across[inside].astype(int))

@@ -3,6 +3,7 @@
 Here: the poses of the orbit, and the film as GIF or MP4. Not here: rendering.
 """
 
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,9 @@ from gs2ci.core.whole_file import write_whole
 
 FRAMES: Final = 48
 FRAMES_PER_S: Final = 24
+_COLOURS: Final = (1, 13, 6)
+_SMPTE_170: Final = 3
+_KEY_FRAME: Final = re.compile(rb"([\x80-\x83\x88-\x8b]\x49\x83\x42)(.)", re.DOTALL)
 # The orbit's radius as a share of the distance looked at, at least; a wider recovered path widens it.
 _LEAST_SHARE: Final = 0.04
 _MOST_SHARE: Final = 0.25
@@ -65,18 +69,21 @@ def write_film(path: Path, frames: F32) -> Path:
     if path.suffix == ".gif":
         import imageio.v3 as imageio  # noqa: PLC0415  only films need it
 
-        content = imageio.imwrite("<bytes>", shown, extension=".gif", duration=1000 / FRAMES_PER_S, loop=0)
+        delays = gif_delays_ms(len(shown))
+        duration = delays if len(shown) > 1 else delays[0]
+        content = imageio.imwrite("<bytes>", shown, extension=".gif", duration=duration, loop=0)
         return write_whole(path, content)
     if path.suffix != ".mp4":
         raise InputError(f"a film {path.name}", allowed="a name that ends in .gif or .mp4")
-    # Encoders of 4:2:0 video take even sides alone.
-    height, width = (side - side % 2 for side in shown.shape[1:3])
+    # Encoders of 4:2:0 video take even sides alone: the last row and column are shown twice.
+    shown = np.pad(shown, ((0, 0), (0, shown.shape[1] % 2), (0, shown.shape[2] % 2), (0, 0)), mode="edge")
+    height, width = shown.shape[1:3]
     code: Any = cv2.VideoWriter.fourcc(*"vp09")
     writer = cv2.VideoWriter(str(path), code, FRAMES_PER_S, (width, height))
     if not writer.isOpened():
         raise InputError(f"{path} cannot be encoded or written here", remedy="choose a folder that exists, or --to gif")
     for frame in shown:
-        writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()
     # The writer does not say that the disk has refused.
     if int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)) != len(shown):
@@ -84,4 +91,28 @@ def write_film(path: Path, frames: F32) -> Path:
             f"{path} cannot be written: not all of its {len(shown)} frames are in it",
             remedy="check the folder and its free space",
         )
+    path.write_bytes(with_colours_told(path.read_bytes()))
     return path
+
+
+def gif_delays_ms(count: int) -> list[int]:
+    """Return how long each frame of a GIF is shown, ms: its clock counts hundredths, and 24 frames a second do not."""
+    ends = np.round(100 * np.arange(count + 1) / FRAMES_PER_S).astype(int)
+    return [10 * int(delay) for delay in np.diff(ends)]
+
+
+def with_colours_told(film: bytes) -> bytes:
+    """Say in an MP4 file of VP9 what its colours mean, which OpenCV leaves open, so that players guess by the size.
+
+    The box `vpcC` (webmproject.org, "VP Codec ISO Media File Format Binding") holds primaries, transfer and matrix as
+    numbers of ITU-T H.273: BT.709, sRGB, and the matrix of BT.601, by which OpenCV's ffmpeg makes YUV. Decoders believe
+    each key frame more (VP9 bitstream specification, 7.2: after the sync code three bits of `color_space`).
+    """
+    at = film.find(b"vpcC")
+    if at < 0:
+        return film
+    # After the name: version and flags in 4 bytes, profile, level, and depth with subsampling and range.
+    at += 4 + 4 + 3
+    film = film[:at] + bytes(_COLOURS) + film[at + len(_COLOURS) :]
+    # By chance alone the marker of a key frame and the sync code stand in one of 2²⁸ places.
+    return _KEY_FRAME.sub(lambda found: found[1] + bytes([found[2][0] & 0x1F | _SMPTE_170 << 5]), film)

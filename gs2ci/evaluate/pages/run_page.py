@@ -32,7 +32,7 @@ PAGE_NAME: Final = "report.html"
 FILES: Final = (
     ("report.json", "every figure of this page and more"),
     ("views.npy, views/", "the recovered views, exact and as pictures"),
-    ("scene.ply", "the Gaussians, for any 3DGS viewer"),
+    ("scene.ply", "the Gaussians as they were fitted; for viewers: gs2ci export --to ply"),
     ("motion.npy, displacement.npy, motion.png", "if things move: the motion of each Gaussian and each pixel"),
     ("moments/", "if requested with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
@@ -75,7 +75,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
     pictures = collect_pictures(evidence)
     first = [
         PageSection("Views", _views(report, pictures), _views_lead(pictures)),
-        PageSection("Scene and cameras", _scene(evidence, scene)),
+        PageSection("Scene and cameras", _scene(evidence, scene, pictures)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
@@ -190,12 +190,14 @@ def _views(report: Report, pictures: RunPictures) -> Markup:
     )
 
 
-def _scene(evidence: RunEvidence, scene: Gaussians | None) -> Markup:
+def _scene(evidence: RunEvidence, scene: Gaussians | None, pictures: RunPictures) -> Markup:
     if scene is None:
         return Markup()
     height, width = evidence.views.shape[1:3]
     focal_px = (evidence.focal_x_px, evidence.focal_y_px)
-    return scene_view(scene, evidence.world_to_camera, focal_px, (height, width))
+    alone = next((layer.pictures for layer in pictures.layers if layer.name == "scene"), None) or pictures.recovered
+    still = alone[len(alone) // 2]
+    return scene_view(scene, evidence.world_to_camera, focal_px, (height, width), still)
 
 
 def _views_lead(pictures: RunPictures) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.evaluate.pages.frame import piece
+from gs2ci.evaluate.pages.pictures import Picture
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.harmonics import colours_from
 
@@ -31,7 +32,13 @@ LEAST_OPACITY: Final = 0.01
 _SYMBOL, _SYMBOL_OF_STEP = 0.03, 0.6
 
 
-def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, float], size: tuple[int, int]) -> Markup:
+def scene_view(
+    scene: Gaussians,
+    world_to_camera: F64,
+    focal_px: tuple[float, float],
+    size: tuple[int, int],
+    still: Picture | None = None,
+) -> Markup:
     """Build the box of a scene; empty where no Gaussian can be seen.
 
     Args:
@@ -40,6 +47,7 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
         world_to_camera: [N, 4, 4].
         focal_px: Along the rows and along the columns.
         size: Height and width of the views, px.
+        still: What stands there on paper, and where no script runs; None leaves it out.
     """
     middle = world_to_camera[len(world_to_camera) // 2]
     own = scene.detach().map(lambda tensor: tensor.double())
@@ -64,6 +72,7 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
     height, width = size
     return piece(
         "scene_view",
+        still=still,
         shapes=_text(shapes),
         colours=_text(colours),
         cameras=_text(_camera_lines(world_to_camera, middle, away, focal_px, size).astype("<f4")),

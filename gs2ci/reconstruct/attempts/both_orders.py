@@ -18,6 +18,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.fits import Fits
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.occlusion import Preference, preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 
@@ -37,7 +38,8 @@ def in_shown_order(fits: Fits, tried: Attempt) -> Attempt:
         fits: Makes the fits.
         tried: The attempt, of a still scene.
     """
-    if fits.halt.asked or not fits.is_order_open(tried.geometry):
+    left_out = LeftOut.OCCLUSION in fits.settings.left_out
+    if left_out or fits.halt.asked or not fits.is_order_open(tried.geometry):
         return fits.completed(tried)
     fits.progress.say("Near and far may still be exchanged: a fit of the other order shows what would hide what.")
     other = _turned(fits, tried)

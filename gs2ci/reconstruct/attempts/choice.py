@@ -23,6 +23,7 @@ from gs2ci.reconstruct.attempts.both_orders import in_shown_order
 from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, lacks_path, second_look
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.far_apart import joins_in_part, look_far_apart
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
@@ -114,7 +115,7 @@ class Attempts:
         geometry = still.look.geometry
         sure = geometry.verdict == "full" and not is_doubtful(geometry, self.fits.settings.geometry.criteria)
         settled = not sure and _clearly_less(residuals.get(MOVING), residuals[STILL])
-        if not (settled or self.fits.halt.asked):
+        if not (settled or self.fits.halt.asked or LeftOut.RELEASED_FITS in self.fits.settings.left_out):
             attempts[RELEASED] = self.fits.release(still)
             residuals[RELEASED] = self._residual(attempts[RELEASED].ensemble.views, first.decoded)
         tried = self._moving_or_still(attempts, residuals)
@@ -138,7 +139,8 @@ class Attempts:
             again = self._in_order(again, views)
         if again is not None and not self.fits.halt.asked:
             attempts["second look"] = self.fits.attempt(again, views, How(alone=True, rival=self._rival(tried)))
-        if needs_rest(first) and not self.fits.halt.asked:
+        may_rest = LeftOut.REST_AS_RIVAL not in self.fits.settings.left_out
+        if may_rest and needs_rest(first) and not self.fits.halt.asked:
             how = How(alone=True, rival=self._rival(tried))
             attempts["rest"] = self.fits.attempt(from_rest(first), first.decoded, how)
         if len(attempts) == 1:
@@ -159,7 +161,9 @@ class Attempts:
         """
         settings, source = self.fits.settings, first.geometry.source
         path = tried.ensemble.best.world_to_camera
-        matched = source == FromWide.name or joins_in_part(first)
+        matched = (
+            source == FromWide.name or joins_in_part(first) or LeftOut.MATCHES_IN_A_LONGER_DECODE in settings.left_out
+        )
         may_match = settings.poses == "auto" and settings.may_look_again and source in ESTIMATED and not matched
         if self.fits.halt.asked or not (may_match and (turns_far(path) or self._is_behind_decode(tried))):
             return first, tried
@@ -190,7 +194,8 @@ class Attempts:
         return Rival(looks, self.fits.settings.fit.iterations)
 
     def _may_look_again(self, first: FirstLook) -> bool:
-        return self.fits.settings.may_look_again and is_wanted(first.geometry, self.fits.settings.geometry)
+        may = self.fits.settings.may_look_again and LeftOut.SECOND_LOOK not in self.fits.settings.left_out
+        return may and is_wanted(first.geometry, self.fits.settings.geometry)
 
     def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, if they predict the held-out pixels better.
@@ -216,6 +221,8 @@ class Attempts:
         asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
         if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
             return asked
+        if LeftOut.PATCH_TEST_OF_MOTION in self.fits.settings.left_out:
+            return replace(asked, gain=1.0)
         refined = self.fits.refine(views)
         further = [patch_decode_from(self.fits.holdout.seen, refined, PatchSettings.from_scene_briefly())]
         if still.look.decoder == "patches":

@@ -13,12 +13,13 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Code
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.attempts.attempt import Attempt, How
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, may_be_reversed, settle, unsettled
 from gs2ci.reconstruct.attempts.order_fits import OrderFits
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -91,7 +92,10 @@ class Fits:
         geometry = first.geometry
         if not self._is_order_open(geometry):
             return first
-        if self._tries_orders and not hurried:
+        if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
+            said = finding(Code.DEPTH_ORDER_OPEN, errors=abs(geometry.order_errors or 0.0))
+            geometry = replace(geometry, notes=(*geometry.notes, said))
+        elif self._tries_orders and not hurried:
             if not may_be_reversed(geometry):
                 return first
             geometry = self._compared_orders(first)

@@ -29,9 +29,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.plane_evidence import Readings
 from gs2ci.reconstruct.geometry.sources import GIVEN
-from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians, joined
 
@@ -183,8 +181,7 @@ class FitState:
         added = decode(self._holdout.coded(views))
         if added is not None:
             views += added
-        readings = self._readings() if search.asks_measurement else None
-        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search)
         self._surfaces = found or self._surfaces
         if found is not None and not self._searches and settings.margin is not None:
             source = MarginSource(found.views, views, found.inverse_depth)
@@ -201,22 +198,6 @@ class FitState:
         self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
         self._outside = torch.cat([present < 0, new < 0])
         self._meet_others()
-
-    def _readings(self) -> Readings | None:
-        """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
-        shot, renderer = self._holdout.shot, self._renderer
-        if renderer.lens is not None or self.optimiser.scene.motion is not None:
-            return None
-        usable = shot.usable & ~self._holdout.pixels
-        channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
-        return Readings(
-            light=shot.measurement.mean(axis=2),
-            open_share=renderer.split_transmissions.numpy(),
-            world_to_camera=renderer.moment_poses(self.poses.world_to_camera().detach()).double().numpy(),
-            usable=usable,
-            rays=pixel_rays(renderer),
-            channels=channels,
-        )
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""

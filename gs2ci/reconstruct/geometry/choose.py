@@ -27,6 +27,7 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.displaced import DISPLACEMENTS, displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
@@ -149,7 +150,9 @@ class Auto:
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
-        still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
+        left_out = request.settings.left_out
+        may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+        still = share_at_rest(request.shot) if may_rest else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
         tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
@@ -162,10 +165,10 @@ class Auto:
             for name in names
         ]
         standing = _standing(answers)
-        if standing is None:
+        if standing is None and LeftOut.WIDE_MATCHES not in left_out:
             answers.append(_matched(request, tracks))
             standing = _standing(answers)
-        if doubtful and (standing is None or standing is tracks):
+        if doubtful and (standing is None or standing is tracks) and LeftOut.UNIFORM_MOTION not in left_out:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
@@ -192,6 +195,8 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
     follow what the decode leaves of it.
     """
     if tracks.verdict == "full" and not is_doubtful(tracks, request.settings.criteria):
+        return tracks
+    if LeftOut.DISPLACEMENTS in request.settings.left_out:
         return tracks
     displaced = displaced_motion(request, tracks)
     if displaced.verdict != "full":

@@ -185,7 +185,7 @@ class Direct:
         """Sweep depth finely, and scale its median to 1, as with tracks."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
-        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings, edges=False)
+        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median

@@ -304,7 +304,7 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
     settings = request.settings.sweep
     poses = _poses(motion.moves, blocks.displaced.over_time, geometry.reference)
     span = inverse_depth_range(motion.inverse_depth, settings)
-    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings, edges=False)
+    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
     coarse = straightened(blocks.depth_map(motion, request.shot.size)[None, ..., None], request.lens)[0, ..., 0]
     depth = 0.5 * (swept + coarse)
     median = float(np.median(depth))

@@ -17,6 +17,7 @@ from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
 from gs2ci.reconstruct.geometry.halves import expected_path_error, times_better_foretold
@@ -64,13 +65,23 @@ PLANE_NOTE = finding(Code.DEPTH_STARTS_AS_PLANE)
 
 @dataclass(frozen=True)
 class GeometrySettings(Bounded):
-    """Settings of every step."""
+    """Settings of every step.
+
+    Args:
+        tracks: Of the tracks.
+        motion: Of the motion.
+        focal: Of the focal length.
+        criteria: Which motions and tracks are trusted.
+        sweep: How finely to sweep.
+        left_out: Parts that `auto` leaves out, by the names of `gs2ci.reconstruct.mechanisms`.
+    """
 
     tracks: TrackSettings = field(default_factory=TrackSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     focal: FocalSettings = field(default_factory=FocalSettings)
     criteria: Criteria = field(default_factory=Criteria)
     sweep: SweepSettings = field(default_factory=SweepSettings)
+    left_out: tuple[LeftOut, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -236,7 +247,7 @@ def _found_twice(
         moved: Whether the camera is known to have moved; otherwise the tracks must show it.
     """
     first = _found(flat, tracks, known_poses, settings, moved=moved)
-    if first.geometry.verdict != "full":
+    if first.geometry.verdict != "full" or LeftOut.TRACKS_SOUGHT_TWICE in settings.left_out:
         return first
     second = _found(flat, again(first, tracks), known_poses, settings, moved=moved)
     return second if second.geometry.verdict == "full" else first
@@ -264,7 +275,9 @@ def _found(
         return _Found(_moved(flat, candidates, kept, motion, settings, moved=True, posed=True), motion, kept)
     motion, kept = estimate_motion(tracks, flat.intrinsics, how)
     first = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    return _freed(first, flat, candidates, settings, moved=moved) if first.geometry.verdict == "full" else first
+    if first.geometry.verdict != "full" or LeftOut.ADJUSTMENT_OF_POINTS in settings.left_out:
+        return first
+    return _freed(first, flat, candidates, settings, moved=moved)
 
 
 def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings, *, moved: bool) -> _Found:
@@ -314,9 +327,7 @@ def _second_look(
 
 def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
     span = inverse_depth_range(motion.inverse_depth, settings)
-    return surface_map(
-        views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings, edges=False
-    )
+    return surface_map(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:

@@ -228,9 +228,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         without,
         world_to_camera=poses,
         intrinsics=cameras.intrinsics,
-        inverse_depth=surface_map(
-            request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep, edges=False
-        ),
+        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
         verdict="full",
         unit=1 / unit,
         notes=(*without.notes, finding(Code.POSES_UNCHECKED)),

@@ -90,7 +90,7 @@ def view_depths(
         order = np.argsort(turns[view], kind="stable")
         order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found.append(ViewDepth(view, surface_map(views[order], poses, intrinsics, 0, span, settings, edges=False)))
+        found.append(ViewDepth(view, surface_map(views[order], poses, intrinsics, 0, span, settings)))
     return tuple(found)
 
 

@@ -84,9 +84,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         depth = depths[0].inverse_depth
     else:
         span, depths = inverse_depth_range(ahead / unit, settings.sweep), ()
-        depth = surface_map(
-            request.views, relative, still.intrinsics, still.reference, span, settings.sweep, edges=False
-        )
+        depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
     doubts = doubts_about_path(scene.error_expected, settings.criteria)
     return replace(
         still,

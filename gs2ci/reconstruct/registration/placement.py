@@ -125,8 +125,7 @@ class Placement:
         """
         inverse = np.linalg.inv(self.matrix)
         field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6, FIELD_AT_PX**5])
-        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, field, wrapped)
-        return sampled
+        return sample(stack, np.asarray(inverse, np.float64), self.shift_px, field, wrapped)
 
     @classmethod
     def from_affine(cls, matrix: F64, shift_px: F64) -> "Placement":

@@ -14,6 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.registration.bent import bent_growth
 from gs2ci.reconstruct.registration.coarse import (
     Peak,
     element_px,
@@ -78,7 +79,8 @@ def propose(
     if start is None:
         return [], {}
     problem = _problem(shot, element)
-    sought = (*AFFINE, *LIGHT) if _clipped_share(shot) < _MOST_CLIPPED else AFFINE
+    tells_light = _clipped_share(shot) < _MOST_CLIPPED and bent_growth(shot) is None
+    sought = (*AFFINE, *LIGHT) if tells_light else AFFINE
     estimate = refine(problem, start, sought)
     names = _let_in(estimate, problem)
     tried = beside(estimate, names)

@@ -1,8 +1,8 @@
 """The page of a live bench, served on this machine: who may control it, what happens at the end.
 
-Only who knows the secret of the address enters (`door`). The first page that connects controls the bench: only it may
-press buttons, by a token that it sends with each request. Other pages see the same but have no buttons. If the
-controlling page sends nothing for `LAPSE_S`, or reports that it closes, it loses control, and everything is disarmed.
+Only who knows the secret of the address enters (`gs2ci.core.door`). The first page that connects controls the bench:
+only it may press buttons, by a token that it sends with each request. Other pages see the same but have no buttons. If
+the controlling page sends nothing for `LAPSE_S`, or reports that it closes, it loses control, and all is disarmed.
 
 A request has `REQUEST_S` to arrive, a connection without one `IDLE_S`; there are at most `MOST_CONNECTIONS`. Whoever
 opens connections and sends nothing keeps nobody out.
@@ -23,10 +23,10 @@ from importlib import resources
 from typing import Any, Final
 from urllib.parse import quote
 
+from gs2ci.core.door import LOCAL, PARAMETER, Door
 from gs2ci.core.errors import Gs2ciError, InputError, reason_with_file
 from gs2ci.core.json_text import parse_json
 from gs2ci.rig.live.bench import LiveBench
-from gs2ci.rig.live.door import LOCAL, PARAMETER, Door
 
 LAPSE_S: Final = 4.0
 """After this time without a request the controlling page counts as gone."""
@@ -66,7 +66,7 @@ class LiveServer:
         self._holder = ""
         self._last_call_s = 0.0
         self._ended = threading.Event()
-        self.door = Door(local=host in LOCAL)
+        self.door = Door("gs2ci live", local=host in LOCAL)
         self._name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
         self._server = _listen(host, port, self)
         self._threads = [

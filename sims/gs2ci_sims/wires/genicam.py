@@ -41,6 +41,7 @@ NEVER_READY = declare("genicam.never_ready", "the camera never reports that it w
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
 US = 1e-6
+TIME_UNITS_S = {"us": 1e-6, "ms": 1e-3, "ns": 1e-9, "px": 1e-6}
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
@@ -77,6 +78,7 @@ class GenicamModel(ShutterModel):
         has_selector: Whether it has TriggerSelector (Aravis pull request 671: an Imperx has none).
         goes_on: Whether its frame numbers go on after a stop (Aravis issue 762: FLIR and Point Grey, GigE Vision).
         gain_unit: Unit of Gain: "dB", or "" for a factor without a unit (Chromasens).
+        time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
         auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
         processing: Whether it has further features that change readings (`genicam_processing`).
     """
@@ -101,6 +103,7 @@ class GenicamModel(ShutterModel):
     has_selector: bool = True
     goes_on: bool = False
     gain_unit: str = "dB"
+    time_unit: Literal["us", "ms", "ns", "px"] = "us"
     auto_gain: float = 0.0
     processing: bool = False
 
@@ -178,10 +181,10 @@ class GenicamTwin:
             self.model,
             self.faults,
             rng=rng or np.random.default_rng(0),
-            exposure_s=lambda: self.nodes.number("ExposureTime") * US,
+            exposure_s=self._exposure_s,
             deliver=self._deliver,
             active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
-            delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * US,
+            delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
             least_period_s=self._least_period_s,
         )
 
@@ -371,6 +374,24 @@ class GenicamTwin:
         """Return a property of the trigger FrameStart, or what holds where the camera has no such feature."""
         return self.nodes.of(name, "FrameStart") if name in self.nodes else absent
 
+    @property
+    def _unit_s(self) -> float:
+        return TIME_UNITS_S[self.model.time_unit]
+
+    def _exposure_s(self) -> float:
+        return self.nodes.number("ExposureTime") * self._unit_s
+
+    def _delay_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
+        """Return value, limits and step of TriggerDelay: up to 1 s in steps of 0.1 us, in the camera's unit."""
+        per_us = US / self._unit_s
+        least = self.model.least_delay_us * per_us
+        return least, lambda: least, lambda: 1e6 * per_us, 0.1 * per_us
+
+    def _exposure_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
+        """Return value, limits and step of ExposureTime: 20 us to 10 s in steps of 0.5 us, in the camera's unit."""
+        per_us = US / self._unit_s
+        return 10_000.0 * per_us, lambda: 20.0 * per_us, lambda: 10e6 * per_us, 0.5 * per_us
+
     def _least_period_s(self) -> float:
         limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
         return 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
@@ -404,7 +425,7 @@ class GenicamTwin:
         }
 
     def _highest_rate_hz(self) -> float:
-        return 1 / max(self.model.own_period_s, self.nodes.number("ExposureTime") * US + self.model.readout_s)
+        return 1 / max(self.model.own_period_s, self._exposure_s() + self.model.readout_s)
 
     def _rate_limit_hz(self) -> float:
         return self._highest_rate_hz() if self.model.tells == "limit" else FIXED_LIMIT_HZ
@@ -413,7 +434,7 @@ class GenicamTwin:
         model = self.model
         triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
-        least_us, least_gain = model.least_delay_us, 0.0 if model.gain_unit == "dB" else 1.0
+        least_gain = 0.0 if model.gain_unit == "dB" else 1.0
         nodes = {
             **self._sizes(),
             "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
@@ -429,12 +450,12 @@ class GenicamTwin:
             "TriggerActivation": Node(
                 "enumeration", "RisingEdge", symbols=("RisingEdge", "FallingEdge"), selector="TriggerSelector"
             ),
-            "TriggerDelay": Node("float", least_us, lambda: least_us, lambda: 1e6, 0.1, selector="TriggerSelector"),
+            "TriggerDelay": Node("float", *self._delay_node(), selector="TriggerSelector", unit=model.time_unit),
             "ExposureMode": Node(
                 "enumeration", "Timed", symbols=("Timed", "TriggerWidth") if model.gated else ("Timed",)
             ),
             "ExposureAuto": Node("enumeration", "Continuous", symbols=("Off", "Continuous")),
-            "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5),
+            "ExposureTime": Node("float", *self._exposure_node(), unit=model.time_unit),
             "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
             "Gain": Node("float", least_gain, lambda: least_gain, lambda: 24.0, 0.1, unit=model.gain_unit),
             "DeviceTemperature": Node("float", 41.5, fixed=True),

@@ -87,6 +87,8 @@ def further_features() -> dict[str, Node]:
         "AutoTargetBrightness": number(0.3, 0.1, 0.9),
         "BslVignettingCorrectionMode": switch("Off", "On"),
         "MultiShotHdrMode": switch("Off", "On"),
+        "SequencerMode": switch("Off", "On"),
+        "TriggerDivider": whole(1, 1, 8),
         "RemoveLimits": Node("boolean", False),
     }
 

@@ -7,19 +7,22 @@ Here: `TwinControl`, `ControlBank`. Not here: the controls that process pictures
 others on the camera (`v4l2_device`).
 """
 
+import ctypes
 import struct
 from collections.abc import Callable, Iterable
-from errno import EACCES, EBUSY, EFAULT, EINVAL
+from errno import EACCES, EBUSY, EFAULT, EINVAL, ENOSPC
 
 from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.wires.v4l2_processing import (
+    ARRAY,
     BOOLEAN,
     BUTTON,
     CID_ANALOGUE_GAIN,
     CID_AUTOGAIN,
     GRABBED,
+    HAS_PAYLOAD,
     INACTIVE,
     INTEGER,
     INTEGER64,
@@ -35,6 +38,7 @@ from gs2ci_sims.wires.v4l2_processing import (
 CONTROL_IGNORED = declare("v4l2.control_ignored", "the camera accepts a control's value and keeps the old one")
 
 NEXT_CONTROL = 0x80000000
+WHICH_DEFAULT = 0x0F000000
 
 CID_EXPOSURE = 0x00980911
 CID_EXPOSURE_AUTO, CID_EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
@@ -111,10 +115,14 @@ class ControlBank:
         if c.inactive_while is not None and self[c.inactive_while]:
             flags |= INACTIVE
         size = 8 if c.kind == INTEGER64 else 4
+        elements = 1
+        if c.data:
+            flags, size = flags | HAS_PAYLOAD, 2 if c.kind == ARRAY else len(c.data)
+            elements = len(c.data) // size
         argument[:] = bytes(232)
         struct.pack_into("<II32s", argument, 0, c.cid, c.kind, c.name.encode())
         struct.pack_into("<qqQq", argument, 40, c.low, c.high, c.step, c.default)
-        struct.pack_into("<IIII", argument, 72, flags, size, 1, 0)
+        struct.pack_into("<IIII", argument, 72, flags, size, elements, int(c.kind == ARRAY))
 
     def query_menu(self, argument: bytearray) -> None:
         """Answer VIDIOC_QUERYMENU.
@@ -134,7 +142,7 @@ class ControlBank:
         Raises:
             OSError: As in the framework; EFAULT for an invalid pointer.
         """
-        _, count = struct.unpack_from("<II", argument, 0)
+        which, count = struct.unpack_from("<II", argument, 0)
         (pointer,) = struct.unpack_from("<Q", argument, 24)
         if payload is None or not pointer or len(payload) < 20 * count:
             raise no_such_value(EFAULT)
@@ -142,6 +150,9 @@ class ControlBank:
             struct.pack_into("<I", argument, 8, index)
             (cid,) = struct.unpack_from("<I", payload, 20 * index)
             control = self._find(cid)
+            if control.data:
+                self._move(control, payload, 20 * index, write=write, default=which == WHICH_DEFAULT)
+                continue
             layout = "<q" if control.kind == INTEGER64 else "<i"
             if write:
                 (value,) = struct.unpack_from(layout, payload, 20 * index + 12)
@@ -149,6 +160,24 @@ class ControlBank:
             elif control.flags & WRITE_ONLY:
                 raise no_such_value(EACCES)
             struct.pack_into(layout, payload, 20 * index + 12, control.value)
+
+    def _move(self, control: TwinControl, payload: bytearray, at: int, *, write: bool, default: bool) -> None:
+        """Copy an array to or from the memory that the entry points to, as the kernel does.
+
+        Raises:
+            OSError: ENOSPC: the memory is too small.
+        """
+        size, pointer = struct.unpack_from("<I4xQ", payload, at + 4)
+        if size < len(control.data):
+            raise no_such_value(ENOSPC)
+        if not write:
+            ctypes.memmove(pointer, control.default_data if default else control.data, len(control.data))
+        elif not self._faults.take(CONTROL_IGNORED, control.name):
+            control.data = ctypes.string_at(pointer, len(control.data))
+
+    def leave_data(self, name: str, data: bytes) -> None:
+        """Set an array as another program does."""
+        next(one for one in self._controls.values() if one.name == name).data = data
 
     def process(self, pixels: U16, top: int) -> U16:
         """Return the readings as the controls that process pictures change them, [H, W]."""

@@ -17,8 +17,8 @@ import numpy as np
 
 from gs2ci.core.arrays import U16
 
-INTEGER, BOOLEAN, MENU, BUTTON, INTEGER64 = 1, 2, 3, 4, 5
-READ_ONLY, WRITE_ONLY, GRABBED, INACTIVE, MODIFY_LAYOUT = 0x4, 0x40, 0x2, 0x10, 0x400
+INTEGER, BOOLEAN, MENU, BUTTON, INTEGER64, STRING, ARRAY = 1, 2, 3, 4, 5, 7, 0x0101
+READ_ONLY, WRITE_ONLY, GRABBED, INACTIVE, HAS_PAYLOAD, MODIFY_LAYOUT = 0x4, 0x40, 0x2, 0x10, 0x100, 0x400
 
 CID_AUTOGAIN, CID_ANALOGUE_GAIN, CID_DIGITAL_GAIN = 0x00980912, 0x009E0903, 0x009F0905
 CID_HFLIP, CID_VFLIP, CID_TEST_PATTERN = 0x00980914, 0x00980915, 0x009F0903
@@ -48,6 +48,7 @@ class TwinControl:
         menu: Entries of a menu by number.
         inactive_while: A switch: while it is on, this control has no effect.
         default: Its value at power-up.
+        data: The value of an array, whose control then has no number.
     """
 
     cid: int
@@ -60,10 +61,12 @@ class TwinControl:
     flags: int = 0
     menu: dict[int, str] = field(default_factory=dict)
     inactive_while: int | None = None
+    data: bytes = b""
     default: int = field(init=False)
+    default_data: bytes = field(init=False)
 
     def __post_init__(self) -> None:
-        self.default = self.value
+        self.default, self.default_data = self.value, self.data
 
     def rounded(self, value: int) -> int:
         """Return a value as the framework rounds it.
@@ -140,7 +143,10 @@ def process(pixels: U16, top: int, controls: Mapping[int, TwinControl]) -> U16:
     off = {
         cid: one.value
         for cid, one in controls.items()
-        if one.value != one.default and cid not in UNSEEN and one.kind != BUTTON and not one.flags & READ_ONLY
+        if (one.value != one.default or one.data != one.default_data)
+        and cid not in UNSEEN
+        and one.kind != BUTTON
+        and not one.flags & READ_ONLY
     }
     off.pop(CID_AUTOGAIN, None)  # it was on at power-up
     if not off:

@@ -119,6 +119,27 @@ def test_a_gain_without_a_unit_is_refused_until_it_is_stated():
     assert Bench(gain_unit="").take().mean() == 400  # without gain_db, it is at its least
 
 
+# ---- of the same kind: the unit of times
+
+
+@pytest.mark.parametrize("unit", ["us", "ms", "ns"])
+def test_times_are_in_the_unit_that_the_camera_names(unit):
+    one = Bench({"trigger_delay_s": 3e-3}, time_unit=unit, tells="rate", least_delay_us=0.0)
+    one.start(exposure_s=4e-3)
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    last = one.world.exposures[-1]
+    assert last.end_s - last.start_s == pytest.approx(4e-3, rel=1e-3)
+    assert last.start_s == pytest.approx(rise_s + 3e-3, abs=1e-4)
+    assert one.sensor.settings.exposure_s == pytest.approx(4e-3, rel=1e-3)
+    assert one.sensor.info.min_exposure_s == pytest.approx(20e-6)
+
+
+def test_a_time_in_a_unit_that_is_none_is_refused():
+    with pytest.raises(UnsupportedError, match="ExposureTime has the unit 'px'"):
+        Bench(time_unit="px")
+
+
 # ---- C6: optional features of the trigger
 
 

@@ -183,6 +183,33 @@ def test_stamps_of_clock_realtime_are_named_although_they_are_flagged_as_monoton
         b.sensor.read(0.5)
 
 
+def test_a_single_stamp_of_another_clock_is_named_and_the_next_frame_is_right(bench):
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.frame_realtime")
+    b.fire(2)
+    with pytest.raises(DeviceFaultError, match="counts on another clock"):
+        b.sensor.read(0.5)
+    assert b.sensor.read(0.5).sequence == 1
+
+
+def test_an_exposure_that_is_shorter_than_set_is_one_in_the_world(bench):
+    """What a capture makes of it is in tests/system/test_faults.py."""
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.exposed_short")
+    assert exposed_s(b) == pytest.approx(2e-4)
+
+
+def test_stamps_that_count_from_somewhere_in_the_past_are_of_another_clock_too(bench):
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.frame_stale", value=90_000.0)
+    b.fire()
+    with pytest.raises(DeviceFaultError, match=r"9e\+04 s before the frame's arrival"):
+        b.sensor.read(0.5)
+
+
 def test_uvcvideo_stamps_the_first_packet_and_flags_the_start_of_exposure(bench):
     b = bench(driver="uvcvideo", stamps="start-of-frame", flags_start=True)
     b.begin()

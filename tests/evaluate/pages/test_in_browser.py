@@ -1,6 +1,7 @@
 """The page of a run, looked at in a real browser; skipped where there is none."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -139,7 +140,13 @@ def test_on_paper_stand_some_views_side_by_side_and_nothing_to_press(tab, page):
     assert tab.run(visible % ".stage figure.frame:first-of-type .cell") == 4
     for selector in (".picker", ".choice", ".split", ".contents"):
         assert tab.run(visible % selector) == 0
-    assert tab.pdf().startswith(b"%PDF")
+    # The scene stands still, and settings and environment are left to report.json (E8).
+    assert tab.run(visible % ".still img") == 1
+    assert tab.run(visible % ".space") == 0
+    assert tab.run(visible % "details.fold") == 0
+    paper = tab.pdf()
+    assert paper.startswith(b"%PDF")
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 4
 
 
 def test_without_scripts_it_reads_like_on_paper(tab, page):
@@ -151,15 +158,33 @@ def test_without_scripts_it_reads_like_on_paper(tab, page):
     visible = "[...document.querySelectorAll('%s')].filter(e => e.offsetParent).length"
     assert tab.run(visible % "figure.frame") == 3
     assert tab.run(visible % ".split") == 0
+    assert tab.run(visible % ".still img") == 1
     assert tab.run("document.documentElement.scrollWidth") == 390
 
 
 def test_everything_to_press_has_a_name_and_every_picture_a_text(tab, page):
     tab.open(page, 390)
-    assert tab.run("[...document.images].filter(e => !e.hasAttribute('alt')).length") == 0
+    assert tab.run("[...document.images].filter(e => !e.alt.trim()).length") == 0
     nameless = "[...document.querySelectorAll('button, input')].filter(e => !e.ariaLabel && !e.labels?.length).length"
     assert tab.run(nameless) == 0
     assert tab.run("[...document.querySelectorAll('svg[role=img]')].filter(e => !e.ariaLabel).length") == 0
+
+
+@pytest.mark.parametrize("width", [1600, 1280, 1000, 820])
+def test_no_figure_stands_alone_in_a_row_and_no_value_is_broken(tab, page, width):
+    """At 1600 px the seventh stood alone, and "34 min 38 s" ended in a line of its own (E9)."""
+    tab.open(page, width)
+    tops = tab.run("[...document.querySelectorAll('.figures > div')].map(e => e.offsetTop)")
+    rows = [tops.count(top) for top in sorted(set(tops))]
+    assert min(rows) > 1
+    assert max(rows) - min(rows) <= 1
+    broken = """[...document.querySelectorAll('.figures strong')].filter(e => {
+        e.textContent = "34 min 38 s";
+        const lines = document.createRange();
+        lines.selectNodeContents(e);
+        return lines.getClientRects().length > 1 || e.scrollWidth > e.clientWidth + 1;
+    }).length"""
+    assert tab.run(broken) == 0
 
 
 def test_hostile_names_run_nothing_and_break_nothing(tab, own_run):

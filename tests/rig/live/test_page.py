@@ -21,7 +21,7 @@ CLICKS = 20
 
 def ask(server, path, *, body=None, token="", secret=None, **headers):
     known = server.door.secret if secret is None else secret
-    given = {"X-Live-Token": token, "X-Live-Secret": known} | {
+    given = {"X-Live-Token": token, "X-Gs2ci-Secret": known} | {
         name.replace("_", "-"): value for name, value in headers.items()
     }
     request = urllib.request.Request(f"http://127.0.0.1:{server.port}{path}", body, given)
@@ -124,7 +124,7 @@ def raw(server, text, *, end=True):
 
 
 def request_of(server, head, body=b""):
-    secret = f"Host: localhost\r\nX-Live-Secret: {server.door.secret}\r\nConnection: close\r\n"
+    secret = f"Host: localhost\r\nX-Gs2ci-Secret: {server.door.secret}\r\nConnection: close\r\n"
     return (head[0] + "\r\n" + secret + "".join(f"{line}\r\n" for line in head[1:]) + "\r\n").encode() + body
 
 
