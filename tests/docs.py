@@ -30,6 +30,7 @@ from gs2ci.reconstruct.presets.named import PRESETS, preset
 from gs2ci.rig.config import RigTable
 from gs2ci_calibration import bundle
 from gs2ci_drivers.manners import kinds, manners_of
+from gs2ci_drivers.plugin import BUILT_IN
 from gs2ci_sims.idealisations import IDEALISATIONS, Idealisation
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -132,7 +133,8 @@ def devices_page() -> str:
             for one in manners_of(kind)
         ]
         head = ("| which | one would guess | it does | source | played by |", "|---|---|---|---|---|")
-        parts.append("\n".join((f'\n## kind = "{kind}"\n', *head, *(f"| {row} |" for row in rows))) + "\n")
+        title = f'kind = "{kind}"' if any(kind in group for group in BUILT_IN.values()) else kind
+        parts.append("\n".join((f"\n## {title}\n", *head, *(f"| {row} |" for row in rows))) + "\n")
     return "".join(parts)
 
 

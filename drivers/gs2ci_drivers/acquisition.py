@@ -4,8 +4,8 @@ The plan is checked before anything moves. Whatever goes wrong later, all steps 
 the modulator shows nothing, the sensor does not stream, the stage is at rest; the error that reaches the caller names
 the device and the trigger that was being served. Shots delivered before the error are kept.
 
-Here: the order of the steps, and the stage's positions. Not here: what a plan is (`gs2ci_drivers.plan`, `planning`),
-checks of frames against triggers (`frame_timing`), files (the `sink` that is passed in), light.
+Here: the order of the steps. Not here: what a plan is (`gs2ci_drivers.plan`, `planning`), checks of frames against
+triggers (`frame_timing`), the stage's positions (`stage_watch`), files (the `sink` that is passed in), light.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,6 +23,7 @@ from gs2ci_drivers.failures import (
     FrameCorruptError,
     FrameError,
     FrameLostError,
+    PathError,
     TriggerTimeoutError,
 )
 from gs2ci_drivers.frame_timing import END_TOLERANCE_S, Fire, FrameTiming
@@ -31,18 +32,15 @@ from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
 from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.stage_watch import PATIENCE_S, StageWatch
 from gs2ci_drivers.steps import Steps
 
 FRAME_PATIENCE_S = 1.0
 """How long after its readout a frame may still arrive: USB transfer and a busy host."""
-PATIENCE_S = 2.0
-"""How long after its computed end a move or a sequence may still be under way."""
 STALE_MARGIN_NS = 1_000_000
 """A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
-SHORTEST_COMPARED_S = 0.05
-"""Sweeps shorter than this end before the stage's position could be read."""
-LONGEST_LEARNT_S = 1.0
-"""If a modulator appears to start later than this, the time stamps are wrong."""
+WATCHED_SHARE = 0.25
+"""On a panel whose masks the host steps, a position is read between two masks if it takes less of a mask's time."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +91,7 @@ class Taken:
         stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
             stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
+        stage_error_mm: By how much positions during a sweep may be off, as far as those that were read tell.
         attempts: 1, or more if it had to be repeated.
         incidents: Problems from which drivers recovered meanwhile.
     """
@@ -102,6 +101,7 @@ class Taken:
     trigger_index: int
     stage_mm: F64 | None = None
     stage_target_mm: F64 | None = None
+    stage_error_mm: float | None = None
     attempts: int = 1
     incidents: tuple[str, ...] = ()
 
@@ -175,6 +175,7 @@ class _Capture:
         self._taken = 0
         # How long before the start of the travel to start the modulator; each fire corrects it for the next one.
         self._lead_s = devices.modulator.info.expected_start_s
+        self._watch = None if devices.stage is None else StageWatch(devices.stage, plan, devices.clock)
 
     def run(self) -> int:
         try:
@@ -203,13 +204,13 @@ class _Capture:
         steps.do("sensor on", sensor.start, sensor.stop)
 
     def _fire_with_retries(self) -> None:
-        """Serve one start of the modulator; repeat it if frames were lost or bad and the user allows retries."""
+        """Serve one start of the modulator; repeat it if frames or the stage's path were bad and the user allows it."""
         attempt, trigger, taken = 1, self._next_trigger, self._taken
         while True:
             try:
                 self._fire(attempt)
                 return
-            except FrameError as error:
+            except (FrameError, PathError) as error:
                 error.at_trigger(self._trigger)
                 # A burst of which some shots are already delivered is not repeated.
                 if attempt > self._plan.settings.retries or self._taken != taken:
@@ -233,10 +234,11 @@ class _Capture:
         devices, burst = self._devices, self._plan.settings.burst
         fire = Fire()
         self._trigger = self._next_trigger
-        self._start_motion_after_arming(fire)
+        self._start_motion_after_arming()
         fire.fired_ns = round(devices.clock.now_s() * 1e9)
         devices.modulator.start()
-        self._compare_position(fire)
+        if self._watch is not None:
+            self._watch.look()
         if self._plan.settings.continuous:
             self._stream(fire)
             return
@@ -270,31 +272,18 @@ class _Capture:
             raise missed
         self._settle(fire, last)
 
-    def _start_motion_after_arming(self, fire: Fire) -> None:
+    def _start_motion_after_arming(self) -> None:
         """Arm, then begin the sweep and wait until the stage reaches the part of constant speed."""
-        stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
-        if stage is not None and sweep is not None:
-            stage.prepare_sweep(sweep)
-        if stage is not None:
-            fire.rest_mm = stage.positions_mm()
+        watch, clock = self._watch, self._devices.clock
+        if watch is not None:
+            watch.prepare()
         self._devices.modulator.arm()
         self._devices.sensor.discard()
-        if stage is not None and sweep is not None:
-            stage.begin_sweep(sweep)
-            fire.crossed_s = clock.now_s() + sweep.lead_s
+        if watch is not None and self._plan.sweep is not None:
+            ramp_s = watch.begin()
             # The constant part begins before the travel, by the longest start; the modulator takes only `_lead_s`.
             longest_s = self._devices.modulator.info.start_latency_s or 0.0
-            clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
-
-    def _compare_position(self, fire: Fire) -> None:
-        """Read the stage's position once, to know by how much it lags behind the planned sweep."""
-        stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
-        if stage is None or sweep is None or sweep.cruise_s < SHORTEST_COMPARED_S:
-            return
-        before_s = clock.now_s()
-        measured_mm = stage.positions_mm()[sweep.axis]
-        middle_s = (before_s + clock.now_s()) / 2
-        fire.position_error_mm = measured_mm - sweep.position_mm(middle_s - fire.crossed_s)
+            clock.sleep_s(ramp_s + max(longest_s - self._lead_s, 0.0))
 
     def _collect(self, fire: Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
         """Read the frames of one shot and compare each with its trigger.
@@ -307,12 +296,17 @@ class _Capture:
         timeout_s = latency_s + plan.frame_period_s + plan.exposure_s + sensor.settings.readout_s + FRAME_PATIENCE_S
         for i in range(plan.frames_per_shot):
             self._trigger = self._next_trigger
-            self._step_masks(fire)
+            ends = last and i == plan.frames_per_shot - 1
+            self._show_masks(fire, ends=ends)
             early: Frame | None = None
-            if last and i == plan.frames_per_shot - 1:
+            if ends:
+                watch = self._watch
                 early = self._read_early(fire)
-                self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
+                meanwhile = None if watch is None else watch.look_until
+                self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S, meanwhile)
                 fire.done_s = self._devices.clock.now_s()
+                if watch is not None:
+                    watch.look()
             frame = early or self._read(fire, timeout_s)
             self._timing.check(fire, frame)
             self._next_trigger += 1
@@ -334,22 +328,36 @@ class _Capture:
         while until_s - clock.now_s() > POLL_S:  # a look at the modulator takes time, too
             if modulator.status().state is not ModulatorState.RUNNING:
                 return None  # it has stopped early, which is found when its end is waited for
-            clock.sleep_s(min(until_s - clock.now_s(), POLL_S))
+            next_s = min(until_s, clock.now_s() + POLL_S)
+            if self._watch is not None:
+                self._watch.look_until(next_s)
+            clock.sleep_s(next_s - clock.now_s())
         clock.sleep_s(until_s - clock.now_s())
         try:
             return self._read(fire, 0.0)
         except TriggerTimeoutError:
             return None
 
-    def _step_masks(self, fire: Fire) -> None:
-        """On a panel whose masks the host steps, show the masks up to the end of the present exposure."""
-        modulator, plan = self._devices.modulator, self._plan
-        if not modulator.info.hardware_timed:
-            shot, within = divmod(fire.frames, plan.frames_per_shot)
-            one_mask = plan.settings.mode is Mode.PER_MASK
-            shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
-            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + shown_s
-            modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
+    def _show_masks(self, fire: Fire, *, ends: bool) -> None:
+        """Wait for the end of the present exposure and read positions meanwhile, unless the sequence ends with it.
+
+        On a panel whose masks the host steps, show them, and read positions between two masks if there is time enough.
+        """
+        modulator, plan, watch = self._devices.modulator, self._plan, self._watch
+        shot, within = divmod(fire.frames, plan.frames_per_shot)
+        one_mask = plan.settings.mode is Mode.PER_MASK
+        windows_s = plan.sequence.windows_s()
+        ends_s = [plan.sequence.exposure_s] if one_mask else [float(end_s) for end_s in windows_s[:, 1]]
+        begin_s = fire.fired_ns * 1e-9 + shot * plan.sequence.period_s + within * plan.frame_period_s
+        if modulator.info.hardware_timed:
+            if watch is not None and not ends:
+                watch.look_until(begin_s + ends_s[-1])
+            return
+        spare_s = WATCHED_SHARE * plan.sequence.exposure_s
+        for end_s in ends_s:
+            modulator.keep_time(begin_s + end_s)
+            if watch is not None and watch.exchange_s < spare_s:
+                watch.look()
 
     def _settle(self, fire: Fire, last: Frame | None) -> None:
         """Wait until all devices have finished; check that the last frame was in time and that none is left over."""
@@ -357,9 +365,8 @@ class _Capture:
         arrived_s = devices.clock.now_s()
         if last is not None:
             self._timing.check_end(fire, last)
-        if devices.stage is not None and plan.sweep is not None:
-            sweep = plan.sweep
-            devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
+        if self._watch is not None:
+            self._watch.settle()
         # The frame of a doubled trigger arrives one exposure and one readout after the regular one.
         waited_s = devices.clock.now_s() - arrived_s
         devices.clock.sleep_s(1.1 * (plan.exposure_s + devices.sensor.settings.readout_s) - waited_s)
@@ -380,6 +387,7 @@ class _Capture:
                 trigger_index=first_trigger,
                 stage_mm=stage_mm,
                 stage_target_mm=target_mm,
+                stage_error_mm=None if self._watch is None else self._watch.error_mm,
                 attempts=attempt,
                 incidents=tuple(self._devices.incidents()),
             )
@@ -388,26 +396,20 @@ class _Capture:
         self._progress.step(self._taken)
 
     def _stage_at_masks(self, fire: Fire, shot: int, frames: tuple[Frame, ...]) -> tuple[F64 | None, F64 | None]:
-        """Return the stage's position at each mask's central time, and its target, [N, K] in mm."""
-        stage, plan = self._devices.stage, self._plan
-        if stage is None:
+        """Return the stage's position at each mask's central time, and its target, [N, K] in mm.
+
+        Raises:
+            PathError: The stage did not follow its path.
+        """
+        watch = self._watch
+        if watch is None:
             return None, None
-        axes = tuple(stage.info.axes)
-        centres_s = self._seen_s().mean(axis=1)
-        rest = np.array([fire.rest_mm[axis] for axis in axes])
-        measured = np.tile(rest, (len(centres_s), 1))
-        target = measured.copy()
-        sweep, travel = plan.sweep, plan.settings.travel
-        if sweep is not None and travel is not None:
-            column = axes.index(sweep.axis)
-            way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
-            begin_s = self._first_mask_s(fire, shot, frames[0])
-            since_s = begin_s - fire.crossed_s + centres_s
-            measured[:, column] = sweep.from_mm + way * since_s + fire.position_error_mm
-            target[:, column] = travel.from_mm + way * (shot * plan.sequence.period_s + centres_s)
-            if shot == 0:
-                late_s = float(measured[0, column] - target[0, column]) / way
-                self._lead_s = min(max(self._lead_s + late_s, 0.0), LONGEST_LEARNT_S)
+        watch.require_undisturbed()
+        stamped = frames[0].flags & FrameFlag.STAMPED_MONOTONIC
+        unsure_s = 0.0 if stamped else self._devices.modulator.info.start_latency_s or 0.0
+        measured, target = watch.at_masks(self._first_mask_s(fire, shot, frames[0]), self._seen_s(), shot, unsure_s)
+        if shot == 0:
+            self._lead_s = watch.lead_s(self._lead_s, measured, target)
         return measured, target
 
     def _seen_s(self) -> F64:

@@ -14,6 +14,8 @@
         │   └── SequenceError      a modulator did not show the requested sequence
         ├── UnsupportedError       the device does not have this ability
         ├── OutOfRangeError        a value that the device cannot take
+        ├── PathError              a stage did not follow its path while masks were shown
+        ├── PathError              a stage did not follow its path while masks were shown
         ├── WrongStateError        the call came in the wrong order
         ├── PlanRefusedError       a capture plan breaks limits; nothing was moved
         └── FrameError             the sensor and its triggers disagree
@@ -234,6 +236,10 @@ class UnsupportedError(DriverError):
 
 class OutOfRangeError(DriverError):
     """A value that the device cannot take."""
+
+
+class PathError(DriverError):
+    """A stage did not follow its path while masks were shown; the shot may be taken again."""
 
 
 class WrongStateError(DriverError):

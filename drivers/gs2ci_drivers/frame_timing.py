@@ -4,7 +4,7 @@ Here: what is recorded while one start of the modulator is served (`Fire`), and 
 (`acquisition.py`), checks of a frame by itself (`frame_checks.py`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from gs2ci_drivers.failures import ExposureError, ExtraFrameError, SequenceError, TriggerTimeoutError
 from gs2ci_drivers.modulator import Modulator
@@ -23,9 +23,6 @@ class Fire:
     """What is recorded while one start of the modulator is served."""
 
     fired_ns: int = 0
-    rest_mm: dict[str, float] = field(default_factory=dict)
-    crossed_s: float = 0.0
-    position_error_mm: float = 0.0
     reference_ns: int = 0
     """Stamp of the frame that the others are compared with."""
     reference_index: int = 0

@@ -105,6 +105,7 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         super().__init__(name, clock)
         self._loaded: PatternSequence | None = None
         self._armed = False
+        self._meanwhile: Callable[[float], None] | None = None
 
     @property
     def loaded(self) -> PatternSequence | None:
@@ -188,8 +189,13 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._require_open("keep_time")
         self._do_keep_time(until_s)
 
-    def wait_done(self, timeout_s: float) -> None:
+    def wait_done(self, timeout_s: float, meanwhile: Callable[[float], None] | None = None) -> None:
         """Wait until the running sequence has ended by itself.
+
+        Args:
+            timeout_s: How long to wait.
+            meanwhile: What else there is to do until a time on the driver's clock, while a device with a clock of its
+                own is not to be asked; what it raises ends the wait.
 
         Raises:
             NoAnswerError: Still running after `timeout_s`.
@@ -197,7 +203,11 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
             LinkError: The device is gone.
         """
         self._require_open("wait_done")
-        self._do_wait_done(timeout_s)
+        self._meanwhile = meanwhile
+        try:
+            self._do_wait_done(timeout_s)
+        finally:
+            self._meanwhile = None
 
     def disarm(self) -> None:
         """Stop a running sequence and show nothing; allowed in any state, any number of times.
@@ -244,7 +254,10 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
                     self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
                 )
             near = self.clock.now_s() > end_s - POLL_S
-            self.clock.sleep_s(min(FINE_POLL_S if near else POLL_S, left_s))
+            next_s = self.clock.now_s() + min(FINE_POLL_S if near else POLL_S, left_s)
+            if self._meanwhile is not None and not near:
+                self._meanwhile(next_s)
+            self.clock.sleep_s(next_s - self.clock.now_s())
 
     @abstractmethod
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:

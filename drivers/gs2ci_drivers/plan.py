@@ -9,10 +9,10 @@ from enum import Enum, unique
 from math import ceil
 
 from gs2ci.core.arrays import F64, U8, U16
+from gs2ci_drivers.axis import Sweep
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import TriggerMode
-from gs2ci_drivers.stage import Sweep
 
 
 @unique

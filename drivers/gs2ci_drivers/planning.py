@@ -10,11 +10,12 @@ from math import floor
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci_drivers.axis import TOO_SLOW, Sweep, plan_sweep
 from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Figure, Mode
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
-from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
+from gs2ci_drivers.stage import StageInfo
 
 EXPOSURE_TOLERANCE = 0.1
 """Share by which an exposure may be shorter than requested: the weights of the masks account for the difference."""
@@ -362,24 +363,27 @@ def _sweep(
     travel = settings.travel
     if travel is None:
         return None, []
-    remedy = "raise `mask_s`, shorten the travel, or move it inside the stage's limits"
     value = f"{travel.axis} from {travel.from_mm:g} to {travel.to_mm:g} mm"
     if stage is None or travel.axis not in stage.axes:
         axes = ", ".join(stage.axes) if stage else "none: the rig has no stage"
         return None, [Figure("travel", value, f"axes {axes}", broken=True, remedy="name an axis of the stage")]
     axis = stage.axes[travel.axis]
     shown_s = float(sequence.windows_s()[-1, 1])
-    speed = axis.quantise_speed_mm_s(abs(travel.to_mm - travel.from_mm) / shown_s)
+    asked_mm_s = abs(travel.to_mm - travel.from_mm) / shown_s
+    speed = axis.quantise_speed_mm_s(asked_mm_s) if asked_mm_s >= axis.min_speed_mm_s else asked_mm_s
     guard_mm = speed * (modulator.start_latency_s or 0.0) * (1 if travel.to_mm > travel.from_mm else -1)
     whole = sequence.duration_s - sequence.period_s
     end_mm = travel.to_mm + guard_mm + (speed * whole if guard_mm >= 0 else -speed * whole)
     try:
         sweep = plan_sweep("stage", axis, travel.from_mm - guard_mm, end_mm, speed)
     except DriverError as error:
-        limit = error.allowed or f"up to {axis.max_speed_mm_s:g} mm/s"
-        return None, [Figure("travel", f"{value} at {speed:.3f} mm/s", limit, broken=True, remedy=remedy)]
+        limit, slow = error.allowed or f"up to {axis.max_speed_mm_s:g} mm/s", TOO_SLOW in error.problem
+        said = f"{value} at {speed:.3g} mm/s, which{TOO_SLOW}" if slow else f"{value} at {speed:.3f} mm/s"
+        remedy = "lower `mask_s`, lengthen the travel" if slow else "raise `mask_s`, shorten the travel"
+        remedy += ", or move it inside the stage's limits"
+        return None, [Figure("travel", said, limit, broken=True, remedy=remedy)]
     return sweep, [
-        Figure("stage speed", f"{speed:.4f} mm/s", f"at most {axis.max_speed_mm_s:g} mm/s"),
+        Figure("stage speed", f"{speed:.4f} mm/s", axis.speeds),
         Figure(
             "stage travel",
             f"{sweep.begin_mm:.3f} to {sweep.end_mm:.3f} mm with ramps",

@@ -5,54 +5,32 @@ The public methods check and keep the order of calls; a driver writes only the p
 Promises that every implementation keeps and `tests/contracts/test_stage.py` tests: connecting moves nothing and
 resets nothing that answers; homing happens only on request, and ends at rest if it is interrupted; a target beyond the
 limits is refused, never clipped; positions are in mm and the quantised value is returned; a move that did not reach its
-target is an error; `stop` may be called in any state and more than once; `close` may be called twice and does not stop
-a move.
+target is an error; a move that was not answered, or whose wait failed, is taken back; `stop` may be called in any state
+and more than once, and returns when the stage is at rest and nothing is pending; `close` may be called twice and does
+not stop a move.
 
-Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (each driver's package).
+Here: the records, the abstract class. Not here: axes and the sweep's arithmetic (`axis`), whether a sweep went as
+planned (`sweep_check`), bytes (each driver's package).
 """
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import copysign, isfinite
 
+from gs2ci_drivers.axis import TOO_SLOW, AxisInfo, Sweep, check_inside, plan_sweep, trapezoid_time_s
 from gs2ci_drivers.device import Device
-from gs2ci_drivers.failures import HOME_COMMAND, DriverError, OutOfRangeError, ReferenceLostError, WrongStateError
+from gs2ci_drivers.failures import (
+    HOME_COMMAND,
+    DeviceFaultError,
+    DriverError,
+    OutOfRangeError,
+    ReferenceLostError,
+    UnsupportedError,
+    WrongStateError,
+)
 
-RAMP_MARGIN = 1.1
-"""The run-up is this much longer than v²/2a says: drivers round accelerations and settle at the end of a ramp."""
-
-
-@dataclass(frozen=True)
-class AxisInfo:
-    """One axis of a stage.
-
-    Args:
-        name: Its name in the rig file ("x").
-        min_mm: Lower limit of travel.
-        max_mm: Upper limit of travel.
-        step_mm: Positions are multiples of this.
-        max_speed_mm_s: Highest speed.
-        speed_step_mm_s: Speeds are multiples of this.
-        acceleration_mm_s2: Acceleration of its ramps.
-    """
-
-    name: str
-    min_mm: float
-    max_mm: float
-    step_mm: float
-    max_speed_mm_s: float
-    speed_step_mm_s: float
-    acceleration_mm_s2: float
-
-    def quantise_mm(self, position_mm: float) -> float:
-        """Return the nearest position that the axis can take; NaN and infinities are returned as they are."""
-        return round(position_mm / self.step_mm) * self.step_mm if isfinite(position_mm) else position_mm
-
-    def quantise_speed_mm_s(self, speed_mm_s: float) -> float:
-        """Return the nearest speed that the axis can keep, never zero."""
-        return max(1, round(speed_mm_s / self.speed_step_mm_s)) * self.speed_step_mm_s
+STANDS = "the stage may still carry the move out: cut its power before you reach in"
 
 
 @dataclass(frozen=True)
@@ -82,6 +60,7 @@ class StageStatus:
         positions_mm: Positions of the axes.
         faults: Faults that stop it from working, in the device's own terms with their meaning.
         warnings: Warnings and notes that do not stop it.
+        unreferenced: Why it has no reference position, in the device's own terms.
     """
 
     moving: bool
@@ -89,38 +68,7 @@ class StageStatus:
     positions_mm: Mapping[str, float] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A move along one axis that crosses [from_mm, to_mm] at constant speed, its ramps outside.
-
-    Args:
-        axis: Which axis.
-        from_mm: Where the constant part begins (quantised).
-        to_mm: Where it ends (quantised).
-        speed_mm_s: Its speed (quantised), positive.
-        begin_mm: Where the stage waits before the sweep.
-        end_mm: Where it comes to rest after it.
-        lead_s: From the start of motion to crossing `from_mm`.
-    """
-
-    axis: str
-    from_mm: float
-    to_mm: float
-    speed_mm_s: float
-    begin_mm: float
-    end_mm: float
-    lead_s: float
-
-    @property
-    def cruise_s(self) -> float:
-        """Get how long the constant part lasts."""
-        return abs(self.to_mm - self.from_mm) / self.speed_mm_s
-
-    def position_mm(self, since_from_s: float) -> float:
-        """Return where the axis is, `since_from_s` after crossing `from_mm`, while the speed is constant."""
-        return self.from_mm + copysign(self.speed_mm_s, self.to_mm - self.from_mm) * since_from_s
+    unreferenced: str = ""
 
 
 class Stage(Device[StageInfo, StageStatus]):
@@ -156,10 +104,11 @@ class Stage(Device[StageInfo, StageStatus]):
             speed_mm_s: Speed of the fastest axis; None takes the axis's highest.
 
         Raises:
-            OutOfRangeError: No such axis, beyond the limits, or too fast; nothing moved.
+            OutOfRangeError: No such axis, beyond the limits, too fast or too slow; nothing moved.
             WrongStateError: It moves already.
             ReferenceLostError: The stage has lost its reference position; home it first.
-            RefusedError, LinkError: The device did not accept the command.
+            RefusedError: The device did not accept the command.
+            LinkError: It did not answer; the stage was stopped, or the error says that the move may still come.
         """
         quantised = self.check_targets(targets_mm)
         if not quantised:
@@ -174,16 +123,20 @@ class Stage(Device[StageInfo, StageStatus]):
             raise ReferenceLostError(
                 self.name,
                 f"move to {quantised}",
-                ["no reference position"],
+                [status.unreferenced or "no reference position"],
                 remedy=f"home the stage: `{HOME_COMMAND}` (it will move to its reference switch)",
             )
-        self._do_begin_move(quantised, speed)
+        try:
+            self._do_begin_move(quantised, speed)
+        except BaseException as error:  # it may have been accepted all the same, or by one axis of two
+            self._take_back(error)
+            raise
         return quantised
 
     def move_to(
         self, targets_mm: Mapping[str, float], *, speed_mm_s: float | None = None, timeout_s: float | None = None
     ) -> dict[str, float]:
-        """Move and wait for the arrival; return all positions in mm.
+        """Move and wait for the arrival; return all positions in mm. If it fails, the stage is stopped.
 
         Args:
             targets_mm: Target of each axis to be moved.
@@ -198,10 +151,14 @@ class Stage(Device[StageInfo, StageStatus]):
         if timeout_s is None:
             timeout_s = self.move_timeout_s(targets_mm, speed_mm_s)
         self.begin_move(targets_mm, speed_mm_s=speed_mm_s)
-        return self.wait_idle(timeout_s)
+        try:
+            return self.wait_idle(timeout_s)
+        except BaseException as error:
+            self._take_back(error)
+            raise
 
     def wait_idle(self, timeout_s: float) -> dict[str, float]:
-        """Wait until nothing moves; return all positions in mm.
+        """Wait until nothing moves; return all positions in mm. A move that lasts longer goes on.
 
         Raises:
             MoveFailedError: It stopped before its target.
@@ -221,11 +178,35 @@ class Stage(Device[StageInfo, StageStatus]):
         self._require_open("positions")
         return self._do_positions_mm()
 
+    def position_mm(self, axis: str) -> float:
+        """Read the position of one axis, in mm: the quickest way to see where it is while it moves.
+
+        Raises:
+            OutOfRangeError: No such axis.
+            LinkError: No usable answer.
+        """
+        self._require_open("position")
+        return self._do_position_mm(self._axis(axis).name)
+
+    def path_faults(self) -> tuple[str, ...]:
+        """Ask what went wrong with the path since `begin_sweep`, as far as the device tells, in its own terms.
+
+        Raises:
+            LinkError: No usable answer.
+        """
+        self._require_open("path faults")
+        return self._do_path_faults()
+
+    @property
+    def sample_gap_s(self) -> float:
+        """Get the least time between two positions that are read while it moves."""
+        return 0.0
+
     def plan_sweep(self, axis: str, from_mm: float, to_mm: float, speed_mm_s: float) -> Sweep:
         """Lay out a constant-speed sweep; nothing moves.
 
         Raises:
-            OutOfRangeError: No such axis, no distance, too fast, or the run-up leaves the limits.
+            OutOfRangeError: No such axis, no distance, too fast, too slow, or the run-up leaves the limits.
         """
         return plan_sweep(self.name, self._axis(axis), from_mm, to_mm, speed_mm_s)
 
@@ -243,13 +224,17 @@ class Stage(Device[StageInfo, StageStatus]):
         Raises:
             As `begin_move`.
         """
+        self._require_open("sweep")
+        self._do_forget_path_faults()
         self.begin_move({sweep.axis: sweep.end_mm}, speed_mm_s=sweep.speed_mm_s)
 
     def stop(self) -> None:
-        """Stop all axes; allowed in any state, any number of times.
+        """Stop all axes; when it returns, they are at rest and nothing is pending.
+
+        Allowed in any state, any number of times.
 
         Raises:
-            LinkError: The command did not reach the device.
+            LinkError: The command did not reach the device, or it still moves.
         """
         self._require_open("stop")
         self._do_stop()
@@ -265,7 +250,7 @@ class Stage(Device[StageInfo, StageStatus]):
         for name, target in targets_mm.items():
             axis = self._axis(name)
             value = axis.quantise_mm(target)
-            _check_inside(self.name, axis, value, f"move {name} to {target:g} mm")
+            check_inside(self.name, axis, value, f"move {name} to {target:g} mm")
             quantised[name] = value
         return quantised
 
@@ -304,17 +289,32 @@ class Stage(Device[StageInfo, StageStatus]):
 
     def _check_speed(self, names: Sequence[str], speed_mm_s: float | None) -> float:
         """Return the speed to use; None takes the slowest of the axes' highest speeds."""
-        highest = min(self._axis(name).max_speed_mm_s for name in names)
+        axes = [self._axis(name) for name in names]
+        slowest = min(axes, key=lambda axis: axis.max_speed_mm_s)
         if speed_mm_s is None:
-            return highest
-        if not 0 < speed_mm_s <= highest * (1 + 1e-9):  # the tolerance admits a highest speed that was rounded
-            raise OutOfRangeError(
-                self.name,
-                f"speed {speed_mm_s:g} mm/s",
-                asked=f"move {', '.join(names)}",
-                allowed=f"above 0 to {highest:g} mm/s",
-            )
+            return slowest.max_speed_mm_s
+        for axis in (slowest, *axes):
+            if not axis.keeps_mm_s(speed_mm_s):
+                raise OutOfRangeError(
+                    self.name,
+                    f"speed {speed_mm_s:g} mm/s" + (TOO_SLOW if 0 < speed_mm_s < axis.min_speed_mm_s else ""),
+                    asked=f"move {', '.join(names)}",
+                    allowed=axis.speeds,
+                )
         return speed_mm_s
+
+    def _take_back(self, error: BaseException) -> None:
+        """Stop, so that a move that failed does not run later; if that fails too, the error says what may happen.
+
+        Not after errors that say that nothing was sent, or that the stage has stopped by itself.
+        """
+        if isinstance(error, WrongStateError | UnsupportedError | DeviceFaultError):
+            return
+        try:
+            self._do_stop()
+        except DriverError:
+            if isinstance(error, DriverError):
+                error.remedy = f"{error.remedy}; {STANDS}" if error.remedy else STANDS
 
     @abstractmethod
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
@@ -334,48 +334,15 @@ class Stage(Device[StageInfo, StageStatus]):
 
     @abstractmethod
     def _do_stop(self) -> None:
-        """Stop with deceleration, in any state."""
+        """Stop with deceleration, in any state; return at rest with nothing pending."""
 
+    def _do_position_mm(self, axis: str) -> float:
+        """Read one axis; overridden where that is quicker than reading all."""
+        return self._do_positions_mm()[axis]
 
-def trapezoid_time_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
-    """Return the time of a move with equal ramps: a trapezoid of speed, or a triangle when it is short."""
-    distance = abs(distance_mm)
-    ramp = speed_mm_s**2 / acceleration_mm_s2  # both ramps together
-    if distance >= ramp:
-        return distance / speed_mm_s + speed_mm_s / acceleration_mm_s2
-    return float(2.0 * (distance / acceleration_mm_s2) ** 0.5)
+    def _do_forget_path_faults(self) -> None:
+        """Clear what the device remembers of earlier paths; overridden where it remembers any."""
 
-
-def plan_sweep(device: str, axis: AxisInfo, from_mm: float, to_mm: float, speed_mm_s: float) -> Sweep:
-    """Lay out a sweep whose ramps lie outside [from_mm, to_mm].
-
-    Raises:
-        OutOfRangeError: No distance, a speed the axis cannot keep, or ends beyond the limits.
-    """
-    asked = f"sweep {axis.name} from {from_mm:g} to {to_mm:g} mm at {speed_mm_s:g} mm/s"
-    start, stop = axis.quantise_mm(from_mm), axis.quantise_mm(to_mm)
-    if start == stop:
-        raise OutOfRangeError(device, "no distance", asked=asked, allowed=f"at least {axis.step_mm:g} mm")
-    if not 0 < speed_mm_s <= axis.max_speed_mm_s:
-        raise OutOfRangeError(device, "no such speed", asked=asked, allowed=f"above 0 to {axis.max_speed_mm_s:g} mm/s")
-    speed = axis.quantise_speed_mm_s(speed_mm_s)
-    ramp = speed**2 / (2 * axis.acceleration_mm_s2)
-    run_up = max(ramp * RAMP_MARGIN, ramp + axis.step_mm)
-    direction = copysign(1.0, stop - start)
-    begin = axis.quantise_mm(start - direction * run_up)
-    end = axis.quantise_mm(stop + direction * run_up)
-    for edge in (begin, end):
-        _check_inside(device, axis, edge, asked + " with its run-up")
-    lead_s = speed / axis.acceleration_mm_s2 + (abs(start - begin) - ramp) / speed
-    return Sweep(axis.name, start, stop, speed, begin, end, lead_s)
-
-
-def _check_inside(device: str, axis: AxisInfo, position_mm: float, asked: str) -> None:
-    slack = axis.step_mm * 1e-6  # the rounding error of step counts in floating point
-    if not axis.min_mm - slack <= position_mm <= axis.max_mm + slack:
-        raise OutOfRangeError(
-            device,
-            f"{position_mm:g} mm is beyond the limits of axis {axis.name}",
-            asked=asked,
-            allowed=f"{axis.min_mm:g} to {axis.max_mm:g} mm",
-        )
+    def _do_path_faults(self) -> tuple[str, ...]:
+        """Read what the device remembers of the path; overridden where it remembers any."""
+        return ()

@@ -76,7 +76,7 @@ class CaptureTable(ConfigTable):
     jitter_s: Delay = 20e-6
     """The latest start of an exposure after its trigger for which the plan allows."""
     retries: Annotated[int, Field(ge=0)] = 0
-    """How often a shot is repeated if its frame was lost, late, corrupt or stale."""
+    """How often a shot is repeated if its frame was lost, late, corrupt or stale, or the stage left its path."""
     continuous: bool = False
     """Take all shots in one run of the modulator, as fast as the devices allow: for a camera at rest. Lost frames are
     named and skipped."""

@@ -6,7 +6,7 @@ here: printing (`gs2ci.commands.doctor`), the devices' own checks.
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,7 +24,7 @@ from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import HOME_COMMAND
 from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
-from gs2ci_drivers.manners import manners_of
+from gs2ci_drivers.manners import manners_for
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.plugin import known_driver
@@ -73,7 +73,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         yield _finding_of_error("opening the ports", error)
         return
     found: dict[str, Any] = {}
-    answering, connected = True, list[str]()
+    answering, connected = True, dict[str, str]()
     try:
         for what, look in (
             ("modulator", _modulator),
@@ -82,7 +82,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         ):
             try:
                 yield from look(devices)
-                connected.append(what)
+                connected[what] = _words(getattr(devices, what))
             except Gs2ciError as error:
                 answering = answering and what == "stage"
                 yield _finding_of_error(what, error)
@@ -330,12 +330,18 @@ def _producer(sensor: Any) -> Iterator[BenchFinding]:
     yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
 
 
-def _manners(rig: Rig, connected: Sequence[str]) -> Iterator[BenchFinding]:
+def _words(device: Any) -> str:
+    """Return what a device says of itself; "" if there is none."""
+    info = None if device is None else device.info
+    return " ".join(str(getattr(info, name, "")) for name in ("model", "firmware", "driver"))
+
+
+def _manners(rig: Rig, connected: Mapping[str, str]) -> Iterator[BenchFinding]:
     """Return what is known of the devices that answer and that one would not guess (docs/devices.md)."""
     tables = {"modulator": rig.table.modulator, "sensor": rig.table.sensor, "stage": rig.table.stage}
     for device in connected:
         table = tables[device]
-        for one in manners_of(table.kind) if table is not None else ():
+        for one in manners_for(table.kind, connected[device]) if table is not None else ():
             yield BenchFinding(f"{device}, to know", "ok", f"{one.applies}: {one.fact}")
 
 

@@ -16,7 +16,8 @@ from gs2ci_drivers.testing.stage import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.stage import StageBench
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.wires.grbl import GrblTwin
+from gs2ci_sims.wires.grbl_build import GrblMachine
 from gs2ci_sims.wires.kinesis import BUILT, KinesisTwin
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
@@ -44,7 +45,11 @@ def _grbl(referenced: bool) -> StageBench:
     def reopen() -> Stage:
         return GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x", "y")))
 
-    return StageBench(reopen(), twin, clock, reopen, twin.reboot)
+    return StageBench(reopen(), twin, clock, reopen, twin.reboot, "$J=")
+
+
+# The first bytes of MGMSG_MOT_MOVE_ABSOLUTE.
+MOVE_TEXT = "S\x04"
 
 
 def _kinesis(referenced: bool) -> StageBench:
@@ -55,7 +60,7 @@ def _kinesis(referenced: bool) -> StageBench:
     def reopen() -> Stage:
         return KinesisStage("stage0", twin.open(), clock, settings)
 
-    return StageBench(reopen(), twin, clock, reopen, twin.power_cycle)
+    return StageBench(reopen(), twin, clock, reopen, twin.power_cycle, MOVE_TEXT)
 
 
 MAKERS = {"zaber": _zaber, "grbl": _grbl, "kinesis": _kinesis}

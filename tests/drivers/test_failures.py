@@ -18,6 +18,7 @@ EXAMPLES = [
     failures.SequenceError("dmd0", "run", ["abort"]),
     failures.UnsupportedError("cam0", "no trigger", allowed="none", remedy="buy another"),
     failures.OutOfRangeError("stage0", "200 mm", allowed="0 to 150 mm"),
+    failures.PathError("stage0", "axis x left its path", allowed="0.01 mm", remedy="look for an obstacle"),
     failures.WrongStateError("cam0", "closed", remedy="open it"),
     failures.PlanRefusedError(["a is 1, allowed: 2", "b is 3, allowed: 4"]),
     failures.TriggerTimeoutError("cam0", 3, 0.5),

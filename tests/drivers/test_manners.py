@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gs2ci_drivers.manners import KEYS, MannersError, kinds, manners_of, read_manners
+from gs2ci_drivers.manners import KEYS, MannersError, kinds, manners_for, manners_of, read_manners
 from gs2ci_drivers.plugin import BUILT_IN
 
 ROOT = Path(__file__).parents[2]
@@ -13,11 +13,23 @@ ALL = [(kind, one) for kind in kinds() for one in manners_of(kind)]
 ENTRY = "\n".join(["[[manner]]", *(f'{key} = "x"' for key in KEYS)])
 
 
-def test_there_are_files_and_each_is_of_a_kind_that_a_rig_file_can_name():
+# Families of firmware that one driver serves, with what a device of each says of itself.
+FAMILIES = {"fluidnc": "Grbl 3.9 [FluidNC v3.9.1]", "grblhal": "GrblHAL 1.1f"}
+
+
+def test_there_are_files_and_each_is_of_a_kind_that_a_rig_file_can_name_or_of_a_family():
     known = {kind for group in BUILT_IN.values() for kind in group}
-    assert {"alp", "kinesis"} <= set(kinds()) <= known
+    assert {"alp", "kinesis"} <= set(kinds())
+    assert set(kinds()) - known == FAMILIES.keys()
     assert manners_of("lamp-array") == ()
     assert manners_of("scpi") == ()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_family_is_told_of_a_device_that_names_itself_after_it(family):
+    assert manners_for("grbl", FAMILIES[family]) == (*manners_of("grbl"), *manners_of(family))
+    assert manners_for("grbl", "GRBL 1.1h") == manners_of("grbl")
+    assert manners_for("kinesis", "Thorlabs KDC101 1.2.3 for Zaber") == manners_of("kinesis")  # a kind is no family
 
 
 def test_each_id_is_there_once():

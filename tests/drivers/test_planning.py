@@ -3,12 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, KnownOptics, Mode, Travel, table
 from gs2ci_drivers.planning import CLOCK_TOLERANCE, lay_out, overlap_weights, sensor_exposure_s
 from gs2ci_drivers.sensor import FrameFormat, SensorInfo, SensorSettings, TriggerMode
-from gs2ci_drivers.stage import AxisInfo, StageInfo
+from gs2ci_drivers.stage import StageInfo
 
 MODULATOR = ModulatorInfo(
     model="m", serial="", firmware="", height=6, width=8, pitch_m=8e-6,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gs2ci_drivers.stage import trapezoid_time_s
+from gs2ci_drivers.axis import trapezoid_time_s
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 
 COORDINATES = st.floats(-100, 100)

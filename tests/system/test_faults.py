@@ -160,7 +160,7 @@ def home_if_needed(stage):
 
 
 def do_what_the_remedies_say(small):
-    """Plug in, switch off and on, release the emergency stop, let it cool down."""
+    """Plug in, switch off and on, release the emergency stop or the hold, let it cool down."""
     modulator, sensor, stage = small.bench.modulator, small.bench.sensor, small.bench.stage
     for faults in small.bench.faults.values():
         faults.clear()
@@ -168,8 +168,7 @@ def do_what_the_remedies_say(small):
         modulator.power_cycle()
     else:
         modulator.fault = ""
-    if small.rig.table.stage.kind == "zaber":
-        stage.release()
+    stage.release()
     if hasattr(sensor, "unplug"):
         sensor.unplug()  # a camera forgets what others have set when it loses power
     for twin in (modulator, sensor, stage):

@@ -21,8 +21,9 @@ from gs2ci_calibration.geometry.intrinsics import CameraEstimate
 from gs2ci_calibration.geometry.pictures import Pictures, require_sharp
 from gs2ci_calibration.geometry.places import find_places
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.plan import Travel
-from gs2ci_drivers.stage import AxisInfo, Stage
+from gs2ci_drivers.stage import Stage
 
 TARGETS: Final = 7
 VISITS: Final = 2

@@ -2,7 +2,7 @@
 
 After ALARM:1 and 2 GRBL 1.1 answers nothing, not even `?`, until a soft reset (gnea/grbl, protocol.c,
 protocol_exec_rt_system); during a homing cycle it answers nothing either, and only a soft reset ends the cycle
-(limits.c, limits_go_home).
+(limits.c, limits_go_home). In Hold, Door and Sleep it reads no line (protocol.c, protocol_exec_rt_suspend).
 
 Here: the exchange. Not here: what a stage does with it (`driver`).
 """
@@ -18,6 +18,7 @@ from gs2ci_drivers.failures import (
     ReferenceLostError,
     RefusedError,
 )
+from gs2ci_drivers.grbl.build import LOCK_MS
 from gs2ci_drivers.grbl.packets import (
     ALARMS,
     ERRORS,
@@ -26,6 +27,7 @@ from gs2ci_drivers.grbl.packets import (
     STATUS_REQUEST,
     Status,
     is_banner,
+    is_strange,
     parse_code,
     parse_status,
 )
@@ -38,7 +40,11 @@ STATUS_TIMEOUT_S = 0.5
 BOOT_TIMEOUT_S = 2.5
 """An Arduino's boot loader takes up to 2 s."""
 RESET_TIMEOUT_S = 0.75
-"""From a soft reset to the banner: half a second after an alarm (report.c, report_alarm_message), else milliseconds."""
+"""From a soft reset to the greeting: half a second after an alarm (report.c, report_alarm_message), else milliseconds.
+Before it, a controller that moved stands still for `$1` ms (stepper.c, st_go_idle)."""
+BARRIER = b"@\n$G\n"
+"""`@` makes what a killed program left of a line one that no parser takes, so that it is not executed; the answer to
+`$G` is like no other, and comes when all lines before it have been executed."""
 LINE_S = 0.05
 """From the first byte of a line to its last."""
 
@@ -63,30 +69,39 @@ class GrblLink:
         self.locked = False
         """Whether the controller answers nothing until it is reset, after one of `LOCKING_ALARMS`."""
         self.restarted = False
-        """Whether a banner came since the connection or the last homing: the position may be lost."""
+        """Whether a greeting came since the connection or the last homing: the position may be lost."""
+        self.suspicion = ""
+        """What came since then that may have been a restart: silence, or text that may have been a greeting."""
+        self.lock_s = LOCK_MS / 1000
+        """For how long the controller stands still when it is reset in motion."""
 
-    def await_boot(self) -> None:
+    def await_boot(self) -> Status:
         """Wait for a status report; a controller whose line was just opened may have to boot first.
 
-        One that gives neither a report nor a banner gets a soft reset: an earlier session may have left it locked, or
+        One that gives neither a report nor a greeting gets a soft reset: an earlier session may have left it locked, or
         in a homing cycle.
 
+        Returns:
+            The first report, which alone has the offset of work positions.
+
         Raises:
-            NoAnswerError: No report and no banner came.
+            NoAnswerError: No report and no greeting came.
             BadReplyError, DisconnectedError: No usable answer.
         """
         self._lines.drain("connect")
         try:
-            self._one_status("connect")
+            status = self._one_status("connect")
         except NoAnswerError:
             try:
-                self._await_banner(BOOT_TIMEOUT_S)
+                self._await_restart(BOOT_TIMEOUT_S)
             except NoAnswerError as error:
                 self._reset_once()
                 self._incidents.append(f"{error}; it answered after a soft reset")
-        self.restarted = False  # a restart before connecting is seen in the state
+            status = self.status("connect")
+        self.restarted, self.suspicion = False, ""  # a restart before connecting is seen in the state
+        return status
 
-    def reset(self) -> None:
+    def reset(self) -> Status:
         """Reset the controller softly, and wait until it reports again; motion and homing end at once.
 
         A reset within half a second of a locking alarm has no effect (protocol.c clears it), hence the second one.
@@ -96,7 +111,8 @@ class GrblLink:
         """
         self.drain("soft reset")
         with_one_retry(self._reset_once, self._incidents)
-        self.status("soft reset")  # the alarm's own restart may have crossed the reset: a second banner comes before
+        # The alarm's own restart may have crossed the reset: a second greeting comes before.
+        return self.status("soft reset")
 
     def status(self, asked: str = "?") -> Status:
         """Request a status report; a lost or damaged one is requested again once.
@@ -108,7 +124,28 @@ class GrblLink:
             MoveFailedError: The controller is locked by an alarm and reports nothing.
             NoAnswerError, BadReplyError, DisconnectedError: No usable answer.
         """
-        return with_one_retry(lambda: self._one_status(asked), self._incidents)
+        said = len(self._incidents)
+        status = with_one_retry(lambda: self._one_status(asked), self._incidents)
+        if len(self._incidents) > said:
+            self.suspicion = self.suspicion or "silence"
+        return status
+
+    def synchronise(self) -> None:
+        """Wait until all lines that were sent before, by whomever, have been executed or refused.
+
+        Raises:
+            NoAnswerError, BadReplyError, DisconnectedError: No usable answer: no line is read, or it is busy.
+            MoveFailedError: The controller is locked by an alarm.
+        """
+        if self.locked:
+            raise self.alarm_error("synchronise")
+        self._lines.send(BARRIER, "$G")
+        deadline_s = self._clock.now_s() + REPLY_TIMEOUT_S
+        while not self._next(deadline_s, "$G").startswith("[GC:"):
+            if self.locked:
+                raise self.alarm_error("synchronise")
+        while self._next(deadline_s, "$G") != "ok":
+            continue
 
     def command(self, line: str, timeout_s: float = REPLY_TIMEOUT_S) -> list[str]:
         """Send a line and wait for its `ok`; return the lines before it.
@@ -175,18 +212,48 @@ class GrblLink:
 
     def _reset_once(self) -> None:
         self._lines.send(SOFT_RESET, "soft reset")
-        self._await_banner(RESET_TIMEOUT_S)
+        self._await_restart(RESET_TIMEOUT_S + self.lock_s)
 
-    def _await_banner(self, timeout_s: float) -> None:
+    def outlast_silence(self) -> None:
+        """Wait for a controller that has just not answered: it may be booting; a report of it proves no restart.
+
+        Raises:
+            NoAnswerError: It does not come back in the time that a boot takes.
+        """
+        deadline_s = self._clock.now_s() + BOOT_TIMEOUT_S
+        self.suspicion = self.suspicion or "silence"
+        while not self.restarted:
+            try:
+                self._one_status("connect")
+            except NoAnswerError:
+                if self._clock.now_s() >= deadline_s:
+                    raise
+            else:
+                return
+
+    def _await_restart(self, timeout_s: float) -> None:
+        """Wait for a greeting, or for text that may be one; a controller that reports has restarted, too."""
         deadline_s = self._clock.now_s() + timeout_s
-        while not is_banner(self._next(deadline_s, "banner")):
-            continue
+        while True:
+            try:
+                text = self._next(deadline_s, "greeting")
+            except NoAnswerError as silent:
+                try:
+                    self._one_status("greeting", although_locked=True)
+                except NoAnswerError:
+                    raise silent from None
+                self.restarted, self.locked = True, False
+                return
+            if is_banner(text) or is_strange(text):
+                self.restarted, self.locked = True, False
+                return
 
-    def _one_status(self, asked: str) -> Status:
+    def _one_status(self, asked: str, *, although_locked: bool = False) -> Status:
+        self.drain(asked)  # the report that answers now, and none of before
         self._lines.send(STATUS_REQUEST, "?")
         deadline_s = self._clock.now_s() + STATUS_TIMEOUT_S
         while True:
-            if self.locked:
+            if self.locked and not although_locked:
                 raise self.alarm_error(asked)
             text = self._next(deadline_s, "?")
             if text.startswith("<"):
@@ -206,6 +273,8 @@ class GrblLink:
             self.locked = code[1] in LOCKING_ALARMS
         if is_banner(text):
             self.restarted, self.locked = True, False
+        elif is_strange(text):
+            self.suspicion = repr(text)
         return text
 
 
@@ -214,4 +283,6 @@ def _remedy(error: int) -> str:
         return f"home the stage: `{HOME_COMMAND}`"
     if error == 15:
         return "keep the target, with the sweep's run-up, inside the machine's travel ($130-$132)"
+    if error == 8:
+        return "wait until nothing moves, or stop it; see the controller's state"
     return "see the controller's settings with $$"

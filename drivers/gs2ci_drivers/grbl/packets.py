@@ -1,6 +1,7 @@
-"""GRBL 1.1 lines: status reports, settings, banners, alarms, errors. Pure; no port, no time.
+"""GRBL 1.1 lines: status reports, settings, greetings, alarms, errors. Pure; no port, no time.
 
-Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section 3.3.
+Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section 3.3. grblHAL has
+the state Tool, FluidNC the state Starting and only as many positions as axes are configured.
 """
 
 import re
@@ -11,6 +12,7 @@ from math import isfinite
 LONGEST_LINE = 80
 STATUS_REQUEST = b"?"
 JOG_CANCEL = b"\x85"
+FEED_HOLD = b"!"
 SOFT_RESET = b"\x18"
 
 ALARMS: dict[int, str] = {
@@ -27,6 +29,8 @@ ALARMS: dict[int, str] = {
 }
 LOCKING_ALARMS = frozenset({1, 2})
 """After these the controller answers nothing until a soft reset (gnea/grbl, protocol.c, protocol_exec_rt_system)."""
+ALARMS_OF_BEFORE = frozenset({1, 2, 3})
+"""Alarms that homing does not raise: limits are not checked meanwhile (motion_control.c, mc_homing_cycle)."""
 ERRORS: dict[int, str] = {
     1: "expected a command letter",
     2: "bad number format",
@@ -51,9 +55,16 @@ ERRORS: dict[int, str] = {
     23: "needs an integer",
     33: "invalid motion target",
 }
-STATES = frozenset({"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep"})
+MOVING_STATES = frozenset({"Run", "Jog", "Home"})
+SUSPENDED_STATES = frozenset({"Hold", "Door", "Sleep"})
+"""In these no line is read: what is sent waits, and is executed when somebody resumes."""
+STATES = frozenset({"Idle", "Alarm", "Check", "Tool", "Starting"}) | MOVING_STATES | SUSPENDED_STATES
 
-_BANNER = re.compile(r"^Grbl 1\.1\w? ?\[.*\]$")
+_BANNER = re.compile(r"^Grbl(HAL)? \d+\.\d+\w*\b.*\[", re.IGNORECASE)
+_KNOWN = re.compile(r"^(?:<|\[|\$|>|ok$|error:\d|ALARM:\d)")
+_WORDS = re.compile(r"^[\x20-\x7e]*[A-Za-z]{3}[\x20-\x7e]*$")
+_STARTUP = re.compile(r"^\$(N\d)=(.*)$")
+_HOMING = re.compile(r"^\$?/axes/([xyz])/homing/mpos_mm=(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
 _SETTING = re.compile(r"^\$(\d{1,3})=(-?\d+(?:\.\d+)?)$")
 _CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
 
@@ -69,6 +80,7 @@ class Status:
         work: Work position, or None.
         offset: Work coordinate offset, present in some reports only.
         pins: Letters of triggered input pins.
+        fields: All fields by name.
     """
 
     state: str
@@ -78,6 +90,17 @@ class Status:
     offset: tuple[float, ...] | None
     pins: str = ""
     fields: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def moving(self) -> bool:
+        """Get whether the machine moves, or brakes."""
+        braking = (self.state == "Hold" and self.substate == 1) or (self.state == "Door" and self.substate in (2, 3))
+        return self.state in MOVING_STATES or braking
+
+    @property
+    def suspended(self) -> bool:
+        """Get whether no line is read."""
+        return self.state in SUSPENDED_STATES
 
 
 def parse_status(line: str) -> Status:
@@ -128,9 +151,26 @@ def parse_code(line: str) -> tuple[str, int] | None:
     return (match[1], int(match[2])) if match else None
 
 
+def parse_startup(line: str) -> tuple[str, str] | None:
+    """Return name and text of a startup line `$N0=...`, or None."""
+    match = _STARTUP.match(line)
+    return (match[1], match[2]) if match else None
+
+
+def parse_homing_mm(line: str) -> float | None:
+    """Return where an axis stands after homing, as FluidNC's configuration says, or None."""
+    match = _HOMING.match(line)
+    return float(match[2]) if match else None
+
+
 def is_banner(line: str) -> bool:
-    """Return whether the controller has just (re)started."""
+    """Return whether this is a greeting: the controller has just (re)started."""
     return _BANNER.match(line) is not None
+
+
+def is_strange(line: str) -> bool:
+    """Return whether this is text that no GRBL prints in answer to anything: perhaps a greeting of the user's own."""
+    return _KNOWN.match(line) is None and _WORDS.match(line) is not None
 
 
 def jog(targets_mm: Mapping[str, float], feed_mm_min: float) -> str:
@@ -140,7 +180,7 @@ def jog(targets_mm: Mapping[str, float], feed_mm_min: float) -> str:
         ValueError: Longer than a controller accepts.
     """
     words = " ".join(f"{axis.upper()}{position:.4f}" for axis, position in targets_mm.items())
-    line = f"$J=G53 G21 G90 {words} F{feed_mm_min:.3f}"
+    line = f"$J=G53 G21 G90 {words} F{feed_mm_min:.7g}"
     if len(line) + 1 > LONGEST_LINE:
         raise ValueError(f"{len(line)} characters; a controller takes at most {LONGEST_LINE}")
     return line

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gs2ci.core.clock import Clock
+from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.failures import (
     HOME_COMMAND,
     BadReplyError,
@@ -46,7 +47,7 @@ from gs2ci_drivers.kinesis.packets import (
 )
 from gs2ci_drivers.kinesis.stages import STAGES
 from gs2ci_drivers.ports import BytePort
-from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
+from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
 
 POLL_S = 0.02
 STOP_TIMEOUT_S = 5.0
@@ -121,6 +122,7 @@ class KinesisStage(Stage):
             max_speed_mm_s=model.max_speed_mm_s,
             speed_step_mm_s=model.speed_unit_mm_s,
             acceleration_mm_s2=acceleration * model.acceleration_unit_mm_s2,
+            window_mm=ARRIVAL_MM,
         )
 
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
@@ -146,6 +148,11 @@ class KinesisStage(Stage):
             self._set_speed(axis, max(1, round(speed_mm_s / self._models[axis].speed_unit_mm_s)))
             self._link.send(move_absolute(self._dest[axis], counts), f"move {axis} to {counts} counts")
         self._begun_s = self.clock.now_s()
+        # Moves are not acknowledged: an answer to a question behind them says at least that the line has not broken.
+        for axis in self._targets:
+            dest, asked = self._dest[axis], f"move {axis}"
+            question = short(Message.MOT_REQ_STATUSBITS, dest)
+            self._link.ask_once(question, Message.MOT_GET_STATUSBITS, dest, asked, 6)
 
     def _do_wait_idle(self, timeout_s: float) -> None:
         asked = f"move to {self._targets} counts"
@@ -172,6 +179,14 @@ class KinesisStage(Stage):
 
     def _do_positions_mm(self) -> dict[str, float]:
         return {axis: self._models[axis].mm(self._position(axis)) for axis in self._dest}
+
+    def _do_position_mm(self, axis: str) -> float:
+        return self._models[axis].mm(self._position(axis))
+
+    def _do_path_faults(self) -> tuple[str, ...]:
+        return tuple(
+            f"axis {axis}: {words}" for axis in self._dest for bit, words in FAULTS.items() if self._bits(axis) & bit
+        )
 
     def _do_stop(self) -> None:
         self._targets, self._begun_s = {}, self.clock.now_s()

@@ -67,6 +67,10 @@ class AptLink:
         """
         return with_one_retry(lambda: self._ask(data, answer, source, asked, length), self._incidents)
 
+    def ask_once(self, data: bytes, answer: Message, source: int, asked: str, length: int) -> AptMessage:
+        """As `ask`, but not again if the answer is lost: what was sent before may be lost, too."""
+        return self._ask(data, answer, source, asked, length)
+
     def _ask(self, data: bytes, answer: Message, source: int, asked: str, length: int) -> AptMessage:
         self.drain(asked)
         self.send(data, asked)

@@ -1,6 +1,7 @@
 """What real devices do where one would guess otherwise: one TOML file per kind of device, read here.
 
-Each file is named after the `kind` of a rig file and holds tables `[[manner]]` of texts: `id`, `applies` (family and
+Each file is named after the `kind` of a rig file, or after a family of firmware that one driver serves (`fluidnc` by
+`grbl`), and holds tables `[[manner]]` of texts: `id`, `applies` (family and
 firmware), `guess`, `fact`, `source` (with its version) and `test` (the test that plays it: its file, "::", its name).
 `docs/devices.md` is made of them, and `gs2ci doctor` prints those of the devices that answer.
 
@@ -13,6 +14,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 
 from gs2ci.core.errors import InputError
+from gs2ci_drivers.plugin import BUILT_IN
 
 
 class MannersError(InputError):
@@ -44,7 +46,7 @@ KEYS = tuple(one.name for one in fields(Manner))
 
 
 def kinds() -> tuple[str, ...]:
-    """Return the kinds of devices that have a file, sorted."""
+    """Return the kinds and families of devices that have a file, sorted."""
     return tuple(sorted(one.name.removesuffix(".toml") for one in _folder().iterdir() if one.name.endswith(".toml")))
 
 
@@ -56,6 +58,21 @@ def manners_of(kind: str) -> tuple[Manner, ...]:
     """
     file = _folder() / f"{kind}.toml"
     return read_manners(file) if kind.isidentifier() and file.is_file() else ()
+
+
+def manners_for(kind: str, words: str) -> tuple[Manner, ...]:
+    """Return the manners of a device that answers: those of its kind, and of each family that it names itself after.
+
+    Args:
+        kind: Its kind in the rig file.
+        words: What it says of itself: model, firmware, driver.
+
+    Raises:
+        MannersError: As `manners_of`.
+    """
+    said = words.lower()
+    families = [name for name in kinds() if name != kind and name not in _kinds_of_rigs() and name in said]
+    return tuple(one for name in (kind, *families) for one in manners_of(name))
 
 
 def read_manners(file: Traversable) -> tuple[Manner, ...]:
@@ -88,6 +105,10 @@ def _manner(file: str, entry: object) -> Manner:
     if wrong:
         raise MannersError(f"{file}: {wrong[0]} of {entry['id']!r} is no text", allowed="text that is not empty")
     return Manner(**entry)
+
+
+def _kinds_of_rigs() -> frozenset[str]:
+    return frozenset(kind for group in BUILT_IN.values() for kind in group)
 
 
 def _folder() -> Traversable:

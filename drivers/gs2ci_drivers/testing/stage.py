@@ -10,8 +10,16 @@ from typing import Any
 
 import pytest
 
-from gs2ci_drivers.failures import DriverError, NoAnswerError, OutOfRangeError, ReferenceLostError, WrongStateError
+from gs2ci_drivers.failures import (
+    DriverError,
+    NoAnswerError,
+    OutOfRangeError,
+    PathError,
+    ReferenceLostError,
+    WrongStateError,
+)
 from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.sweep_check import Path, SweepCheck
 
 
 @dataclass
@@ -20,10 +28,12 @@ class StageBench:
 
     Args:
         stage: The driver.
-        twin: The device's twin; its `positions_mm_at` returns the true positions of the axes.
+        twin: The device's twin; its `positions_mm_at` returns the true positions of the axes, its `disturbances.add`
+            hinders the next move as the device's own counter sees it (`gs2ci_sims.wires.disturbed`).
         clock: The world's, virtual.
         reopen: Opens the driver again after the twin was plugged in.
         cut_power: Cuts the twin's power and brings it back.
+        move_text: Part of what the twin calls a move, for faults.
     """
 
     stage: Stage
@@ -31,6 +41,7 @@ class StageBench:
     clock: Any
     reopen: Callable[[], Stage]
     cut_power: Callable[[], object]
+    move_text: str = "move"
 
     @property
     def axis(self) -> str:
@@ -219,6 +230,88 @@ def test_a_sweep_crosses_its_span_at_constant_speed_at_the_time_it_said(bench: S
     h = 1e-3
     speeds = [(at(t + h) - at(t - h)) / (2 * h) for t in (0.05, 0.3, 0.5, 0.7)]
     assert speeds == pytest.approx([sweep.speed_mm_s] * 4, rel=1e-4)
+
+
+def test_an_undisturbed_sweep_is_found_to_be_one(bench: StageBench) -> None:
+    axis = bench.stage.info.axes[bench.axis]
+    speed = max(0.5 * min(axis.max_speed_mm_s, 30.0), axis.min_speed_mm_s)
+    path = swept(bench, bench.middle_mm(), bench.middle_mm() + 0.4 * speed, speed)
+    assert path.positions > 10
+    when_s = path.crossed_s + path.shift_s + path.sweep.cruise_s / 2
+    assert float(bench.twin.positions_mm_at(when_s)[bench.axis]) == pytest.approx(
+        path.position_mm(when_s), abs=path.error_mm
+    )
+
+
+@pytest.mark.parametrize("how", [{"pause_s": 0.06}, {"speed_factor": 1.5}])
+def test_a_sweep_that_is_disturbed_on_its_way_is_found_to_be(bench: StageBench, how: dict[str, float]) -> None:
+    with pytest.raises(PathError, match=r"stage0.*axis x left its path by.*allowed"):
+        swept(bench, bench.middle_mm(), bench.middle_mm() + 4.0, 10.0, 0.4, how)
+
+
+def test_a_sweep_that_begins_late_is_found_where_it_was(bench: StageBench) -> None:
+    path = swept(bench, bench.middle_mm(), bench.middle_mm() + 4.0, 10.0, 0.0, {"pause_s": 0.05})
+    assert path.shift_s == pytest.approx(0.05, abs=6e-3)
+
+
+def swept(
+    bench: StageBench,
+    from_mm: float,
+    to_mm: float,
+    speed_mm_s: float,
+    share: float = 0.0,
+    how: dict[str, float] | None = None,
+) -> Path:
+    """Sweep, disturbed from a share of its time on, and return the path that the positions read meanwhile allow."""
+    stage, clock = bench.stage, bench.clock
+    sweep = stage.plan_sweep(bench.axis, from_mm, to_mm, speed_mm_s)
+    stage.prepare_sweep(sweep)
+    if how:
+        bench.twin.disturbances.add(share, **how)
+    stage.begin_sweep(sweep)
+    check = SweepCheck(stage.name, stage.info.axes[bench.axis], sweep, clock.now_s() + sweep.lead_s)
+    check.ask_until(clock.now_s() + 2 * sweep.lead_s + sweep.cruise_s, stage, clock)
+    return check.path()
+
+
+def test_a_speed_below_its_lowest_is_refused_with_a_sentence(bench: StageBench) -> None:
+    axis = bench.stage.info.axes[bench.axis]
+    if not axis.min_speed_mm_s:
+        assert axis.keeps_mm_s(1e-9)
+        return
+    with pytest.raises(OutOfRangeError, match=r"slower than it can step.*allowed: "):
+        bench.stage.plan_sweep(bench.axis, bench.middle_mm(), bench.middle_mm() + 1.0, axis.min_speed_mm_s / 2)
+
+
+@pytest.mark.parametrize("after_s", [1e-3, 6e-3, 0.2])
+def test_nothing_moves_after_a_stop_that_interrupted_a_move(bench: StageBench, after_s: float) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    bench.clock.after(after_s, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        bench.stage.move_to({bench.axis: bench.middle_mm() + 12.0})
+    bench.stage.stop()
+    rest = bench.true_mm()
+    bench.clock.sleep_s(3.0)
+    assert bench.true_mm() == rest
+    assert not bench.stage.status().moving
+    assert bench.stage.positions_mm()[bench.axis] == pytest.approx(rest, abs=0.01)
+
+
+def test_a_move_whose_answer_is_lost_is_taken_back(bench: StageBench) -> None:
+    bench.twin.faults.inject("serial.reply_lost", about=bench.move_text)
+    with pytest.raises(NoAnswerError):
+        bench.stage.move_to({bench.axis: bench.middle_mm() + 40.0})
+    rest = bench.true_mm()
+    bench.clock.sleep_s(3.0)
+    assert bench.true_mm() == rest
+
+
+def test_a_move_that_could_not_be_taken_back_says_that_it_stands(bench: StageBench) -> None:
+    bench.twin.faults.inject("serial.unplugged", about=bench.move_text)
+    with pytest.raises(DriverError, match="may still carry the move out: cut its power"):
+        bench.stage.move_to({bench.axis: bench.middle_mm() + 40.0})
 
 
 def test_a_sweep_whose_run_up_leaves_the_limits_is_refused(bench: StageBench) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from gs2ci.core.clock import Clock
+from gs2ci_drivers.axis import AxisInfo
 from gs2ci_drivers.failures import (
     HOME_COMMAND,
     BadReplyError,
@@ -23,15 +24,18 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
 )
 from gs2ci_drivers.ports import BytePort
-from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
-from gs2ci_drivers.zaber.flags import INTERRUPTED, UNREFERENCED, describe, is_fault
+from gs2ci_drivers.stage import Stage, StageInfo, StageStatus
+from gs2ci_drivers.zaber.flags import INTERRUPTED, OFF_PATH, UNREFERENCED, describe, is_fault
 from gs2ci_drivers.zaber.link import ZaberLink
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_drivers.zaber.units import Units
 
 POLL_S = 0.02
+POLL_SHARE = 0.05
+"""The longer a motion lasts, the less often it is asked for its end, which may be noticed late by this share of it."""
 ARRIVAL_STEPS = 2
-"""Microsteps by which a finished move may miss its target: the controller's own settling window."""
+"""Microsteps by which a finished move may miss its target, on an axis that has no tolerance of its own."""
+MM_PER_UM = 1e-3
 STOP_TIMEOUT_S = 5.0
 SPEEDS_SINCE = (7, 25)
 """Firmware from which on `move abs` takes a speed of its own."""
@@ -108,7 +112,15 @@ class ZaberStage(Stage):
             max_speed_mm_s=units.speed_mm_s(self._own_speed[axis]),
             speed_step_mm_s=units.speed_mm_s(1),
             acceleration_mm_s2=units.acceleration_mm_s2(self._number(number, "accel")),
+            window_mm=max(self._settle_mm(number), ARRIVAL_STEPS * units.microstep_mm),
         )
+
+    def _settle_mm(self, number: int) -> float:
+        """Return within what a servo axis comes to rest: its position goes on to change by some counts."""
+        try:
+            return self._reading(number, "cloop.settle.tolerance") * MM_PER_UM
+        except RefusedError:
+            return 0.0
 
     def _check_resolution(self, axis: str) -> None:
         """Check that an axis has the microsteps that the rig file states; a direct drive has no such setting."""
@@ -152,18 +164,29 @@ class ZaberStage(Stage):
         self._raise_for_flags(self._read_flags(), asked)
         targets, self._targets = self._targets, {}
         for axis, steps in targets.items():
-            reached = self._number(self._numbers[axis], "pos")
-            if abs(reached - steps) > ARRIVAL_STEPS:
+            reached, units = self._number(self._numbers[axis], "pos"), self._units[axis]
+            if abs(reached - steps) > self.info.axes[axis].window_mm / units.microstep_mm * (1 + 1e-9):
                 raise MoveFailedError(
                     self.name,
                     asked,
-                    [f"axis {axis} at rest at {self._units[axis].mm(reached):.4f} mm, short of its target"],
+                    [f"axis {axis} at rest at {units.mm(reached):.4f} mm, short of its target"],
                     remedy="look for an obstacle on the stage",
                 )
         self._restore_speeds()
 
     def _do_positions_mm(self) -> dict[str, float]:
         return {axis: self._units[axis].mm(self._number(number, "pos")) for axis, number in self._numbers.items()}
+
+    def _do_position_mm(self, axis: str) -> float:
+        return self._units[axis].mm(self._number(self._numbers[axis], "pos"))
+
+    def _do_forget_path_faults(self) -> None:
+        if OFF_PATH & set(self._read_flags()):
+            for number in self._numbers.values():
+                self._link.command(number, "warnings clear")
+
+    def _do_path_faults(self) -> tuple[str, ...]:
+        return tuple(describe(flag) for flag in self._read_flags() if flag in OFF_PATH or is_fault(flag))
 
     def _do_stop(self) -> None:
         self._targets = {}
@@ -178,6 +201,7 @@ class ZaberStage(Stage):
         return StageStatus(
             moving=busy,
             referenced=not UNREFERENCED & set(flags),
+            unreferenced=", ".join(describe(flag) for flag in flags if flag in UNREFERENCED),
             positions_mm=self._do_positions_mm(),
             faults=tuple(describe(flag) for flag in flags if is_fault(flag)),
             warnings=tuple(describe(flag) for flag in flags if not is_fault(flag)),
@@ -198,7 +222,7 @@ class ZaberStage(Stage):
                 raise NoAnswerError(
                     self.name, f"{asked}: arrival", waited_s, remedy="look for an obstacle on the stage"
                 )
-            self.clock.sleep_s(POLL_S)
+            self.clock.sleep_s(max(POLL_S, POLL_SHARE * waited_s))
 
     def _read_flags(self) -> tuple[str, ...]:
         """Return the flags that are set on any axis in use; another one may have no reference, or no stage at all."""
@@ -227,9 +251,7 @@ class ZaberStage(Stage):
             )
         lost = [describe(flag) for flag in flags if flag in UNREFERENCED]
         if lost:
-            raise ReferenceLostError(
-                self.name, asked, lost, remedy=f"the stage lost power: home it with `{HOME_COMMAND}`"
-            )
+            raise ReferenceLostError(self.name, asked, lost, remedy=f"home the stage: `{HOME_COMMAND}`")
 
     def _set_speed(self, axis: str, data: int) -> None:
         """Change the setting `maxspeed`, on firmware without another way; the value to restore must be known."""

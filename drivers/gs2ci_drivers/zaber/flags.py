@@ -23,8 +23,8 @@ FLAGS: dict[str, str] = {
     "FT": "excessive twist",
     "FE": "limit error",
     "FS": "stalled and stopped",
-    "WR": "no reference position",
-    "WH": "not homed",
+    "WR": "no reference position, as after a loss of power",
+    "WH": "its position is known, and it was not homed since power-on",
     "WL": "unexpected limit trigger",
     "WS": "stalled and recovered",
     "WM": "displaced while stationary",
@@ -42,6 +42,8 @@ FLAGS: dict[str, str] = {
 }
 UNREFERENCED = frozenset({"WR", "WH"})
 INTERRUPTED = frozenset({"NI", "NC"})
+OFF_PATH = frozenset({"WS", "WL"}) | INTERRUPTED
+"""Flags of an axis that arrives and was not on its path: it stalled and recovered, met a limit, was interrupted."""
 
 REJECTIONS: dict[str, str] = {
     "BADCOMMAND": "the command is unknown or incomplete",

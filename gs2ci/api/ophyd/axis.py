@@ -26,7 +26,8 @@ from ophyd_async.core import (
 )
 
 from gs2ci.api.ophyd.worker import SLICE_S, Worker
-from gs2ci_drivers.stage import Stage, Sweep
+from gs2ci_drivers.axis import Sweep
+from gs2ci_drivers.stage import Stage
 
 POLL_S: Final = 0.1
 """How often a position is reported to a watcher."""

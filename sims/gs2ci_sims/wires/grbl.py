@@ -1,79 +1,57 @@
-"""The twin of a GRBL 1.1 controller with three axes: real-time bytes, line replies, jogs, homing, alarms.
+"""The twin of a GRBL controller: real-time bytes, line replies, jogs, programs, homing, holds, doors, alarms, restarts.
 
-It parses lines with its own code. States, early Idle, reboot and locking are as in reference 3.3. Alarms and soft
-resets are those of GRBL 1.1h (gnea/grbl bfb67f0):
+It parses lines with its own code. What it does is GRBL 1.1h's (gnea/grbl bfb67f0); other families differ by their
+`GrblBuild`:
 
-- report.c, report_alarm_message: it halts for half a second after ALARM:n and does nothing meanwhile;
-- protocol.c, protocol_exec_rt_system: after ALARM:1 and 2 it answers nothing, `?` included, until a soft reset, and a
-  reset within that half second has no effect;
-- motion_control.c, mc_reset: a reset in motion kills the steppers, ALARM:3 or, in a homing cycle, ALARM:6;
-- limits.c, limits_go_home: a homing cycle answers no `?` and ends early by a reset only; when it has failed, system.c's
-  `ok` follows the alarm, and then the restart (gnea/grbl issue 1067 shows the lines);
-- main.c and protocol_main_loop: a restart empties the serial buffer and clears a pending `?`; the state Alarm outlives
-  a soft reset, whatever $22 is.
+- serial.c: real-time bytes are taken out of turn; 0x85 is dropped unless the state is Jog already;
+- protocol.c, protocol_main_loop and protocol_exec_rt_suspend: lines are executed one after another, in their time; in
+  Hold, Door and Sleep none is read, and none is answered: they wait in the buffer of 128 bytes;
+- protocol.c, protocol_exec_rt_system: any hold in a jog cancels it and ends in Idle (a door in Door); after ALARM:1 and
+  2 nothing is answered, `?` included, until a soft reset, and a reset within half a second of it has no effect;
+- system.c, system_execute_line: `$J=` only in Idle and Jog, `$$` not in Run and Hold, `$I`, `$N`, `$H` only in Idle
+  and Alarm, else error:8; system_check_travel_limits checks every axis, named or not;
+- motion_control.c, mc_reset: a reset in motion kills the steppers (ALARM:3, in a homing cycle ALARM:6) and stops the
+  processor for `$1` ms (stepper.c, st_go_idle), before report.c, report_alarm_message, halts it for half a second; a
+  reset at rest keeps the position, and main.c then executes the startup lines;
+- limits.c, limits_go_home and config.h: homing takes z, then x and y together, fast and then slowly; it answers no `?`
+  and ends early by a reset only; when it has failed, system.c's `ok` follows the alarm, and then the restart;
+- report.c, report_realtime_status: `$10=0` reports work positions, and their offset in the first report and then in
+  each 10th (30th in motion).
 
 The motors run in open loop: if an axis is blocked the controller continues to count, and only the carriage stands
-still. Not here: the byte level (`serial_twin`), the driver.
+still; a restart begins to count from 0 where the carriage stands. Not here: the byte level (`serial_twin`), builds
+and their arithmetic (`grbl_build`), the driver.
 """
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from math import hypot
+from collections.abc import Mapping
+from math import ceil, hypot
 from typing import Any, Literal
 
-from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession, SerialTwin
+from gs2ci_sims.wires.grbl_build import AXES, GrblMachine, inside, report_numbers
+from gs2ci_sims.wires.grbl_core import MOVING, SUSPENDED, GrblCore
+from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession
 from gs2ci_sims.world import VirtualClock, World
 
-HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
-RESET_MOVING = declare("grbl.reset_moving", "the controller resets itself after half of the next move: ALARM:3")
-POWER_CYCLE = declare("grbl.power_cycle", "the controller reboots after half of the next move: banner, position 0")
-EARLY_IDLE = declare("grbl.early_idle", "the first reports after a move state Idle although it still moves")
-DOOR = declare("grbl.door", "the safety door opens after half of the next move")
-HOLD = declare("grbl.hold", "somebody presses feed hold after half of the next move")
-JOG_CANCELLED = declare("grbl.jog_cancelled", "somebody cancels the next jog half-way")
+HELD = declare("grbl.held", "somebody presses feed hold just before the next jog: it is neither read nor answered")
 ERROR = declare("grbl.error", "a line is answered with error:`value` (0: 20)")
-HOMING_FAILS = declare("grbl.homing_fails", "homing does not find the switch: ALARM:9")
 BANNER_INSIDE = declare("grbl.banner_inside", "a spurious banner in the middle of a reply's line")
 MESSAGE = declare("grbl.message", "a [MSG:...] line comes before a reply")
 SILENT_STATUS = declare("grbl.silent_status", "a status request is not answered")
 
 BOOT_S = 1.2
-BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-ALARM_PAUSE_S = 0.5
-CRITICAL_ALARMS = (1, 2)
-DWELL_S = 0.01
-AXES = ("x", "y", "z")
+RX_BYTES = 128
+LINE_S = 2e-3
+"""Reading, parsing and planning a line on an AVR: a jog begins some ms after its last byte (run on the firmware)."""
+DWELL_STEP_S = 0.05
+"""A dwell takes whole steps of DWELL_TIME_STEP (nuts_bolts.c, delay_sec), in the state Idle."""
+REFRESH = {True: 29, False: 9}
 _WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d*)?|-?\.\d+)")
+_SET = re.compile(r"\$(\d{1,3})=(-?\d+(?:\.\d*)?)$")
 
 
-@dataclass
-class GrblMachine:
-    """A machine as built and set up.
-
-    Args:
-        settings: Values of `$n`, on top of the defaults.
-        start_mm: Machine position at power-on.
-        homed: Whether it has been homed before (otherwise it is locked in Alarm if homing is enabled).
-        mechanics: For each axis the errors between counted and true position.
-    """
-
-    settings: Mapping[int, float] = field(default_factory=dict)
-    start_mm: tuple[float, float, float] = (-100.0, -100.0, -10.0)
-    homed: bool = True
-    mechanics: Mapping[str, Mechanics] = field(default_factory=dict)
-
-
-DEFAULTS: dict[int, float] = {
-    10: 1, 13: 0, 20: 1, 21: 1, 22: 1, 23: 0, 24: 25, 25: 500, 26: 250, 27: 1,
-    100: 320, 101: 320, 102: 320, 110: 1800, 111: 1800, 112: 600,
-    120: 200, 121: 200, 122: 100, 130: 200, 131: 200, 132: 60,
-}  # fmt: skip
-
-
-class GrblTwin(SerialTwin):
+class GrblTwin(GrblCore):
     """A GRBL controller with its machine.
 
     Args:
@@ -92,20 +70,14 @@ class GrblTwin(SerialTwin):
         *,
         board: Literal["plain", "uno", "native"] = "plain",
     ) -> None:
-        super().__init__(clock, faults)
         machine = machine or GrblMachine()
+        super().__init__(clock, machine, faults)
         self._board = board
         self._dtr = self._hangs_up = False
-        self._settings = DEFAULTS | dict(machine.settings)
-        self._axes = [
-            AxisMotion(machine.start_mm[i], self._settings[120 + i], machine.mechanics.get(name))
-            for i, name in enumerate(AXES)
-        ]
-        self._state = "Idle" if machine.homed or not self._settings[22] else "Alarm"
-        self._deaf_until_s = 0.0
-        self._awaits_reset = False
-        self._generation = 0
-        self._early_reports = 0
+        self._offset_mm = machine.offset_mm
+        self._waiting: list[bytes] = []
+        self._executing = False
+        self._reports = 0
 
     @property
     def terminators(self) -> bytes:
@@ -131,6 +103,21 @@ class GrblTwin(SerialTwin):
         super().unplug()
         self._dtr = False
 
+    def reboot(self) -> None:
+        """Restart: motion ends, the position counts from 0, and the machine is locked if homing is enabled."""
+        now_s = self.clock.now_s()
+        for axis in self._axes:
+            axis.halt(now_s)
+            axis.set_position(0.0, now_s)
+        self._forget()
+        self._state = "Alarm" if self._locks() else "Idle"
+        self._deaf_until_s = now_s + BOOT_S
+        self._in_this_life(BOOT_S, self._greet)
+
+    def run_program(self, line: str) -> None:
+        """Receive a line of another program's."""
+        self._line(line.encode("ascii"))
+
     def _closed(self) -> None:
         if self._hangs_up:
             self._dtr = False
@@ -138,23 +125,6 @@ class GrblTwin(SerialTwin):
     def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
         if self._board != "native" or self._dtr:
             super()._reply(data, about, delay_s)
-
-    def positions_mm_at(self, when_s: float) -> dict[str, float]:
-        """Return the true positions of the carriages."""
-        return {name: axis.true_position_at(when_s) for name, axis in zip(AXES, self._axes, strict=True)}
-
-    def reboot(self) -> None:
-        """Restart: motion ends, the position counts from 0, and the machine is locked if homing is enabled."""
-        now_s = self.clock.now_s()
-        self._generation += 1
-        self._incoming = b""
-        for axis in self._axes:
-            axis.halt(now_s)
-            axis.set_position(0.0, now_s)
-        self._state = "Alarm" if self._settings[22] else "Idle"
-        self._awaits_reset = False
-        self._deaf_until_s = now_s + BOOT_S
-        self._reply(self._greeting(), "banner", BOOT_S)
 
     def _stale(self) -> bytes:
         return b"ok\r\n<Run|MPos:1.000,2.000,3.000|FS:500,0>\r\n"
@@ -171,49 +141,78 @@ class GrblTwin(SerialTwin):
                 self._reply(self._report(), "?")
         elif byte == 0x85:
             if self._state == "Jog":
-                self._brake("Idle")
-        elif byte == ord("!"):
-            if self._state in ("Jog", "Run"):
-                self._brake("Hold")
+                self._cancel("Idle")
+        elif byte in (ord("!"), 0x84):
+            self._suspend("Hold" if byte == ord("!") else "Door")
         elif byte == ord("~"):
-            if self._state == "Hold":
-                self._state = "Idle"
+            self._resume()
         elif not 0x80 <= byte <= 0xA1:
             return False
         return True
 
     def _report(self) -> bytes:
-        now_s = self.clock.now_s()
+        now_s, state = self.clock.now_s(), self._state
         positions = [axis.position_at(now_s) for axis in self._axes]
-        unit = 1 / 25.4 if self._settings[13] else 1.0
-        shown = ",".join(f"{position * unit:.3f}" for position in positions)
-        state = self._state
         if state == "Jog" and self._early_reports:
             self._early_reports -= 1
             state = "Idle"
-        state = {"Hold": "Hold:0", "Door": "Door:0"}.get(state, state)
-        speed = hypot(*(axis.speed_at(now_s) for axis in self._axes)) * 60
-        return f"<{state}|MPos:{shown}|FS:{speed:.0f},0>\r\n".encode("ascii")
-
-    def _soft_reset(self) -> None:
-        if self._state == "Home":
-            self._alarm(6)
-        elif self._moving():
-            self._alarm(3)
+        sub = {"Hold": int(self._moving()), "Door": 2 if self._moving() else int(self._ajar)}.get(state)
+        fields = [state if sub is None else f"{state}:{sub}"]
+        work = not int(self._settings[10]) & 1
+        offset = list(self._offset_mm[: len(self._axes)])
+        shown = [p - o for p, o in zip(positions, offset, strict=True)] if work else positions
+        fields.append(f"{'WPos' if work else 'MPos'}:{report_numbers(shown, self._settings)}")
+        fields.append(f"FS:{hypot(*(axis.speed_at(now_s) for axis in self._axes)) * 60:.0f},0")
+        if self._ajar:
+            fields.append("Pn:D")
+        if self._reports == 0:
+            fields.append(f"WCO:{report_numbers(offset, self._settings)}")
+            self._reports = REFRESH[state in MOVING]
         else:
-            self._generation += 1
-            self._incoming = b""
-            self._awaits_reset = False
-            self._state = "Alarm" if self._state == "Alarm" else "Idle"
-            self._reply(self._greeting(), "banner")
+            self._reports -= 1
+        return f"<{'|'.join(fields)}>\r\n".encode("ascii")
 
-    def _greeting(self) -> bytes:
-        return BANNER + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self._state == "Alarm" else b"")
+    def _forget(self) -> None:
+        """Begin anew, as main.c does: nothing that was received or planned before is done."""
+        self._generation += 1
+        self._life += 1
+        self._incoming = b""
+        self._waiting.clear()
+        self._blocks.clear()
+        self._present, self._executing, self._awaits_reset, self._reports = None, False, False, 0
+
+    def _greet(self) -> None:
+        lock = b"[MSG:'$H'|'$X' to unlock]\r\n" if self._state == "Alarm" else b""
+        self._reply(b"\r\n" + self._build.greeting + b"\r\n" + lock, "banner")
+        if self._state == "Idle":
+            self._start_up()
+
+    def _start_up(self) -> None:
+        for line in filter(None, self._startup):
+            self._reply(f">{line}:{self._gcode(line)}\r\n".encode("ascii"), "startup")
 
     def _line(self, line: bytes) -> None:
         if self.clock.now_s() < self._deaf_until_s or self._awaits_reset:
             return
+        if sum(len(waiting) + 1 for waiting in self._waiting) + len(line) < RX_BYTES:
+            self._waiting.append(line)
+        self._pump()
+
+    def _pump(self) -> None:
+        """Read the next line, unless one is being executed or nothing is read at all."""
+        if self._executing or not self._waiting or self._state in SUSPENDED:
+            return
+        line, self._executing = self._waiting.pop(0), True
+        self._in_this_life(LINE_S, lambda: self._execute(line))
+
+    def _execute(self, line: bytes) -> None:
         text = line.decode("ascii", "replace").upper().replace(" ", "")
+        if text.startswith("$J=") and self.faults.take(HELD, text):
+            self._suspend("Hold")
+        if self._state in SUSPENDED:  # it was suspended meanwhile (protocol_execute_realtime before each line)
+            self._waiting.insert(0, line)
+            self._executing = False
+            return
         if self.faults.take(MESSAGE, text):
             self._reply(b"[MSG:Check Limits]\r\n", text)
         if error := self.faults.take(ERROR, text):
@@ -222,53 +221,109 @@ class GrblTwin(SerialTwin):
             self._answer("error:11", text)
         elif text.startswith("$"):
             self._dollar(text)
+        elif text.startswith("G4P") and self._state not in ("Alarm", "Jog"):
+            self._dwell(text)
+        elif self._state in ("Alarm", "Jog") and text:
+            self._answer("error:9", text)
         else:
-            self._gcode(text)
+            self._answer(self._gcode(text), text)
 
     def _answer(self, reply: str, about: str) -> None:
+        """End a line with its reply, and read the next one."""
         data = reply.encode("ascii") + b"\r\n"
         if self.faults.take(BANNER_INSIDE, about):
-            data = data[: len(data) // 2] + b"\r\n" + BANNER + data[len(data) // 2 :]
+            data = data[: len(data) // 2] + b"\r\n" + self._build.greeting + b"\r\n" + data[len(data) // 2 :]
         self._reply(data, about)
+        self._executing = False
+        self._pump()
 
     def _dollar(self, text: str) -> None:
-        if text == "$$":
-            rows = "".join(f"${number}={value:g}\r\n" for number, value in sorted(self._settings.items()))
-            self._answer(rows + "ok", text)
-        elif text == "$I":
-            self._answer("[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok", text)
+        quiet = self._state in ("Idle", "Alarm")
+        if text == "$":
+            self._answer("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\nok", text)
+        elif text == "$$":
+            shown = sorted(self._settings.keys() - self._build.unlisted)
+            listed = [n for n in shown if n < 100 or n % 10 < len(self._axes)]
+            rows = "".join(f"${number}={self._settings[number]:g}\r\n" for number in listed)
+            self._answer("error:8" if self._state in ("Run", "Hold") else rows + "ok", text)
+        elif text == "$G":
+            self._answer("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok", text)
+        elif text.startswith("$J="):
+            self._answer(self._jog(text.removeprefix("$J=")), text)
         elif text == "$X":
             self._state = "Idle" if self._state == "Alarm" else self._state
             self._answer("ok", text)
-        elif text == "$H":
-            self._home()
-        elif text.startswith("$J="):
-            self._answer(self._jog(text.removeprefix("$J=")), text)
+        elif text == "$C":
+            self._check()
+        elif not quiet:
+            self._answer("error:8", text)
+        else:
+            self._when_quiet(text)
+
+    def _when_quiet(self, text: str) -> None:
+        """Answer what is answered only in Idle and Alarm."""
+        build = self._build
+        if text == "$I":
+            rows = [f"[VER:{build.version}]", f"[OPT:{build.options},15,128]", *build.extra, "ok"]
+            self._answer("\r\n".join(rows), text)
+        elif text == "$N":
+            self._answer("".join(f"$N{i}={line}\r\n" for i, line in enumerate(self._startup)) + "ok", text)
+        elif text == "$SLP":
+            self._state = "Sleep"
+            self._answer("ok", text)
+        elif text.startswith("$H"):
+            self._home(text)
+        elif build.homing_mm is not None and (found := re.fullmatch(r"\$/AXES/([XYZ])/HOMING/MPOS_MM", text)):
+            home_mm = build.homing_mm["XYZ".index(found[1])]
+            self._answer(f"$/axes/{found[1].lower()}/homing/mpos_mm={home_mm:.3f}\r\nok", text)
+        elif found := _SET.fullmatch(text):
+            self._settings[int(found[1])] = float(found[2])
+            self._answer("ok", text)
         else:
             self._answer("error:3", text)
 
-    def _gcode(self, text: str) -> None:
-        if self._state in ("Alarm", "Jog"):
-            self._answer("error:9", text)
-        elif text.startswith("G4P"):
-            end_s = max([self.clock.now_s(), *(axis.ends_s for axis in self._axes)])
-            self._state = "Run"
-            generation = self._generation
-
-            def done() -> None:
-                if generation == self._generation:
-                    self._state = "Idle"
-                    self._answer("ok", text)
-
-            self.clock.at(end_s + DWELL_S, done)
-        elif not text or text in ("G21", "G90", "G94", "G21G90G94"):
-            self._answer("ok", text)
+    def _check(self) -> None:
+        if self._state == "Check":
+            self._answer("[MSG:Disabled]\r\nok", "$C")
+            self._soft_reset()
+        elif self._state == "Idle":
+            self._state = "Check"
+            self._answer("[MSG:Enabled]\r\nok", "$C")
         else:
-            self._answer("error:20", text)
+            self._answer("error:8", "$C")
+
+    def _dwell(self, text: str) -> None:
+        """Wait for all motions and then for the dwell; delay_sec leaves the state as it is (nuts_bolts.c)."""
+        seconds = float(text.removeprefix("G4P"))
+
+        def dwelt() -> None:
+            if self._state in (*MOVING, *SUSPENDED) or self._moving():
+                self._in_this_life(LINE_S, dwelt)
+            else:
+                self._in_this_life(
+                    max(ceil(seconds / DWELL_STEP_S), 1) * DWELL_STEP_S, lambda: self._answer("ok", text)
+                )
+
+        dwelt()
+
+    def _gcode(self, text: str) -> str:
+        words = _WORD.findall(text)
+        if "".join(letter + number for letter, number in words) != text:
+            return "error:1"
+        modes = {letter + number for letter, number in words if letter == "G"}
+        values = {letter: float(number) for letter, number in words if letter != "G"}
+        feed = values.pop("F", 0.0)
+        if modes - {"G0", "G1", "G21", "G53", "G90", "G94"} or set(values) - {"X", "Y", "Z"}:
+            return "error:20"
+        if values and self._state != "Check":
+            if not modes & {"G0", "G1"} or not (feed or "G0" in modes):
+                return "error:22"
+            self._plan(values, (feed or 1e9) / 60, "Run")
+        return "ok"
 
     def _jog(self, text: str) -> str:
         if self._state not in ("Idle", "Jog"):
-            return "error:9" if self._state == "Alarm" else "error:8"
+            return "error:8"
         words = _WORD.findall(text)
         if "".join(letter + number for letter, number in words) != text:
             return "error:2"
@@ -279,105 +334,20 @@ class GrblTwin(SerialTwin):
         feed = values.pop("F", 0.0)
         if feed <= 0:
             return "error:22"
-        if not values or set(values) - {"X", "Y", "Z"}:
+        if not values or set(values) - {letter.upper() for letter in AXES[: len(self._axes)]}:
             return "error:16"
-        targets = {"XYZ".index(letter): value for letter, value in values.items()}
-        if self._settings[20] and any(not -self._settings[130 + i] <= target <= 0 for i, target in targets.items()):
+        if self._settings[20] and not self._inside(values):
             return "error:15"
-        self._begin_jog(targets, feed / 60.0)
+        self._plan(values, feed / 60.0, "Jog")
         return "ok"
 
-    def _begin_jog(self, targets: Mapping[int, float], path_mm_s: float) -> None:
+    def _inside(self, values: Mapping[str, float]) -> bool:
+        """Check the target of every axis; one that is not named stays where it is."""
         now_s = self.clock.now_s()
-        distances = {i: target - self._axes[i].position_at(now_s) for i, target in targets.items()}
-        path = hypot(*distances.values())
-        ends_s = now_s
-        for i, distance in distances.items():
-            step = 1.0 / self._settings[100 + i]
-            speed = min(path_mm_s * abs(distance) / path if path else path_mm_s, self._settings[110 + i] / 60)
-            target = round(targets[i] / step) * step
-            if speed > 0:
-                ends_s = max(ends_s, self._axes[i].move_to(target, speed, now_s))
-        self._state = "Jog"
-        self._generation += 1
-        self._later(ends_s, self._rest)
-        if self.faults.take(EARLY_IDLE):
-            self._early_reports = 2
-        halfway_s = (now_s + ends_s) / 2
-        for kind, action in (
-            (HARD_LIMIT, lambda: self._alarm(1)),
-            (RESET_MOVING, self._soft_reset),
-            (POWER_CYCLE, self.reboot),
-            (DOOR, lambda: self._brake("Door")),
-            (HOLD, lambda: self._brake("Hold")),
-            (JOG_CANCELLED, lambda: self._brake("Idle")),
-        ):
-            if self.faults.take(kind):
-                self._later(halfway_s, action)
-
-    def _home(self) -> None:
-        if not self._settings[22]:
-            self._answer("error:5", "$H")
-            return
-        now_s = self.clock.now_s()
-        self._state = "Home"
-        self._generation += 1
-        seek_mm_s = self._settings[25] / 60
-        ends_s = max(axis.move_to(0.0, seek_mm_s, now_s) for axis in self._axes)
-        fails = self.faults.take(HOMING_FAILS) is not None
-
-        def done() -> None:
-            if fails:
-                self._alarm(9)
-                return
-            for axis in self._axes:
-                axis.set_position(-self._settings[27], self.clock.now_s())
-            self._state = "Idle"
-            self._answer("ok", "$H")
-
-        self._later(ends_s + 0.5, done)
-
-    def _later(self, when_s: float, action: Callable[[], None]) -> None:
-        """Schedule an action that a newer motion, a stop or a reset cancels."""
-        generation = self._generation
-
-        def act() -> None:
-            if generation == self._generation:
-                action()
-
-        self.clock.at(when_s, act)
-
-    def _rest(self) -> None:
-        self._state = "Idle"
-
-    def _brake(self, state: str) -> None:
-        now_s = self.clock.now_s()
-        self._generation += 1
-        ends_s = max(axis.stop(now_s) for axis in self._axes)
-
-        def rest() -> None:
-            self._state = state
-
-        self._later(ends_s, rest)
-
-    def _alarm(self, number: int) -> None:
-        now_s = self.clock.now_s()
-        homing, self._state = self._state == "Home", "Alarm"
-        self._generation += 1
-        self._incoming = b""
-        for axis in self._axes:
-            axis.halt(now_s)
-        self._reply(f"ALARM:{number}\r\n".encode("ascii"), "alarm")
-        self._deaf_until_s = now_s + ALARM_PAUSE_S
-        self._awaits_reset = number in CRITICAL_ALARMS
-        if self._awaits_reset:
-            after, about = b"[MSG:Reset to continue]\r\n", "alarm"
-        else:
-            after, about = (b"ok\r\n" if homing else b"") + self._greeting(), "banner"
-        self._later(self._deaf_until_s, lambda: self._reply(after, about))
-
-    def _moving(self) -> bool:
-        return any(axis.moving_at(self.clock.now_s()) for axis in self._axes)
+        return all(
+            inside(self._build, self._settings, i, values.get(AXES[i].upper(), axis.position_at(now_s)))
+            for i, axis in enumerate(self._axes)
+        )
 
 
 def simulated(world: World, settings: Any) -> GrblTwin:

@@ -23,6 +23,7 @@ from typing import Any, Final
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.disturbed import Disturbances
 from gs2ci_sims.wires.serial_twin import REQUEST_LOST, SerialTwin
 from gs2ci_sims.world import VirtualClock, World
 
@@ -161,6 +162,8 @@ class KinesisTwin(SerialTwin):
         self._updates_left = 0
         self._input = bytearray()
         self._generation = 0
+        self._moved = False
+        self.disturbances = Disturbances(clock, self.faults)
 
     @property
     def terminators(self) -> bytes:
@@ -265,6 +268,7 @@ class KinesisTwin(SerialTwin):
         if not axis.enabled:
             return
         now_s, built = self.clock.now_s(), axis.built
+        self._moved = True
         axis.error, axis.homing = False, False
         here_mm = axis.motion.position_at(now_s)
         target_mm = min(max((counts - axis.offset) / built.counts_per_mm, 0.0), built.travel_mm)
@@ -274,11 +278,15 @@ class KinesisTwin(SerialTwin):
         ends_s = self._begin(axis, target_mm, axis.speed / built.speed_unit, now_s)
         self._schedule_faults(axis, now_s, ends_s)
 
-        def arrive() -> None:
-            if axis.motion.ends_s == ends_s and self._ends_told:
-                self._arrive(self._status(0x0464, address, axis), self.clock.now_s() + STATUS_S)
+        def ends(when_s: float) -> None:
+            def arrive() -> None:
+                if axis.motion.ends_s == when_s and self._ends_told:
+                    self._arrive(self._status(0x0464, address, axis), self.clock.now_s() + STATUS_S)
 
-        self.clock.at(ends_s, arrive)
+            self.clock.at(when_s, arrive)
+
+        ends(ends_s)
+        self.disturbances.schedule([axis.motion], ends_s, "0x0453", ends)
 
     def _begin(self, axis: _Axis, target_mm: float, speed_mm_s: float, now_s: float) -> float:
         axis.begun_s = now_s
@@ -330,7 +338,8 @@ class KinesisTwin(SerialTwin):
         if self.faults.take(COMPLAINS, f"{ident:#06x}"):
             words = b"a text that says what is wrong".ljust(64, b"\0")
             reply = self._long(0x0081, source, struct.pack("<HH64s", ident, 7, words)) + reply
-        self._reply(reply, f"{ident:#06x}")
+        moved, self._moved = self._moved, False
+        self._reply(reply, f"{ident:#06x}" + (" behind S\x04" if moved else ""))
 
     @staticmethod
     def _long(ident: int, source: int, data: bytes) -> bytes:

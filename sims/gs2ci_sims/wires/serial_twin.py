@@ -140,11 +140,12 @@ class SerialTwin(ABC):
 
     def _receive(self, data: bytes) -> None:
         """Receive bytes from the host."""
-        for byte in data:
+        ends = self.terminators
+        for i, byte in enumerate(data):
             if self._realtime(byte):
                 continue
-            if byte not in self.terminators:
-                self._incoming += bytes([byte])
+            if byte not in ends:
+                self._incoming += data[i : i + 1]
                 continue
             line, self._incoming = self._incoming, b""
             if not self.faults.take(REQUEST_LOST, line.decode("ascii", "replace")):

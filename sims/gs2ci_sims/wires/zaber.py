@@ -2,20 +2,28 @@
 
 It parses and writes messages with its own code, so that it does not share a mistake of the driver's. Settings, warning
 flags, rejections, alerts, pre-emption and faults are as in reference 3.1 and 3.5. Each axis has flags of its own; a
-request to axis 0 gets those of all (zaber-motion, ascii.Warnings: "warnings and faults on device or axis"). Not here:
-the byte level (`serial_twin`), the driver.
+request to axis 0 gets those of all (zaber-motion, ascii.Warnings: "warnings and faults on device or axis").
+
+Closed-loop devices report what their encoder sees: one that stalls may recover and arrive, with the flag WS (ASCII
+protocol manual, Warning flags); on a servo axis a step is a count of the encoder, of which it moves by some at rest,
+within `cloop.settle.tolerance` (µm; the maker's library converts it as a length). `warnings clear` lists the flags of
+before (inferred: the maker's library raises only then). After a loss of power the axis counts from 0 where it stands,
+until it has found its home sensor. Not here: the byte level (`serial_twin`), the driver.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import sin
 from typing import Any
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.disturbed import Disturbances
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock, World
 
 STALL = declare("zaber.stall", "the axis stalls after the share `value` (0: half) of its next move: FS")
+RECOVERS = declare("zaber.recovers", "the axis stalls half-way for `value` s (0: 0.05), recovers and arrives: WS")
 LIMIT = declare("zaber.limit", "the axis hits a limit switch after half of its next move: FE and WL")
 EMERGENCY_STOP = declare("zaber.emergency_stop", "emergency stop after half of the next move: FH")
 SUPPLY = declare("zaber.supply", "supply voltage fails after half of the next move: FV, driver disabled")
@@ -35,6 +43,8 @@ ALERT_INSIDE = declare("zaber.alert_inside", "an alert comes in the middle of a 
 PRIORITY = ("FF", "FH", "FV", "FC", "FM", "FD", "FO", "FQ", "FE", "FS", "WR", "WH", "WL", "WS", "WM", "NI", "NC")
 SPEED_SCALE = 1.6384
 HOMING_SPEED_SHARE = 0.5
+CLEARED = frozenset({"NI", "NC", "FS", "FE", "WL", "FH", "WS", "WM"})
+"""Flags that `warnings clear` takes away; the others last as long as their cause."""
 
 
 @dataclass
@@ -50,6 +60,8 @@ class ZaberAxis:
         resolution: Microsteps per full step; None for a direct drive, which has no such setting.
         start_mm: Position at power-on.
         temperature_c: `driver.temperature`; None for a device that has no such setting.
+        settle_um: `cloop.settle.tolerance` of a servo axis; None for a device that has no such setting.
+        restless_steps: By how many counts its position changes at rest.
         mechanics: The errors between counted and true position.
     """
 
@@ -61,6 +73,8 @@ class ZaberAxis:
     resolution: int | None = 64
     start_mm: float = 75.0
     temperature_c: float | None = 31.4
+    settle_um: float | None = None
+    restless_steps: int = 0
     mechanics: Mechanics = field(default_factory=Mechanics)
 
 
@@ -80,7 +94,8 @@ class _Axis:
         return (speed or self.max_speed) / SPEED_SCALE * self.built.microstep_mm
 
     def steps_at(self, when_s: float) -> int:
-        return round(self.motion.position_at(when_s) / self.built.microstep_mm)
+        rest = self.built.restless_steps * sin(2e3 * when_s)
+        return round(self.motion.position_at(when_s) / self.built.microstep_mm + rest)
 
 
 class ZaberTwin(SerialTwin):
@@ -118,6 +133,7 @@ class ZaberTwin(SerialTwin):
         self._replies_checked = False
         self._busy_until_s = 0.0
         self._generation = 0
+        self.disturbances = Disturbances(clock, self.faults)
 
     @property
     def terminators(self) -> bytes:
@@ -244,6 +260,7 @@ class ZaberTwin(SerialTwin):
                 "accel": axis.built.acceleration,
                 "resolution": axis.built.resolution,
                 "driver.temperature": axis.built.temperature_c,
+                "cloop.settle.tolerance": axis.built.settle_um,
             }
             if of_axis.get(setting) is None:
                 return False, "BADCOMMAND"
@@ -265,9 +282,9 @@ class ZaberTwin(SerialTwin):
         return True, "0"
 
     def _do_warnings(self, number: int, words: list[str]) -> tuple[bool, str]:
-        if words == ["clear"]:
-            self._clear(number, {"NI", "NC", "FS", "FE", "WL", "FH"})
         flags = self._flags(number)
+        if words == ["clear"]:
+            self._clear(number, set(CLEARED))
         return True, " ".join([f"{len(flags):02d}", *flags])
 
     def _do_stop(self, number: int, words: list[str]) -> tuple[bool, str]:
@@ -298,7 +315,8 @@ class ZaberTwin(SerialTwin):
             return False, "DRIVERDISABLED"
         now_s = self.clock.now_s()
         for axis in self._chosen(number):
-            ends_s = axis.motion.move_to(0.0, axis.speed_mm_s() * HOMING_SPEED_SHARE, now_s)
+            home_mm = axis.motion.counted_mm(0.0)
+            ends_s = axis.motion.move_to(home_mm, axis.speed_mm_s() * HOMING_SPEED_SHARE, now_s)
             axis.flags -= {"FS", "FE"}
             self._schedule_faults(axis, now_s, ends_s, "home")
             self._schedule_reference(axis, ends_s)
@@ -309,6 +327,7 @@ class ZaberTwin(SerialTwin):
 
         def arrive() -> None:
             if axis.motion.ends_s == ends_s:
+                axis.motion.set_position(0.0, ends_s)
                 axis.flags -= {"WR", "WH"}
 
         self.clock.at(ends_s, arrive)
@@ -356,6 +375,7 @@ class ZaberTwin(SerialTwin):
             return False
         ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(speed), now_s)
         self._schedule_faults(axis, now_s, ends_s, kind)
+        self.disturbances.schedule([axis.motion], ends_s, f"move {kind}")
         return True
 
     def _schedule_faults(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
@@ -365,6 +385,9 @@ class ZaberTwin(SerialTwin):
         if stall := take(STALL, about):
             share = stall.value or 0.5
             self._schedule_end(now_s + share * (ends_s - now_s), [axis], "FS")
+        if stall := take(RECOVERS, about):
+            self.disturbances.add(0.5, pause_s=stall.value or 0.05)
+            self.clock.at(halfway_s, lambda: axis.flags.add("WS"))
         if take(LIMIT, about):
             self._schedule_end(halfway_s, [axis], "FE", "WL")
         if take(EMERGENCY_STOP, about):

@@ -10,7 +10,7 @@ from gs2ci_calibration.geometry.camera import section_of
 from gs2ci_calibration.geometry.intrinsics import estimate_camera
 from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_calibration.refusals import Reason
-from gs2ci_drivers.stage import AxisInfo
+from gs2ci_drivers.axis import AxisInfo
 from tests.benchmarks.calibration_geometry import stage_errors
 
 

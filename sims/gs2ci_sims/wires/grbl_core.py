@@ -1,0 +1,314 @@
+"""The machine of a GRBL controller: its states, motions, holds, doors, homing and alarms.
+
+Sources: the head of `grbl`. Here: what happens without a line that says so. Not here: bytes and lines (`grbl`), builds
+and their arithmetic (`grbl_build`).
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from math import hypot
+from typing import Literal, NamedTuple
+
+from gs2ci_sims.axis_motion import AxisMotion
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.disturbed import Disturbances
+from gs2ci_sims.wires.grbl_build import (
+    AXES,
+    DEFAULTS,
+    LEAST_FEED_MM_S,
+    GrblMachine,
+    homed_mm,
+    stepped_rate_hz,
+    switch_mm,
+)
+from gs2ci_sims.wires.serial_twin import SerialTwin
+from gs2ci_sims.world import VirtualClock
+
+HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
+RESET_MOVING = declare("grbl.reset_moving", "the controller resets itself after half of the next move: ALARM:3")
+POWER_CYCLE = declare("grbl.power_cycle", "the controller reboots after half of the next move: banner, position 0")
+EARLY_IDLE = declare("grbl.early_idle", "the first reports after a move state Idle although it still moves")
+DOOR = declare("grbl.door", "the safety door opens after half of the next move")
+HOLD = declare("grbl.hold", "somebody presses feed hold after half of the next move, which ends a jog")
+JOG_CANCELLED = declare("grbl.jog_cancelled", "somebody cancels the next jog half-way")
+HOMING_FAILS = declare("grbl.homing_fails", "homing does not find the switch: ALARM:9")
+
+ALARM_PAUSE_S = 0.5
+CRITICAL_ALARMS = (1, 2)
+SUSPENDED = ("Hold", "Door", "Sleep")
+MOVING = ("Jog", "Run", "Home")
+HOMING_CYCLES = ((2,), (0, 1))
+SEARCH = 1.5
+"""HOMING_AXIS_SEARCH_SCALAR of limits.c: by how many travels it looks for a switch."""
+
+
+class Block(NamedTuple):
+    """A motion as planned."""
+
+    targets: Mapping[int, float]
+    path_mm_s: float
+    state: str
+
+
+class GrblCore(SerialTwin):
+    """The state machine below the lines.
+
+    Args:
+        clock: The world's clock.
+        machine: The machine.
+        faults: The faults to inject.
+    """
+
+    def __init__(self, clock: VirtualClock, machine: GrblMachine, faults: FaultSet | None) -> None:
+        super().__init__(clock, faults)
+        self._build, self._startup, self._switches = machine.build, machine.startup, machine.switches
+        self._settings = DEFAULTS | dict(machine.settings)
+        self._axes = [
+            AxisMotion(machine.start_mm[i], self._settings[120 + i], machine.mechanics.get(name))
+            for i, name in enumerate(AXES[: machine.build.axes])
+        ]
+        self.disturbances = Disturbances(clock, self.faults)
+        self._state = "Idle" if machine.homed or not self._locks() else "Alarm"
+        self._ajar = False
+        self._deaf_until_s = 0.0
+        self._awaits_reset = False
+        self._generation = 0
+        self._life = 0  # counts restarts: what was to happen before one does not happen after it
+        self._blocks: list[Block] = []  # planned and not yet begun
+        self._present: Block | None = None
+        self._early_reports = 0
+
+    def positions_mm_at(self, when_s: float) -> dict[str, float]:
+        """Return the true positions of the carriages."""
+        return {name: axis.true_position_at(when_s) for name, axis in zip(AXES, self._axes, strict=False)}
+
+    def press(self, button: Literal["hold", "resume", "reset"]) -> None:
+        """Press a button at the controller."""
+        self._realtime({"hold": ord("!"), "resume": ord("~"), "reset": 0x18}[button])
+
+    def open_door(self) -> None:
+        """Open the safety door, on a build that has one."""
+        self._ajar = True
+        self._suspend("Door")
+
+    def release(self) -> None:
+        """Do what a user does after a stop: close the door, release the hold."""
+        self._ajar = False
+        self.press("resume")
+
+    @abstractmethod
+    def _pump(self) -> None:
+        """Read the next line."""
+
+    @abstractmethod
+    def _answer(self, reply: str, about: str) -> None:
+        """End a line with its reply."""
+
+    @abstractmethod
+    def _greet(self) -> None:
+        """Print the greeting of a restart."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Begin anew."""
+
+    @abstractmethod
+    def reboot(self) -> None:
+        """Restart."""
+
+    def _locks(self) -> bool:
+        return bool(self._settings[22]) and "L" not in self._build.options
+
+    def _in_this_life(self, delay_s: float, action: Callable[[], None]) -> None:
+        life = self._life
+
+        def act() -> None:
+            if life == self._life:
+                action()
+
+        self.clock.after(delay_s, act)
+
+    def _later(self, when_s: float, action: Callable[[], None]) -> None:
+        """Schedule an action that a newer motion, a stop or a reset cancels."""
+        generation = self._generation
+
+        def act() -> None:
+            if generation == self._generation:
+                action()
+
+        self.clock.at(when_s, act)
+
+    def _moving(self) -> bool:
+        return any(axis.moving_at(self.clock.now_s()) for axis in self._axes)
+
+    def _suspend(self, state: str) -> None:
+        """Hold, or stop for a door: a jog is cancelled by either, and a hold leaves it Idle."""
+        if self._state == "Jog":
+            self._cancel("Idle" if state == "Hold" else state)
+        elif self._state == "Run" and self._moving():
+            self._state = state
+            self._generation += 1
+            for axis in self._axes:
+                axis.stop(self.clock.now_s())
+        elif self._state in ("Idle", "Run") or (self._state == "Hold" and state == "Door"):
+            self._state = state
+
+    def _resume(self) -> None:
+        if self._state not in ("Hold", "Door") or self._moving() or self._ajar:
+            return
+        if self._present is not None:
+            self._blocks.insert(0, self._present)
+        self._next_block()
+        self._pump()
+
+    def _cancel(self, state: str) -> None:
+        """Cancel a jog: brake, drop what is planned, and only then be in another state."""
+        self._generation += 1
+        self._blocks.clear()
+        ends_s = max(axis.stop(self.clock.now_s()) for axis in self._axes)
+
+        def rest() -> None:
+            self._present, self._state = None, "Door" if self._ajar else state
+
+        self._later(ends_s, rest)
+
+    def _plan(self, values: Mapping[str, float], path_mm_s: float, state: str) -> None:
+        self._blocks.append(Block({"XYZ".index(letter): value for letter, value in values.items()}, path_mm_s, state))
+        if self._state == "Idle":
+            self._next_block()
+
+    def _next_block(self) -> None:
+        self._present = self._blocks.pop(0) if self._blocks else None
+        if self._present is None:
+            self._state = "Idle"
+            return
+        now_s, self._state = self.clock.now_s(), self._present.state
+        ends_s = self._begin(self._present, now_s)
+        self._generation += 1
+        self._later(ends_s, self._rest)
+        moving = [axis for axis in self._axes if axis.moving_at(now_s)]
+        self.disturbances.schedule(moving, ends_s, "$J=" if self._state == "Jog" else "G1")
+        if self.faults.take(EARLY_IDLE):
+            self._early_reports = 2
+        for kind, action in (
+            (HARD_LIMIT, lambda: self._alarm(1)),
+            (RESET_MOVING, self._soft_reset),
+            (POWER_CYCLE, self.reboot),
+            (DOOR, self.open_door),
+            (HOLD, lambda: self._suspend("Hold")),
+            (JOG_CANCELLED, lambda: self._cancel("Idle")),
+        ):
+            if self.faults.take(kind):
+                self._later((now_s + ends_s) / 2, action)
+
+    def _begin(self, block: Block, now_s: float) -> float:
+        """Begin a motion at the speed that the planner and the step timer make of the one asked for."""
+        distances = {i: target - self._axes[i].position_at(now_s) for i, target in block.targets.items()}
+        path_mm = hypot(*distances.values())
+        if not path_mm:
+            return now_s
+        path_mm_s = max(block.path_mm_s, LEAST_FEED_MM_S)
+        for i, distance in distances.items():  # no axis beyond its own rate
+            if distance:
+                path_mm_s = min(path_mm_s, self._settings[110 + i] / 60 * path_mm / abs(distance))
+        if self._build.avr:
+            steps_per_mm = max(abs(d) * self._settings[100 + i] for i, d in distances.items()) / path_mm
+            path_mm_s = stepped_rate_hz(path_mm_s * steps_per_mm) / steps_per_mm
+        ends_s = now_s
+        for i, distance in distances.items():
+            if distance:
+                target = round(block.targets[i] * self._settings[100 + i]) / self._settings[100 + i]
+                speed_mm_s = path_mm_s * abs(distance) / path_mm
+                ends_s = max(ends_s, self._axes[i].move_to(target, speed_mm_s, now_s))
+        return ends_s
+
+    def _rest(self) -> None:
+        if self._moving():  # it was hindered
+            self._later(max(axis.ends_s for axis in self._axes), self._rest)
+            return
+        self._next_block()
+
+    def _soft_reset(self) -> None:
+        if self._state == "Home":
+            self._alarm(6)
+        elif self._moving():
+            self._alarm(3)
+        else:
+            self._forget()
+            self._state = "Alarm" if self._state in ("Alarm", "Sleep") else "Door" if self._ajar else "Idle"
+            self._greet()
+
+    def _alarm(self, number: int) -> None:
+        """Stop at once; the processor stands still for `$1` ms, says the alarm and stands still again."""
+        now_s = self.clock.now_s()
+        homing, self._state = self._state == "Home", "Alarm"
+        self._forget()
+        for axis in self._axes:
+            axis.halt(now_s)
+        lock_s = self._settings[1] / 1000
+        self._deaf_until_s = now_s + lock_s + ALARM_PAUSE_S
+        self._awaits_reset = number in CRITICAL_ALARMS
+        self._in_this_life(lock_s, lambda: self._reply(f"ALARM:{number}\r\n".encode("ascii"), "alarm"))
+
+        def after() -> None:
+            if self._awaits_reset:
+                self._reply(b"[MSG:Reset to continue]\r\n", "alarm")
+                return
+            if homing:
+                self._reply(b"ok\r\n", "alarm")
+            self._greet()
+
+        self._in_this_life(lock_s + ALARM_PAUSE_S, after)
+
+    def _home(self, text: str) -> None:
+        if not self._settings[22]:
+            self._answer("error:5", text)
+            return
+        single = "XYZ".find(text[2:]) if len(text) == 3 else -1
+        if text != "$H" and (single < 0 or single >= len(self._axes) or "H" not in self._build.options):
+            self._answer("error:3", text)
+            return
+        cycles = ((single,),) if text != "$H" else HOMING_CYCLES
+        self._state = "Home"
+        self._generation += 1
+        missing = self.faults.take(HOMING_FAILS) is not None
+        self._homing_cycle([[i for i in cycle if i < len(self._axes)] for cycle in cycles], text, missing=missing)
+
+    def _homing_cycle(self, cycles: list[list[int]], text: str, *, missing: bool) -> None:
+        """Seek the switches of one cycle, pull off, approach slowly, pull off; then the next cycle."""
+        cycle = cycles.pop(0)
+        seek_mm_s, feed_mm_s = self._settings[25] / 60, self._settings[24] / 60
+        pause_s, pulloff_mm = self._settings[26] / 1000, self._settings[27]
+        lost = missing or any(AXES[i] not in self._switches for i in cycle)
+
+        def go(legs: list[tuple[bool, float]]) -> None:
+            if not legs:
+                end()
+                return
+            (onto, speed_mm_s), now_s = legs[0], self.clock.now_s()
+            ends_s = now_s
+            for i in cycle:
+                switch, way = switch_mm(self._build, self._settings, i)
+                counted = self._axes[i].counted_mm(switch)
+                if onto and lost:
+                    counted = self._axes[i].position_at(now_s) + way * SEARCH * self._settings[130 + i]
+                target = counted if onto else counted - way * pulloff_mm
+                ends_s = max(ends_s, self._axes[i].move_to(target, speed_mm_s, now_s))
+            self._later(ends_s + pause_s, lambda: self._alarm(9) if onto and lost else go(legs[1:]))
+
+        def end() -> None:
+            for i in cycle:
+                self._axes[i].set_position(homed_mm(self._build, self._settings, i), self.clock.now_s())
+            if cycles:
+                self._homing_cycle(cycles, text, missing=False)
+                return
+            self._state, self._present = "Idle", None
+            if text == "$H":
+                self._start_up()
+            self._answer("ok", text)
+
+        go([(True, seek_mm_s), (False, seek_mm_s), (True, feed_mm_s), (False, seek_mm_s)])
+
+    @abstractmethod
+    def _start_up(self) -> None:
+        """Execute the startup lines."""
