@@ -29,6 +29,8 @@ RAMP_SLACK_S = 0.01
 RAMP_SLACK = 0.1
 """Ramps are known less well than the part of constant speed: by so much, and this share of their time. Firmware
 computes them in steps of 10 ms, or rounds their corners."""
+FIRST = 3
+"""Of so many positions the one that was answered most quickly says when a sweep was where it began."""
 MOST_POSITIONS = 1000
 """About so many of one sweep: longer ones are read less often than the line allows."""
 
@@ -130,15 +132,16 @@ class SweepCheck:
             if self._room_s(factor) < 0:
                 raise self._error(low_s - high_s)
             low_s, high_s = self._shifts_s(factor)
-        # The first position is the one from which a calibration counts what a wrong speed adds.
+        # The first positions are those from which a calibration counts what a wrong speed adds.
         first_s = sum(self._shifts_s(factor, self._first())) / 2
         shift_s = min(max(first_s if isfinite(first_s) else 0.0, low_s), high_s)
         return Path(self.sweep, self.crossed_s, shift_s, factor, self.error_mm, len(self.read))
 
     def _first(self) -> list[tuple[float, float, float]]:
-        """Return the first position in the part of constant speed, or the first of all."""
+        """Return the quickest answer of the first ones in the part of constant speed, or the first of all."""
         ends_mm = sorted((self.sweep.from_mm, self.sweep.to_mm))
-        return [one for one in self.read if ends_mm[0] <= one[2] <= ends_mm[1]][:1] or self.read[:1]
+        early = [one for one in self.read if ends_mm[0] <= one[2] <= ends_mm[1]][:FIRST] or self.read[:1]
+        return sorted(early, key=lambda one: round(one[1] - one[0], 4))[:1]
 
     def _room_s(self, factor: float) -> float:
         low_s, high_s = self._shifts_s(factor)
