@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci.core.linearity import lattices, local_mean
+from gs2ci.core.linearity import WINDOW_PX, lattices, local_mean
 
 BITS: Final = (8, 10, 12, 14, 16)
 # A sum that overflows anywhere comes close to the end of the range somewhere.
@@ -18,7 +18,11 @@ _NEAR_END: Final = 0.9
 _WHOLE: Final = 0.02
 _SAMPLE: Final = 4096
 _MOST_ROUNDS: Final = 16
-_STEPS: Final = 40
+_STEPS: Final = 30
+_WIDE_STEPS: Final = 12
+_NARROW_PX: Final = 5
+_FEW: Final = 3.0
+_LEAST_OPEN: Final = 0.1
 # Of readings below zero, a few codes at the very end of the range are taken, and next to none below them.
 _END: Final = 0.98
 _EMPTY_FROM: Final = 0.5
@@ -48,18 +52,25 @@ def wrap_of(stored: NDArray[Any]) -> float | None:
 def unwrapped(readings: F64, open_masks: F64, wrap: float, *, is_mosaic: bool = False) -> F64:
     """Add to readings, [H, W], as many rounds as bring each closest to what its neighbours make of its open masks.
 
-    What neighbours read is too low at first where many of them went round; so this is repeated until nothing changes.
+    What neighbours read is too low at first where many of them went round. So those with few open masks, which hardly
+    do, begin; then all are asked, over a wide window and at last over a narrow one, until nothing changes.
     """
     result = readings.copy()
     for plane, opened in zip(lattices(result, is_mosaic), lattices(open_masks, is_mosaic), strict=True):
-        stored, rounds = plane.copy(), np.zeros(plane.shape)
-        share = opened / np.maximum(local_mean(opened), 1e-9)
-        for _ in range(_STEPS):
-            found = np.clip(np.rint((local_mean(plane) * share - stored) / wrap), 0, _MOST_ROUNDS)
-            if np.array_equal(found, rounds):
+        stored, rounds = plane.copy(), np.full(plane.shape, -1.0)
+        mean = np.maximum(local_mean(opened), 1e-9)
+        few = np.exp(-_FEW * opened / mean) * (opened > _LEAST_OPEN * mean)
+        brightness = local_mean(few * stored) / np.maximum(local_mean(few * opened), 1e-9)
+        for step in range(_STEPS):
+            found = np.clip(np.rint((brightness * opened - stored) / wrap), 0, _MOST_ROUNDS)
+            if np.array_equal(found, rounds) and step > _WIDE_STEPS:
                 break
             rounds = found
-            plane[:] = stored + wrap * rounds
+            plane[...] = stored + wrap * rounds
+            window_px = WINDOW_PX if step < _WIDE_STEPS else _NARROW_PX
+            brightness = local_mean(plane, window_px) / np.maximum(local_mean(opened, window_px), 1e-9)
+            if not rounds.any():
+                break
     return result
 
 
