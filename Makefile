@@ -5,17 +5,19 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 KERNELS := $(VENV)/.compiled
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs), and so do
-# OpenBLAS's threads over matrices too small to share (docs/decisions/0107-openblas-has-one-thread.md).
+# OpenBLAS's threads over matrices too small to share (docs/decisions/threads.md).
 export OMP_WAIT_POLICY := PASSIVE
 export OPENBLAS_NUM_THREADS := 1
 # Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install environment demo test test-as stability kernel check wheel docs benchmarks clients clean
+.PHONY: help install environment demo test quick nightly test-as stability kernel check wheel docs benchmarks clients clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
 	@echo "make test   the tests; TESTS=... for some of them"
+	@echo "make quick  the tests of what has changed since the last commit, without the slow ones (BASE=... another revision)"
+	@echo "make nightly  the tests with those too dear for every commit, the whole hard cases, the wheel, another processor"
 	@echo "make test-as CPU=haswell [TESTS=...]  the same as on another processor: haswell, nehalem, znver1, ..."
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
@@ -49,6 +51,17 @@ TESTS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 test: install
 	$(BIN)/pytest $(TESTS)
+
+BASE ?= HEAD
+
+quick: install
+	$(BIN)/python -m tests.quick $(BASE)
+
+nightly: install
+	$(BIN)/pytest $(TESTS) --nightly
+	$(BIN)/python -m tests.stability
+	$(BIN)/python -m tests.wheel
+	$(BIN)/python -m tests.processors haswell -m pytest $(TESTS) tests/render tests/reconstruct
 
 test-as: install
 	$(BIN)/python -m tests.processors $(CPU) -m pytest $(TESTS)

@@ -34,6 +34,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
     parser.addoption(
+        "--nightly",
+        action="store_true",
+        help="also run what is too dear for every commit (marker `nightly`)",
+    )
+    parser.addoption(
         "--skips",
         type=Path,
         default=None,
@@ -61,8 +66,11 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take long: two processes then end at about the same time."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what runs by night, and begin with the files that take long: two processes then end together."""
+    by_night = [] if config.option.nightly else [item for item in items if item.get_closest_marker("nightly")]
+    config.hook.pytest_deselected(items=by_night)
+    items[:] = [item for item in items if item not in set(by_night)]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
 

@@ -5,14 +5,17 @@
     docs/shot.schema.json     JSON schema of a shot file's description, from `gs2ci.core.storage`
     docs/bundle.schema.json   JSON schema of a calibration bundle's description, from `gs2ci_calibration.bundle`
     docs/findings.md          everything that a reconstruction may find worth telling, from `gs2ci.core.findings`
+    docs/devices.md           what real devices do otherwise than one would guess, from `gs2ci_drivers.manners`
     docs/idealisations.md     what the twins leave out, from `gs2ci_sims.idealisations`
     docs/rig-file.md          every key of a bench's rig file, from `gs2ci.rig.config`
+    docs/mechanisms.md        mechanisms and constants of presets, from `gs2ci.reconstruct`; its figures stay
 
 `tests/test_made_docs.py` holds the pages to the code.
 """
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +25,11 @@ from gs2ci.batch.rows import Row
 from gs2ci.core.findings import Code, Weight
 from gs2ci.core.storage import layout
 from gs2ci.evaluate.report import Report
+from gs2ci.reconstruct.mechanisms import MECHANISMS
+from gs2ci.reconstruct.presets.named import PRESETS, preset
 from gs2ci.rig.config import RigTable
 from gs2ci_calibration import bundle
+from gs2ci_drivers.manners import kinds, manners_of
 from gs2ci_sims.idealisations import IDEALISATIONS, Idealisation
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -49,6 +55,25 @@ figures of the last column that the rig file does not set itself; `devices = "id
 errors and faults are not ideal in any case ([faults](faults.md)).
 Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
 """
+
+_DEVICES_HEAD = """\
+# What real devices do
+
+What devices do where one would guess otherwise, by family and firmware, with the source and the test that plays it.
+`gs2ci doctor` prints the rows of the devices that it finds.
+Made from `drivers/gs2ci_drivers/manners/*.toml` by `python -m tests.docs`.
+"""
+
+_MECHANISMS_HEAD = """\
+# Mechanisms
+
+What the default is made of beyond decode, geometry and fit, the constants of the presets, and what each mechanism gave
+when it was last left out. `gs2ci tables ablation --mechanisms` leaves them out one at a time
+([tables](commands/tables.md)); the rule by which they stay is in
+[CONTRIBUTING](../CONTRIBUTING.md).
+Lists and constants are made from `gs2ci/reconstruct` by `python -m tests.docs`.
+"""
+_FIGURES_HEAD = "\n## What leaving them out costs\n"
 
 _RIG_HEAD = """\
 # The rig file
@@ -93,6 +118,22 @@ def idealisations_page() -> str:
     ]
     head = ("| device | its twin | real ones | source | switched by | typical |", "|---|---|---|---|---|---|")
     return "\n".join((_IDEALISATIONS_HEAD, *head, *rows)) + "\n"
+
+
+def devices_page() -> str:
+    """Return the page that lists what real devices do otherwise than one would guess."""
+    parts = [_DEVICES_HEAD]
+    for kind in kinds():
+        rows = [
+            " | ".join((one.applies, one.guess, f"**{one.fact}**", one.source, f"`{one.test.split('::')[1]}`"))
+            .replace("\n", " ")
+            .replace("|", "\\|")
+            .replace(" \\| ", " | ")
+            for one in manners_of(kind)
+        ]
+        head = ("| which | one would guess | it does | source | played by |", "|---|---|---|---|---|")
+        parts.append("\n".join((f'\n## kind = "{kind}"\n', *head, *(f"| {row} |" for row in rows))) + "\n")
+    return "".join(parts)
 
 
 def as_toml(value: object) -> str:
@@ -259,14 +300,57 @@ def _description(
     return json.dumps(whole, indent=1) + "\n"
 
 
+def mechanisms_page() -> str:
+    """Write the mechanisms and the presets' constants; what follows them is a text of its own, and stays."""
+    kept = (DOCS / "mechanisms.md").read_text(encoding="utf-8").partition(_FIGURES_HEAD)[2]
+    listed = [f"| {one.name} | {one.what} | [{one.decision}](decisions/{one.decision}.md) |" for one in MECHANISMS]
+    constants = {name: dict(_constants(preset(name), "")) for name in PRESETS}
+    names = dict.fromkeys(key for found in constants.values() for key, value in found.items() if value is not None)
+    rows = [
+        f"| `{key}` | " + " | ".join(_said(found.get(key, "–")) for found in constants.values()) + " |" for key in names
+    ]
+    parts = [
+        _MECHANISMS_HEAD,
+        "| mechanism | what it does | let in by |\n|---|---|---|",
+        *listed,
+        "\n## Constants of the presets\n",
+        "Every setting that is a number, a word or a switch; – where a preset leaves the part out.\n",
+        "| setting | " + " | ".join(constants) + " |\n|---|" + "---|" * len(constants),
+        *rows,
+    ]
+    return "\n".join(parts) + "\n" + _FIGURES_HEAD + kept
+
+
+def _constants(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the plain settings below a name."""
+    if is_dataclass(value):
+        for one in fields(value):
+            yield from _constants(getattr(value, one.name), f"{name}.{one.name}".strip("."))
+    elif isinstance(value, tuple) and any(is_dataclass(one) for one in value):
+        for number, one in enumerate(value):
+            yield from _constants(one, f"{name}[{number}]")
+    else:
+        yield name, value
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, tuple):
+        return ", ".join(_said(one) for one in value) or "none"
+    return "–" if value is None else str(value)
+
+
 PAGES = {
     "batch-row.schema.json": row_schema,
     "shot.schema.json": shot_schema,
     "bundle.schema.json": bundle_schema,
     "report.schema.json": report_schema,
     "findings.md": findings_page,
+    "devices.md": devices_page,
     "idealisations.md": idealisations_page,
     "rig-file.md": rig_page,
+    "mechanisms.md": mechanisms_page,
 }
 
 

@@ -22,22 +22,24 @@ MADE = {ROOT / "docs" / "reference" / name for name in ("commands.md", "python.m
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_readme_or_docs_tell_of_every_command(command):
-    assert any(f"gs2ci {command}" in page.read_text(encoding="utf-8") for page in PAGES)
+def test_readme_or_docs_tell_of_every_command():
+    texts = [page.read_text(encoding="utf-8") for page in PAGES]
+    assert [name for name in cli.COMMANDS if not any(f"gs2ci {name}" in text for text in texts)] == []
 
 
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_has_a_page_that_names_each_of_its_options(command, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["gs2ci", command, "--help"])
+def test_every_command_has_a_page_that_names_each_of_its_options(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "200")
-    with pytest.raises(SystemExit):
-        cli.main()
-    lines = re.findall(r"^[ │]*(--?\w.*)", capsys.readouterr().out, re.MULTILINE)
-    options = [re.findall(r"--?[a-z][\w-]*", line) for line in lines]
-    page = (ROOT / "docs" / "commands" / f"{command}.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", page)) | {"--help"}
-    assert [names for names in options if not named & set(names)] == []
+    unnamed = {}
+    for command in cli.COMMANDS:
+        monkeypatch.setattr(sys, "argv", ["gs2ci", command, "--help"])
+        with pytest.raises(SystemExit):
+            cli.main()
+        lines = re.findall(r"^[ │]*(--?\w.*)", capsys.readouterr().out, re.MULTILINE)
+        options = [re.findall(r"--?[a-z][\w-]*", line) for line in lines]
+        page = (ROOT / "docs" / "commands" / f"{command}.md").read_text(encoding="utf-8")
+        named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", page)) | {"--help"}
+        unnamed[command] = [names for names in options if not named & set(names)]
+    assert {command: names for command, names in unnamed.items() if names} == {}
 
 
 def test_readme_and_docs_name_no_command_that_does_not_exist():
@@ -48,11 +50,15 @@ def test_readme_and_docs_name_no_command_that_does_not_exist():
         assert set(named) <= set(cli.COMMANDS), page.name
 
 
-@pytest.mark.parametrize("page", [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")], ids=lambda page: page.name)
-def test_links_within_the_repository_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
-        if "://" not in target and not target.startswith("mailto:"):
-            assert (page.parent / target).exists() or page.parent / target in MADE, f"{page.name} links to {target}"
+def test_links_within_the_repository_lead_somewhere():
+    dead = [
+        f"{page.name} links to {target}"
+        for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8"))
+        if "://" not in target and not target.startswith("mailto:")
+        if not ((page.parent / target).exists() or page.parent / target in MADE)
+    ]
+    assert dead == []
 
 
 def exists(module):
@@ -102,23 +108,16 @@ def test_benchmarks_that_are_named_anywhere_exist():
 DECISIONS = [path for path in sorted((ROOT / "docs" / "decisions").glob("*.md")) if path.name != "README.md"]
 
 
-@pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.name)
-def test_a_decision_gives_context_decision_evidence_and_status(page):
-    headings = re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    assert headings == ["Context", "Decision", "Evidence", "Status"]
-
-
-@pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.name)
-def test_a_decision_is_short(page):
-    lines = page.read_text(encoding="utf-8").splitlines()
-    assert len([line for line in lines if not line.startswith("|")]) <= 60
-
-
-def test_numbered_decisions_have_one_number_each_and_stand_in_the_index():
-    numbered = [page.name for page in DECISIONS if page.name[:4].isdigit()]
-    assert [int(name[:4]) for name in numbered] == list(range(1, len(numbered) + 1))
+def test_every_decision_gives_decision_evidence_and_history_and_stands_in_the_index():
     index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
-    assert [name for name in numbered if f"({name})" not in index] == []
+    expected = ["Decision", "Evidence", "History"]
+    wrong = {
+        page.name: headings
+        for page in DECISIONS
+        if (headings := re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)) != expected
+        or f"({page.name})" not in index
+    }
+    assert not wrong
 
 
 def test_the_architecture_is_read_in_five_minutes():

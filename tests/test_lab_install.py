@@ -22,6 +22,8 @@ from gs2ci.core.extras import EXTRAS, missing_extra
 from gs2ci.evaluate import viewer
 from gs2ci.evaluate.exports import depth_files
 from gs2ci.reconstruct.learned import ffdnet
+from gs2ci.render.backend import load_backend
+from gs2ci_drivers.links.alp_library import AlpLibrary
 from gs2ci_drivers.links.gentl import GenTlPort
 from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_sims.scenes.meshes import mesh_from_file
@@ -122,6 +124,14 @@ def _list_cameras(folder):
     GenTlPort("cam0").list_cameras(str(folder / "producer.cti"))
 
 
+def _load_alp(folder):
+    AlpLibrary("dmd", "4.3", folder)
+
+
+def _render_on_a_device(folder):
+    load_backend("warp")
+
+
 def _draw(folder):
     SdlScreen("slm").list_outputs()
 
@@ -156,8 +166,10 @@ def _hand_to_bluesky(folder):
 
 # What asks for each extra; `reconstruct` has a process of its own above.
 ASKED = {
+    "gpu": _render_on_a_device,
     "genicam": _list_cameras,
     "video": _draw,
+    "alp": _load_alp,
     "view": _serve,
     "mesh": _read_a_mesh,
     "export": _write_a_model,
@@ -174,7 +186,7 @@ def test_every_extra_is_asked_for_somewhere():
 @pytest.mark.parametrize("extra", ASKED)
 def test_what_needs_an_extra_that_is_not_there_says_which_to_install(extra, tmp_path, monkeypatch):
     for name in list(sys.modules):
-        if name.partition(".")[0] in EXTRAS[extra] or name.startswith("gs2ci.api.ophyd."):
+        if name.partition(".")[0] in EXTRAS[extra] or name.startswith(("gs2ci.api.ophyd.", "gs2ci.render.warp.")):
             monkeypatch.delitem(sys.modules, name)
     for module in EXTRAS[extra]:
         monkeypatch.setitem(sys.modules, module, None)

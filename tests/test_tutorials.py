@@ -7,6 +7,7 @@ import numba
 import pytest
 from nbclient import NotebookClient
 
+from tests.nightly import but
 from tests.patience import HANG_S
 
 TUTORIALS = sorted((Path(__file__).parents[1] / "docs" / "tutorials").glob("*.ipynb"))
@@ -26,7 +27,7 @@ def test_they_carry_no_output_of_somebody_elses_machine(path):
 # The kernel's library for its sockets opens them in ways that warn on some platforms; what counts is the cells.
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", but(1, TUTORIALS), ids=lambda path: path.stem)
 def test_they_run(path, tmp_path, monkeypatch):
     monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))

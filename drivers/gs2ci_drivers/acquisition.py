@@ -23,9 +23,10 @@ from gs2ci_drivers.failures import (
     FrameCorruptError,
     FrameError,
     FrameLostError,
+    TriggerTimeoutError,
 )
-from gs2ci_drivers.frame_timing import Fire, FrameTiming
-from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.frame_timing import END_TOLERANCE_S, Fire, FrameTiming
+from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState
 from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
@@ -307,13 +308,38 @@ class _Capture:
         for i in range(plan.frames_per_shot):
             self._trigger = self._next_trigger
             self._step_masks(fire)
+            early: Frame | None = None
             if last and i == plan.frames_per_shot - 1:
+                early = self._read_early(fire)
                 self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
                 fire.done_s = self._devices.clock.now_s()
-            frame = sensor.read(timeout_s, not_before_ns=fire.fired_ns - STALE_MARGIN_NS, trigger_index=self._trigger)
+            frame = early or self._read(fire, timeout_s)
             self._timing.check(fire, frame)
             self._next_trigger += 1
             yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
+
+    def _read(self, fire: Fire, timeout_s: float) -> Frame:
+        not_before_ns = fire.fired_ns - STALE_MARGIN_NS
+        return self._devices.sensor.read(timeout_s, not_before_ns=not_before_ns, trigger_index=self._trigger)
+
+    def _read_early(self, fire: Fire) -> Frame | None:
+        """Look for a frame shortly before its exposure can have ended; one that is there was exposed too shortly.
+
+        The time at which a frame is read would not show that: the last one waits until the modulator has ended.
+        """
+        clock, modulator = self._devices.clock, self._devices.modulator
+        until_s = self._timing.earliest_s(fire) - 2 * END_TOLERANCE_S
+        if clock.now_s() >= until_s:
+            return None
+        while until_s - clock.now_s() > POLL_S:  # a look at the modulator takes time, too
+            if modulator.status().state is not ModulatorState.RUNNING:
+                return None  # it has stopped early, which is found when its end is waited for
+            clock.sleep_s(min(until_s - clock.now_s(), POLL_S))
+        clock.sleep_s(until_s - clock.now_s())
+        try:
+            return self._read(fire, 0.0)
+        except TriggerTimeoutError:
+            return None
 
     def _step_masks(self, fire: Fire) -> None:
         """On a panel whose masks the host steps, show the masks up to the end of the present exposure."""

@@ -21,6 +21,7 @@
             ├── FrameLostError       the sequence numbers have a gap
             ├── FrameCorruptError    the driver or the kernel marked the payload bad
             ├── FrameStaleError      the frame is older than its trigger
+            ├── ExposureError        the frame was exposed for a shorter time than was set
             └── ExtraFrameError      more frames than triggers were sent
 
 Here: the classes, and the command that remedies for a lost reference name. Not here: how they are handled
@@ -285,13 +286,15 @@ class FrameLostError(FrameError):
         device: Name of the sensor.
         frame_index: Index of the first missing frame since the sensor was started, from 0.
         lost: How many are missing.
+        also: A further remedy.
     """
 
-    def __init__(self, device: str, frame_index: int, lost: int) -> None:
+    def __init__(self, device: str, frame_index: int, lost: int, *, also: str = "") -> None:
+        remedy = "raise `buffers` in [sensor], lower the trigger rate, or close other programs"
         super().__init__(
             device,
             f"{lost} frame(s) lost from frame {frame_index} on",
-            remedy="raise `buffers` in [sensor], lower the trigger rate, or close other programs",
+            remedy=f"{remedy}; {also}" if also else remedy,
         )
         self.frame_index = frame_index
         self.lost = lost
@@ -332,6 +335,26 @@ class FrameStaleError(FrameError):
         )
         self.frame_index = frame_index
         self.age_s = age_s
+
+
+class ExposureError(FrameError):
+    """A frame was exposed for a shorter time than was set.
+
+    Args:
+        device: Name of the sensor.
+        frame_index: Index of the frame since the modulator was started, from 0.
+        set_s: The exposure that was set.
+        exposed_s: The longest that it can have been.
+    """
+
+    def __init__(self, device: str, frame_index: int, set_s: float, exposed_s: float) -> None:
+        super().__init__(
+            device,
+            f"frame {frame_index} came after an exposure of {exposed_s:.3g} s at most, not {set_s:.3g} s",
+            remedy="the camera counts exposure in another unit, ignores its control, or runs by its own clock: "
+            "`gs2ci doctor` tells which",
+        )
+        self.frame_index = frame_index
 
 
 class ExtraFrameError(FrameError):

@@ -19,17 +19,18 @@ class FrameChecks(ABC, Generic[Taken]):
 
     Args:
         device: Name of the sensor for messages.
-        first_number: Number of the first frame; None if any is accepted.
+        first_numbers: What the first frame's number may be, the one to be expected first; empty if any is accepted.
     """
 
-    def __init__(self, device: str, first_number: int | None) -> None:
+    def __init__(self, device: str, first_numbers: tuple[int, ...]) -> None:
         self.device = device
+        self._firsts = first_numbers
         self.delivered = self.lost = self.corrupt = 0
         self.frame_index = 0
         """Index of the frame that should come next, from 0: the numbers since the start, unwrapped."""
         self.held: Taken | None = None
         """A frame that came after a gap; it is checked next."""
-        self._next = first_number
+        self._next = first_numbers[0] if first_numbers else None
         self._after_loss = False
 
     @abstractmethod
@@ -51,6 +52,10 @@ class FrameChecks(ABC, Generic[Taken]):
     def _expected(self, following: int, number: int) -> int:
         """Return the number that should come next, which may have wrapped; `following` is the last one plus 1."""
 
+    @abstractmethod
+    def _if_always(self, number: int) -> str:
+        """Return what to do if the first frame has this number after every start, so that none was lost."""
+
     def pass_over(self, taken: Taken) -> None:
         """Count a frame that is not delivered."""
         numbered = self._next is not None
@@ -62,7 +67,10 @@ class FrameChecks(ABC, Generic[Taken]):
     def _ahead(self, taken: Taken) -> int:
         """Return how many numbers a frame is ahead of the expected one; below 0 if it is repeated or out of order."""
         number = self._number(taken)
-        self._next = self._expected(max(number, 0) if self._next is None else self._next, number)
+        firsts, self._firsts = self._firsts, ()
+        if self._next is None or number in firsts:
+            self._next = max(number, 0)
+        self._next = self._expected(self._next, number)
         return 0 if number < 0 else number - self._next
 
     def _follow(self, ahead: int) -> None:
@@ -77,7 +85,8 @@ class FrameChecks(ABC, Generic[Taken]):
             self.frame_index += ahead
             self.lost += ahead
             self.held, self._after_loss = taken, True
-            raise FrameLostError(self.device, first, ahead)
+            also = "" if first else self._if_always(self._next)
+            raise FrameLostError(self.device, first, ahead, also=also)
         self._follow(ahead)
         if ahead < 0:
             self.corrupt += 1

@@ -6,7 +6,7 @@ Here: what is recorded while one start of the modulator is served (`Fire`), and 
 
 from dataclasses import dataclass, field
 
-from gs2ci_drivers.failures import ExtraFrameError, SequenceError, TriggerTimeoutError
+from gs2ci_drivers.failures import ExposureError, ExtraFrameError, SequenceError, TriggerTimeoutError
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plan import CapturePlan, Mode
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor
@@ -53,9 +53,16 @@ class FrameTiming:
         Raises:
             TriggerTimeoutError: It is late by more than a quarter of the period: a trigger was missed.
             ExtraFrameError: It is early by more than that: a trigger was doubled, or the line has the wrong polarity.
+            ExposureError: It arrived before an exposure of the stated length could have ended.
         """
-        index, plan = fire.frames, self._plan
+        index = fire.frames
         fire.frames += 1
+        self._check_stamp(fire, frame, index)
+        self._check_length(fire, frame, index)
+
+    def _check_stamp(self, fire: Fire, frame: Frame, index: int) -> None:
+        """Compare a frame's stamp with the start of the modulator, then with the frames before."""
+        plan = self._plan
         if index == 0:
             self._check_start(fire, frame)
         if not fire.reference_ns or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
@@ -73,6 +80,25 @@ class FrameTiming:
                 f"frame {index} came {-late_s:.3g} s before its trigger could",
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
+
+    def _check_length(self, fire: Fire, frame: Frame, index: int) -> None:
+        """Check that the frame arrived no earlier than its exposure could have ended, whatever its stamp means.
+
+        A camera that counts exposure in another unit than assumed exposes for a tenth of the time and looks normal.
+        """
+        if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            return  # the time of its arrival may be of another clock, too
+        short_s = self._end_s(fire, index) - frame.t_host_ns * 1e-9
+        if short_s > END_TOLERANCE_S:
+            exposed_s = max(self._plan.exposure_s - short_s, 0.0)
+            raise ExposureError(self._sensor.name, index, self._plan.exposure_s, exposed_s)
+
+    def earliest_s(self, fire: Fire) -> float:
+        """Return when the exposure of the next frame can have ended, at the earliest, on the computer's clock."""
+        return self._end_s(fire, fire.frames)
+
+    def _end_s(self, fire: Fire, index: int) -> float:
+        return fire.fired_ns * 1e-9 + (self._due_s(index) + self._plan.exposure_s) * (1 - CLOCK_TOLERANCE)
 
     def _due_s(self, index: int) -> float:
         """Return when the trigger of a frame is due, from the first one of its fire."""
@@ -92,7 +118,8 @@ class FrameTiming:
             raise ExtraFrameError(
                 self._sensor.name,
                 f"the exposure of the first frame began {early_s:.3g} s before the modulator was started",
-                remedy="check the polarity of the trigger line and what time stamps mean: `gs2ci doctor` does both",
+                remedy="check the polarity of the trigger line, what time stamps mean, and whether the sensor counts "
+                "exposure in another unit: `gs2ci doctor` does all three",
             )
 
     def check_end(self, fire: Fire, last: Frame) -> None:

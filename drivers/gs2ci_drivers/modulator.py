@@ -16,6 +16,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, unique
+from typing import Any
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.device import Device
@@ -90,7 +91,7 @@ class PulseVerdict:
     agrees: bool
     said: str
     remedy: str = ""
-    settings: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     inverted: bool = False
 
 
@@ -222,6 +223,14 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
             )
         return self._do_interpret_pulses(self._loaded, counted)
 
+    def other_polarity(self) -> PulseVerdict | None:
+        """Return the keys of [modulator] that make the gate line active at its other level, as a verdict's settings.
+
+        None if the device has no such setting.
+        """
+        self._require_open("other_polarity")
+        return self._do_other_polarity()
+
     def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str, end_s: float) -> None:
         """Poll until a sequence no longer runs, or raise NoAnswerError: for devices that do not report the end.
 
@@ -262,6 +271,10 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         expected = sequence.pulses
         said = f"{counted} pulses were seen and {expected} expected"
         return PulseVerdict(counted == expected, said, "check the trigger cable and the sensor's trigger")
+
+    def _do_other_polarity(self) -> PulseVerdict | None:
+        """Return the settings of the other polarity; overridden by drivers of devices that have it."""
+        return None
 
     @abstractmethod
     def _do_wait_done(self, timeout_s: float) -> None:

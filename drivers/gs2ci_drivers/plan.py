@@ -84,6 +84,7 @@ class CaptureSettings:
         ring: How many shots may wait for a busy disk, for the plan's figures.
         gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; `plan_capture` sets it
             for a sensor that has no other mode.
+        measured: Whether the light of each mask was measured with these times, and not only drawn.
     """
 
     masks: U8 | U16
@@ -103,6 +104,7 @@ class CaptureSettings:
     gated: bool = False
     continuous: bool = False
     ring: int = 0
+    measured: bool = False
 
     def rounded_for(self, modulator: ModulatorInfo) -> "CaptureSettings":
         """Return the settings with the times for which the modulator will show masks and darkness between them."""

@@ -113,9 +113,10 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
         pause_s = dark_s
     elif settings.burst > 1:
         shown_s = len(settings.masks) * settings.mask_s + (len(settings.masks) - 1) * dark_s
-        pause_s = _allowed_dark(busy_s - shown_s, modulator)
+        pause_s = busy_s - shown_s
         if settings.mode is Mode.GATE:
-            pause_s = _allowed_dark(max(pause_s, setup.readout_s + settings.jitter_s), modulator)
+            pause_s = max(pause_s, setup.readout_s + settings.jitter_s)
+        pause_s = modulator.pause_at_least_s(pause_s, settings.mask_s, dark_s) if pause_s > 0 else 0.0
     return PatternSequence(
         masks=settings.masks,
         bit_depth=settings.bit_depth,
@@ -165,6 +166,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             remedy="choose another `mode`, or a modulator that can hold its line for each mask",
         ),
         *_unsettled(sequence, info),
+        *_unsettled_grey(settings, info),
         Figure(
             "shots",
             f"{settings.shots} in bursts of {settings.burst}",
@@ -216,6 +218,26 @@ def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
     ]
 
 
+def _unsettled_grey(settings: CaptureSettings, info: ModulatorInfo) -> list[Figure]:
+    """Refuse grey masks that are assumed to be as drawn on a modulator whose light does not follow the drawn level."""
+    top = 2**settings.bit_depth - 1
+    coded = settings.mode is not Mode.PER_MASK  # frames of single masks are how masks are measured
+    if not coded or settings.measured or not info.grey_unsettled or settings.bit_depth == 1:
+        return []
+    if not any(bool(((mask > 0) & (mask < top)).any()) for mask in settings.masks):
+        return []
+    return [
+        Figure(
+            "grey masks",
+            f"as drawn; {info.grey_unsettled}",
+            "measured ones",
+            broken=True,
+            remedy="calibrate them (`gs2ci calibrate all`), use binary masks, or, if the lamp follows the controller's "
+            'LED enables, set lamp = "switched" in [modulator]',
+        )
+    ]
+
+
 def _sensor_figures(
     settings: CaptureSettings,
     sequence: PatternSequence,
@@ -249,6 +271,7 @@ def _sensor_figures(
             broken=not alone and busy_s > period_s + modulator.exposure_step_s,
             remedy="raise `mask_s` or `dark_s`, or reduce the sensor's size",
         ),
+        *_unsettled_exposure(settings, info),
         Figure(
             "sensor trigger",
             setup.trigger.value,
@@ -256,6 +279,21 @@ def _sensor_figures(
             broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
         ),
+    ]
+
+
+def _unsettled_exposure(settings: CaptureSettings, info: SensorInfo) -> list[Figure]:
+    """Refuse exposures of an unknown unit; those of a gated sensor last as long as its line is held."""
+    if not info.exposure_unsettled or settings.trigger_mode is TriggerMode.LEVEL:
+        return []
+    return [
+        Figure(
+            "unit of exposure",
+            info.exposure_unsettled,
+            "a stated one",
+            broken=True,
+            remedy="run `gs2ci doctor`, which measures it, and write its result into [sensor]",
+        )
     ]
 
 

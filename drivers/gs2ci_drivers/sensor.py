@@ -112,6 +112,8 @@ class SensorInfo:
         exposure_step_s: Exposures are multiples of this.
         triggers: Trigger modes that it supports.
         controls: Names of the controls that can be set, with "min..max step".
+        exposure_unsettled: What is still unknown about the unit of exposure, so that no capture may rely on it; "" if
+            nothing is.
     """
 
     model: str
@@ -123,6 +125,7 @@ class SensorInfo:
     exposure_step_s: float
     triggers: frozenset[TriggerMode]
     controls: Mapping[str, str] = field(default_factory=dict)
+    exposure_unsettled: str = ""
 
     @property
     def only_gated(self) -> bool:
@@ -142,7 +145,7 @@ class SensorConfig:
         left: First column.
         exposure_s: Exposure (ignored with `TriggerMode.LEVEL`).
         trigger: What begins an exposure.
-        gain_db: Analogue gain, if the device has one; None leaves it unchanged.
+        gain_db: Analogue gain, if the device has one; None sets its neutral value.
         buffers: Frame buffers to request from the kernel.
         warm_up_frames: Frames to discard after the start (some sensors' first frames are old or black).
         controls: Further controls by name, set in this order.
@@ -175,6 +178,8 @@ class SensorSettings:
         stride: Bytes from one row to the next in the kernel's buffer.
         buffers: Buffers the kernel allocated.
         trigger_delay_s: From a trigger to the start of the exposure, as configured or as known.
+        recorded: Every setting of the device that could be read after it was configured, by the device's own names,
+            for the shot file: two sessions can be compared by them.
     """
 
     format: FrameFormat
@@ -186,6 +191,7 @@ class SensorSettings:
     stride: int = 0
     buffers: int = 0
     trigger_delay_s: float = 0.0
+    recorded: Mapping[str, bool | int | float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

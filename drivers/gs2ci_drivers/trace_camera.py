@@ -33,6 +33,11 @@ class TracedCamera(TracedPort[CameraPort]):
             call, lambda: self._port.open(producer, serial), lambda found: call.returned([_text(asdict(found))])
         )
 
+    def list_features(self) -> list[tuple[str, str]]:
+        """List and note."""
+        call = Call("list_features")
+        return self._trace.note(call, self._port.list_features, lambda found: call.returned([_text(found)]))
+
     def describe(self, name: str) -> Feature | None:
         """Request a feature's state and note it."""
         call = Call("describe", args=[name])

@@ -190,6 +190,8 @@ def make_table(
     size: tuple[int, int] | None = None,
     cases: Sequence[str] = (),
     lines: Sequence[str] = (),
+    mechanisms: bool = False,
+    only: Sequence[str] = (),
     seeds: int = 3,
     processes: int = 1,
     scheduler: str = "",
@@ -207,6 +209,9 @@ def make_table(
             Makes tables affordable that would take hours.
         cases: Only these of the cases; if they are simulated, any scene of the library may be named.
         lines: Only these lines of the table.
+        mechanisms: With the table ablation: leave out what the default is made of, one mechanism at a time, instead of
+            the paper's components (the table mechanisms).
+        only: Only these mechanisms, by the names of docs/mechanisms.md.
         seeds: Number of seeds.
         processes: Number of processes on this machine; more than one needs `pip install 'gs2ci[cluster]'`.
         scheduler: Address of a Dask scheduler to use instead, e.g. tcp://host:8786.
@@ -228,16 +233,22 @@ def make_table(
     check_whole("--processes", processes, 1, 1000)
     for side_px in size or ():
         check_whole("--size", side_px, 1, 100_000)
+    from gs2ci.reconstruct.mechanisms import mechanism
     from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
     from gs2ci.tables.html_page import write_html_page
     from gs2ci.tables.pages import collect, markdown, write_pages
+    from gs2ci.tables.paired import paired, write_paired
     from gs2ci.tables.store import Store
     from gs2ci.tables.workers import complete
 
     if table not in TABLES:
         raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
-    chosen, output = TABLES[table], Path(output)
-    wanted = chosen_cases(table, None if data is None else Path(data), size, cases)
+    name = "mechanisms" if mechanisms and table == "ablation" else table
+    if name not in TABLES or ((mechanisms or only) and name != "mechanisms"):
+        raise InputError(f"mechanisms left out in the table {table}", allowed="gs2ci tables ablation --mechanisms")
+    lines = (*lines, *(f"no {mechanism(one).name}" for one in only))
+    chosen, output = TABLES[name], Path(output)
+    wanted = chosen_cases(name, None if data is None else Path(data), size, cases)
     options = TableOptions(wanted, seeds, tuple(lines))
     entries = chosen.entries(options)
     check_place(output / "cells")
@@ -252,8 +263,10 @@ def make_table(
         )
     figures = collect(chosen, entries, rows)
     again = command or shlex.join(["gs2ci", "tables", table, "-o", str(output)])
-    pages = write_pages(output, table, chosen, figures, again)
-    pages.append(write_html_page(output, table, chosen, figures, again))
+    pages = write_pages(output, name, chosen, figures, again)
+    pages.append(write_html_page(output, name, chosen, figures, again))
+    if name == "mechanisms":
+        pages.append(write_paired(output, paired(entries, rows), again))
     measures = tuple(measure.key for measure in chosen.measures)
     return TableMade(measures, figures, markdown(chosen, figures, again), pages)
 

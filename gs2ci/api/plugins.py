@@ -27,7 +27,7 @@ def built_in_names() -> dict[str, tuple[str, ...]]:
     from gs2ci_drivers.plugin import BUILT_IN
 
     return {
-        **BUILT_IN,
+        **{group: tuple(kinds) for group, kinds in BUILT_IN.items()},
         "gs2ci.density_rules": RULE_NAMES,
         DECODER_GROUP: DECODE_METHODS,
         "gs2ci.priors": ("consistent", "nlm", "none", "difix"),

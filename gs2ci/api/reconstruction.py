@@ -6,13 +6,15 @@ Here: the order of these, with the progress shown. Not here: what arguments chan
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
+from gs2ci.api.preparing import prepare_first_run
 from gs2ci.api.runs import Run
 from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
+from gs2ci.core.errors import InputError
 from gs2ci.core.halt import Halt, halted_by_interruption
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
@@ -31,6 +33,7 @@ from gs2ci.reconstruct.choices import (
 
 if TYPE_CHECKING:
     from gs2ci.reconstruct.fit.density.base import DensityRule
+    from gs2ci.reconstruct.hypotheses.plan import RacePlan
 
 
 def reconstruct(
@@ -134,11 +137,10 @@ def reconstruct(
     """
     began_s = time.monotonic() - command_age_s()
     check_overrides(iterations, fits, focal_px, seed)
-    measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of, with_focal
+    measured = with_focal_of(shot, focal_px)
+    from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of
     from gs2ci.reconstruct import pipeline
     from gs2ci.reconstruct.presets.budget import Budget
-    from gs2ci.render import backend
 
     overrides = Overrides(
         geometry=geometry,
@@ -160,17 +162,58 @@ def reconstruct(
         seed=seed,
     )
     budget_s = budget_seconds(budget, preset, overrides)
-    measured = with_focal(focal_px, measured)
     settings, halt = settings_of(preset, overrides), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
-        if backend.needs_compiling(settings.backend):
-            display.say(
-                "The first run on this machine compiles the rasteriser, which takes about half a minute; "
-                "`gs2ci compile` does it in advance."
-            )
+        prepare_first_run(settings.backend, display)
         found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)
+
+
+def foresee(
+    shot: Shot | str | Path,
+    preset: PresetName = "standard",
+    *,
+    budget: str | None = None,
+    focal_px: float | None = None,
+    progress: Progress | None = None,
+    **overrides: Any,
+) -> "RacePlan":
+    """Foresee which hypotheses `reconstruct` would fit, what each would cost and why, without fitting any.
+
+    The measurement is registered, decoded and tracked, and a few iterations of a fit are timed.
+
+    Args:
+        shot: As for `reconstruct`.
+        preset: Likewise.
+        budget: Refused: within a budget, the costs decide what is fitted.
+        focal_px: As for `reconstruct`.
+        progress: Receives stages and steps.
+        **overrides: All other arguments of `reconstruct`.
+
+    Returns:
+        The plan; printed, it is a table.
+
+    Raises:
+        Gs2ciError: The shot or a value cannot be used, or a budget is given.
+    """
+    check_overrides(overrides.get("iterations"), overrides.get("fits"), focal_px, overrides.get("seed", 42))
+    if budget is not None:
+        remedy = "leave out one of the two: `--budget` says itself what it fits"
+        raise InputError("--explain-plan within a budget", allowed="a preset", remedy=remedy)
+    measured = with_focal_of(shot, focal_px)
+    from gs2ci.api.overrides import Overrides, settings_of
+    from gs2ci.reconstruct import pipeline
+
+    with shown(progress) as display:
+        return pipeline.plan(measured, settings_of(preset, Overrides(**overrides)), display)
+
+
+def with_focal_of(shot: Shot | str | Path, focal_px: float | None) -> Shot:
+    """Return a shot, read if it is a file, with another focal length if one is given."""
+    from gs2ci.api.overrides import with_focal
+
+    return with_focal(focal_px, shot.check() if isinstance(shot, Shot) else load(shot))
 
 
 def check_overrides(iterations: int | None, fits: int | None, focal_px: float | None, seed: int) -> None:

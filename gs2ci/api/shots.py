@@ -75,6 +75,8 @@ def import_file(
     meas_key: str | None = None,
     mask_key: str | None = None,
     truth_key: str | None = None,
+    white_key: str | None = None,
+    dark_key: str | None = None,
     mask_axis: Literal["auto", "first", "last"] = "auto",
     meas_layout: Literal["auto", "rgb", "stack"] = "auto",
     views: int | None = None,
@@ -85,6 +87,7 @@ def import_file(
     saturation: float | None = None,
     cfa: CfaPattern | None = None,
     bad_pixels: Literal["refuse", "median"] = "refuse",
+    curve: Literal["auto", "linear", "srgb", "gamma", "root", "divided", "overflow"] = "auto",
 ) -> "Imported":
     """Turn a foreign file into shots; what is not given is inferred from the numbers, and every guess is returned.
 
@@ -101,6 +104,8 @@ def import_file(
         meas_key: Key of the measurement in its file.
         mask_key: Key of the masks in their file.
         truth_key: Key of the true views; "none" leaves them out.
+        white_key: Key of frames of an even light, by which readings are divided; "none" leaves them out.
+        dark_key: Key of frames without light, which are subtracted; "none" leaves them out.
         mask_axis: Whether the masks are stacked along the first or the last axis.
         meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
         views: Use only this many masks, from the first.
@@ -111,6 +116,8 @@ def import_file(
         saturation: Readings at or above it count as clipped; 0 means that none is.
         cfa: Colour filter array of a Bayer measurement.
         bad_pixels: Refuse NaN in the measurement, or replace it by the median of its neighbours.
+        curve: How readings are stored: in proportion to light, encoded for a display (sRGB, gamma 2.2), as square
+            roots, divided by the sum of the masks, or summed in integers that went round; auto: as they show.
 
     Returns:
         `shots`, and `guesses`, one sentence each.
@@ -125,17 +132,20 @@ def import_file(
         (1, True)
     """
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
-    from gs2ci.core.foreign import axes, pixels
+    from gs2ci.core.foreign import axes, curves, pixels
     from gs2ci.core.foreign.assemble import ImportOptions, import_shots
     from gs2ci.core.foreign.container import Array
 
     check_choice("--mask-axis", mask_axis, get_args(axes.MaskAxis))
     check_choice("--meas-layout", meas_layout, get_args(axes.Layout))
     check_choice("--bad-pixels", bad_pixels, get_args(pixels.BadPixels))
+    check_choice("--curve", curve, get_args(curves.CurveName))
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
         truth_key=truth_key,
+        white_key=white_key,
+        dark_key=dark_key,
         mask_axis=mask_axis,
         meas_layout=meas_layout,
         views=views,
@@ -148,6 +158,7 @@ def import_file(
         focal_px=focal_px,
         distortion=Array("--distortion", np.array(distortion)) if len(distortion) else None,
         bad_pixels=bad_pixels,
+        curve=curve,
         intrinsics=_given("--intrinsics", intrinsics),
         world_to_camera=_given("--poses", poses),
         truth=_given("--truth", truth),

@@ -8,6 +8,7 @@ import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
@@ -20,6 +21,7 @@ from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
+    from gs2ci.core.records import Shot
 
 
 @with_options_of(import_file, without=("path",))
@@ -54,7 +56,7 @@ def run(
     known |= {"truth": truth, "poses": poses, "intrinsics": _camera(intrinsics), "distortion": distortion}
     numbers = ("focal_px", "mask_scale", "scale", "offset", "saturation", "views", "distortion")
     check_imports(**{name: known[name] for name in numbers})
-    from gs2ci.core.storage import count_shots, write_shots
+    from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
 
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
@@ -69,10 +71,26 @@ def run(
         _check_apart(out, file, masks, truth, poses)
         imported = import_file(file, masks, **known)
         kept = picked(imported.shots, index, file)
-        write_shots(out, kept)
-        _print(Console(), file, out, imported, index)
-        answer({"file": out, "shots": len(kept), "guesses": list(imported.guesses)})
-        return out
+        written = _written(out, kept, overwrite)
+        _print(Console(), file, written, imported, index)
+        answer({"file": written[0], "shots": len(kept), "guesses": list(imported.guesses)})
+        return written[0]
+
+
+def _written(out: Path, shots: "list[Shot]", overwrite: bool) -> list[Path]:
+    """Write shots that share their masks into one file, and others into one file each, NAME-0.h5 and on."""
+    from gs2ci.core.storage import write_shots
+    from gs2ci.core.storage.sealing import check_target
+
+    if all(np.array_equal(shot.masks, shots[0].masks) for shot in shots[1:]):
+        write_shots(out, shots)
+        return [out]
+    targets = [out.with_name(f"{out.stem}-{k}{out.suffix}") for k in range(len(shots))]
+    for target in targets:
+        check_target(target, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
+    for target, shot in zip(targets, shots, strict=True):
+        write_shots(target, [shot])
+    return targets
 
 
 def _check_alone(partial: Path, *given: object) -> None:
@@ -110,10 +128,11 @@ def _camera(words: tuple[str, ...]) -> Path | list[float] | None:
     return values
 
 
-def _print(console: Console, file: Path, out: Path, imported: "Imported", index: int | None) -> None:
+def _print(console: Console, file: Path, written: list[Path], imported: "Imported", index: int | None) -> None:
     console.print(f"[bold]{escape(file.name)}[/]")
     for guess in imported.guesses:
         style = "yellow" if guess.startswith("WARNING") else ""
         console.print(f"  • {escape(guess)}", style=style, highlight=False, soft_wrap=True)
     count = len(imported.shots) if index is None else 1
-    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    told = str(written[0]) if len(written) == 1 else f"{written[0]} to {written[-1]}, one each for its own masks"
+    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(told)}[/]", soft_wrap=True)

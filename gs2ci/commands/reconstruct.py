@@ -33,6 +33,7 @@ def run(
     every: Annotated[bool, tyro.conf.arg(name="all")] = False,
     processes: int | None = None,
     scheduler: str = "",
+    explain_plan: bool = False,
     json: AsJson = False,
     **overrides: Any,
 ) -> Path:
@@ -53,6 +54,8 @@ def run(
         processes: Number of exposures at once on this machine; by default as many as its cores and memory allow.
         scheduler: Address of a Dask scheduler to use instead, e.g. tcp://host:8786; its workers must see the same
             paths.
+        explain_plan: Only print which paths, orders of depth and motions would be fitted, what each would cost and why;
+            fit nothing and write nothing.
 
     Returns:
         The folder.
@@ -65,6 +68,9 @@ def run(
     overrides["density"] = density
     reconstruction.check_overrides(overrides["iterations"], overrides["fits"], overrides["focal_px"], overrides["seed"])
     check_whole("--moments", moments, 2, MOST_MOMENTS)
+    if explain_plan:
+        _explain(shot, index or 0, more=bool(more) or every, **overrides)
+        return output
     if more or every or scheduler or processes is not None:
         if moments is not None:
             remedy = "reconstruct one exposure at a time, with --index"
@@ -102,3 +108,14 @@ def run(
         # The run was written, but the exit status tells a script that it was cut short.
         raise KeyboardInterrupt
     return output
+
+
+def _explain(shot: Path, index: int, *, more: bool, **overrides: Any) -> None:
+    """Print what a reconstruction would try, and what that would cost."""
+    from gs2ci.core.storage import read_shot
+
+    if more:
+        raise InputError("--explain-plan of many exposures", remedy="ask for one of them, with --index")
+    with open_display() as display:
+        plan = reconstruction.foresee(read_shot(shot, index), progress=display, **overrides)
+    print(plan)

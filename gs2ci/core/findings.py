@@ -105,6 +105,7 @@ class Code(StrEnum):
     EMPTY_MEASUREMENT = auto()
     SATURATED = auto()
     UNTOLD_CLIPPING = auto()
+    READINGS_BEND = auto()
     UNIT_CORRECTED = auto()
 
     # Errors of the masks that the measurement shows.

@@ -86,6 +86,7 @@ class RunResult:
         registered: The corrected measurement, which all later steps used, if anything was corrected;
             `residual`, `heldout_rms` and `predicted_measurement` are in its unit.
         motion: Whether things in the scene may move, the evidence, the residual of each attempt, and the speeds.
+        race: What became of each hypothesis of path, depth order and motion, in the order of entering.
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
     """
@@ -119,6 +120,7 @@ class RunResult:
     depth_spread: F32 | None = None
     depth_confidence: F32 | None = None
     motion: Mapping[str, Any] = field(default_factory=dict)
+    race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
 
     def check(self) -> "RunResult":

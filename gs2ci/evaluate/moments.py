@@ -1,7 +1,7 @@
 """More pictures than there were masks: a scene at moments spread over the exposure, from interpolated cameras.
 
 Here: the times, the interpolated poses, the pictures, and a scene file of each moment if things move. Not here: fitting
-a moving scene (`gs2ci.reconstruct.moving`), the views under the masks (`run_folder`).
+a moving scene (`gs2ci.reconstruct.hypotheses.moving`), the views under the masks (`run_folder`).
 """
 
 from numbers import Integral

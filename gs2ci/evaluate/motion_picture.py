@@ -1,6 +1,6 @@
 """Motion in the scene as one picture: the middle view with arrows, and the displacement over the exposure.
 
-Not here: the estimation of motion (`gs2ci.reconstruct.moving`).
+Not here: the estimation of motion (`gs2ci.reconstruct.hypotheses.moving`).
 """
 
 from pathlib import Path

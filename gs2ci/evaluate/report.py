@@ -230,8 +230,26 @@ class MaskMomentsSection(ReportSection):
     bounds: list[Number]
 
 
+class RaceEntry(ReportSection):
+    """What became of one hypothesis of path, depth order and motion (`gs2ci.reconstruct.hypotheses`).
+
+    `hypothesis` says where it comes from, `path` where its camera path does. It entered when all fits together had made
+    `began` iterations, and made `iterations` of the `schedule` of a whole fit. `heldout` holds pairs of iteration and
+    residual on the held-out pixels, `refined_rms` that of its refined views if the jury compared them.
+    """
+
+    hypothesis: str
+    path: str
+    began: Count
+    iterations: Count
+    schedule: Count
+    heldout: list[tuple[Count, Number]]
+    refined_rms: Number | None
+    outcome: str
+
+
 class MotionSection(ReportSection):
-    """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.moving`).
+    """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.hypotheses.moving`).
 
     Velocities of the picture's blocks would explain the share `explained` of the power of the static scene's residual,
     significantly in the share `blocks` of them; None if this was not tested. If moving scenes were `tried`,
@@ -335,6 +353,7 @@ class Report(ReportSection):
     mask_moments: MaskMomentsSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
+    race: list[RaceEntry] = []
     measured: MeasurementSection
     simulation: Simulation | None = None
     peak_mib: Number

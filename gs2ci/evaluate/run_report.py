@@ -67,6 +67,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "mask_moments": result.mask_moments,
         "registration": dict(result.registration) or None,
         "motion": dict(result.motion) or None,
+        "race": [dict(entry) for entry in result.race],
         "measured": _measured(shot),
         "simulation": simulation,
         "peak_mib": round(environment.peak_mib(), 1),

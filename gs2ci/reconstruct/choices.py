@@ -4,6 +4,7 @@ Here: names alone, so that help and error messages do not wait for heavy librari
 stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
+from enum import StrEnum
 from typing import Final, Literal, get_args
 
 PresetName = Literal["draft", "standard", "fine", "paper"]
@@ -16,6 +17,15 @@ ProxyName = Literal["gap-tv", "naive", "eni", "amdi", "routed"]
 
 FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""
+
+
+class Decoder(StrEnum):
+    """The same as an enumeration."""
+
+    GAP_TV = "gap-tv"
+    PATCHES = "patches"
+    PATCHES_QUICK = "patches-quick"
+
 
 DecodeMethod = str
 """One of `DECODE_METHODS`, onnx:FILE, or the name of a plug-in."""
@@ -44,6 +54,30 @@ MotionMode = Literal["auto", "off", "on"]
 LightMode = Literal["auto", "as-seen", "even"]
 
 WithinMask = Literal["still", "moving"]
+
+
+class LeftOut(StrEnum):
+    """Parts without a setting of their own that can be left out, to see what they give (`mechanisms`)."""
+
+    ADJUSTMENT_OF_POINTS = "adjustment of points"
+    CANCELLING_ERRORS = "cancelling errors"
+    COUPLED_DECODE = "coupled decode"
+    DECODE_WEIGHS_NOISE = "decode weighs noise"
+    DENSE_POLISH = "dense polish"
+    DISPLACEMENTS = "displacements"
+    ERRORS_OVER_TIME = "errors over time"
+    MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
+    OCCLUSION = "occlusion"
+    PATCH_TEST_OF_MOTION = "patch test of motion"
+    RELEASED_FITS = "released fits"
+    REST_AS_RIVAL = "rest as rival"
+    REST_FROM_THE_MEASUREMENT = "rest from the measurement"
+    SECOND_LOOK = "second look"
+    SHORT_FITS_OF_BOTH_ORDERS = "short fits of both orders"
+    TRACKS_SOUGHT_TWICE = "tracks sought twice"
+    UNIFORM_MOTION = "uniform motion"
+    WIDE_MATCHES = "wide matches"
+
 
 MOST_MOMENTS: Final = 1000
 """Each is written as a picture, and for a moving scene as a scene file too."""

@@ -2,13 +2,12 @@
 
     decode ─► geometry ─► brightness of the views ─► (if the weights were wrong: all of it again)
 
-Here: the order of these stages, and a camera at rest as another start. Not here: the stages themselves; all settings
+Here: the order of these stages. Not here: the stages themselves; all settings
 together (`settings`).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -16,22 +15,19 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import FirstLookName
+from gs2ci.reconstruct.choices import Decoder, FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
-from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate, relit
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.settings import Settings
-
-# Findings about a path, which do not hold for a camera at rest.
-_OF_A_PATH: Final = (Code.UNIFORM_MOTION, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_TURNED)
 
 
 @dataclass(frozen=True)
@@ -81,6 +77,16 @@ class FirstLook:
         return replace(self, decoded=other.decoded, decoder=other.decoder, sigma=other.sigma, brief_rms=other.brief_rms)
 
     @property
+    def is_decoded_at_length(self) -> bool:
+        """Get whether the views are those of a whole decode by similar patches."""
+        return Decoder(self.decoder) == Decoder.PATCHES
+
+    @property
+    def is_decoded_briefly(self) -> bool:
+        """Get whether the views are those of a brief decode by similar patches."""
+        return Decoder(self.decoder) == Decoder.PATCHES_QUICK
+
+    @property
     def weights_given(self) -> F64:
         """Get the weights of the masks, [N], before the views' brightness corrected them."""
         factors = self.brightness.factors
@@ -120,7 +126,7 @@ def look(
     Raises:
         Gs2ciError: A stage fails.
     """
-    weights, first = holdout.shot.weights, None
+    weights, first, corrected = holdout.shot.weights, None, False
     for rounds_left in range(settings.brightness.rounds, -1, -1):
         decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         lap("decode")
@@ -128,12 +134,11 @@ def look(
         geometry = find_geometry(prior, Request.of(holdout.seen, views, settings.geometry, lens), progress)
         light = estimate(holdout, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
         lap("geometry")
-        known_wrong = holdout.shot.weights is not weights
         first = first or light
-        if light is None or not (light.gain > 0 if known_wrong else light.is_sure(settings.brightness)):
+        if light is None or not (light.gain > 0 if corrected else light.is_sure(settings.brightness)):
             break
-        holdout = relit(holdout, light)
-    factors = None if holdout.shot.weights is weights else _ratio(holdout.shot.weights, weights)
+        holdout, corrected = relit(holdout, light), True
+    factors = _ratio(holdout.shot.weights, weights) if corrected else None
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
     sigma = last_sigma(settings.first_look, settings.decode)
     found = FirstLook(holdout, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
@@ -154,30 +159,16 @@ def look_closer(
     """Look, and look again in views decoded by similar patches if those of GAP-TV show only a rotation.
 
     Arguments and errors as for `look`. The second look is returned if it finds a path, otherwise the first, with a
-    finding if features of the second join some views.
+    number of views that features of the second join, if they join some.
     """
     first = look(holdout, lens, prior, settings, progress, lap, masks_of)
     if not _may_look_closer(first, settings):
         return first
     progress.say("The camera seems only to have turned: its path is estimated again from a decode by similar patches.")
     closer = look(holdout, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
-    if closer.geometry.verdict == "full":
+    if closer.geometry.has_path:
         return closer
-    partly = tuple(note for note in closer.geometry.notes if note.code == Code.VIEWS_JOIN_IN_PART)
-    kept = tuple(note for note in first.geometry.notes if not (partly and note.code == Code.VIEWS_JOIN_IN_PART))
-    return replace(first, geometry=replace(first.geometry, notes=(*kept, *partly)))
-
-
-def needs_rest(first: FirstLook) -> bool:
-    """Tell whether an attempt from rest should be made too: a motion was found, but not confirmed by tracks."""
-    return first.geometry.source == "uniform" and first.geometry.verdict == "full"
-
-
-def from_rest(first: FirstLook) -> FirstLook:
-    """Return a first look as if no path had been found: a camera at rest in front of a plane."""
-    rest = at_rest(first.geometry)
-    kept = tuple(note for note in rest.notes if note.code not in _OF_A_PATH)
-    return replace(first, geometry=replace(rest, source="tracks", notes=(*kept, PLANE_NOTE)))
+    return replace(first, geometry=replace(first.geometry, joined=closer.geometry.joined or first.geometry.joined))
 
 
 def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
@@ -185,8 +176,9 @@ def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
 
     If the camera was found at rest, only things may have moved, and further tracks would be those of the things.
     """
-    by_tracks = first.geometry.source in ("tracks", "uniform") and settings.proxy == "gap-tv"
-    return by_tracks and settings.first_look == "gap-tv" and first.geometry.verdict == "rotation_only"
+    geometry = first.geometry
+    by_tracks = geometry.source in (PathSource.TRACKS, PathSource.UNIFORM) and settings.proxy == "gap-tv"
+    return by_tracks and Decoder(settings.first_look) == Decoder.GAP_TV and geometry.verdict == Verdict.ROTATION_ONLY
 
 
 def _ratio(weights: F32, before: F32) -> F64:

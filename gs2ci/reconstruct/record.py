@@ -9,23 +9,25 @@ from typing import Final
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
+from gs2ci.core.run_records import CurvePoint, RunResult
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.smear import smeared_views
+from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.sources import GIVEN, FromDisplacements, FromTracks
+from gs2ci.reconstruct.geometry.kinds import PathSource
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings, order_findings
+from gs2ci.reconstruct.hypotheses.moving import Speeds
+from gs2ci.reconstruct.hypotheses.race import Raced
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.moving import MotionReport, Speeds
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.stopping import StoppedLight
@@ -42,50 +44,17 @@ _BEHIND: Final = 1.15
 
 
 @dataclass(frozen=True)
-class Recovered:
-    """The delivered views, what they are made of, and the held-out residuals that led to them."""
-
-    views: F32
-    verdict: Verdict
-    heldout_rms: dict[Verdict, float | None]
-    notes: tuple[Finding, ...]
-    exposed: F32 | None = None
-    """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
-    scene_views: F32 | None = None
-    """Views of the best scene at the middle of each mask's time; None: those of the fit."""
-
-    def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
-        """Return the views at the middle of each mask's time.
-
-        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
-        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
-        of theirs. A decode is not corrected, since it has no camera path.
-        """
-        if renderer.moments_per_mask == 1:
-            return self
-        averaged = (ensemble.best, *ensemble.others)[: max(ensemble.averaged, 1)]
-        differ = [
-            renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
-            for fit in averaged
-        ]
-        mean = np.mean(differ, axis=0, dtype=np.float32)
-        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
-        views = self.views + correction
-        return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
-
-
-@dataclass(frozen=True)
 class Left:
     """The results of the stages, in their order."""
 
     registered: Registered
     doubts: tuple[Finding, ...]
     look: FirstLook
+    raced: Raced
     geometry: Geometry
     ensemble: Ensemble
     light: StoppedLight
     recovered: Recovered
-    motion: MotionReport
     speeds: Speeds | None
     mask_moments: MaskMoments | None = None
 
@@ -112,7 +81,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     return RunResult(
         views=views,
         scene_views=light.shown(scene_views),
-        decode=views if recovered.verdict == "decode" else light.shown(left.look.decoded),
+        decode=views if recovered.is_decode else light.shown(left.look.decoded),
         depth=left.light.surface().numpy(),
         depth_spread=left.light.spread.numpy(),
         depth_confidence=left.light.nearby.numpy(),
@@ -137,7 +106,8 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         mask_moments=None if left.mask_moments is None else left.mask_moments.summary(),
         exposed_views=None if recovered.exposed is None else exposed,
         registration=left.registered.summary(),
-        motion=left.motion.summary(left.speeds),
+        motion=left.raced.motion.summary(left.speeds),
+        race=tuple(one.summary() for one in left.raced.course),
         displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
     ).check()
@@ -146,7 +116,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
 def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ...]:
     """Gather the findings of every stage, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
-    poses_known = geometry.verdict == "full" or geometry.known_at_rest
+    poses_known = geometry.has_path or geometry.known_at_rest
     return (
         *left.registered.notes,
         *(
@@ -154,7 +124,11 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.look.notes,
             *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
-            *left.motion.notes(left.speeds, ensemble.best.world_to_camera if poses_known else None),
+            *geometry.path_notes,
+            *joined_findings(geometry),
+            *order_findings(left.raced.order, geometry),
+            *course_findings(left.raced.course, dict(left.raced.motion.heldout_rms)),
+            *left.raced.motion.notes(left.speeds, ensemble.best.world_to_camera if poses_known else None),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
             *_fine_left_out(ensemble, settings),
@@ -169,7 +143,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
 
 def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
     """Report that the principal point may move, if a path that neither stage nor file gave turns as if it did."""
-    if geometry.verdict != "full" or geometry.source in GIVEN:
+    if not geometry.has_path or geometry.is_given:
         return ()
     depth = light.surface()[geometry.reference].numpy()
     inverse = np.divide(1.0, depth, out=np.zeros_like(depth), where=depth > 0)
@@ -178,7 +152,7 @@ def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight)
 
 def _depth_in_noise(geometry: Geometry, holdout: Holdout, recovered: Recovered) -> tuple[Finding, ...]:
     """Report that a depth without given poses is unreliable if the views hardly explain the measurement."""
-    if geometry.verdict != "full" or geometry.source in GIVEN or geometry.order_given:
+    if not geometry.has_path or geometry.is_given or geometry.order_given:
         return ()
     rms, grey = recovered.heldout_rms[recovered.verdict], holdout.grey_rms()
     if rms is None or not grey or rms <= _NOISY * grey:
@@ -194,7 +168,7 @@ def _path_unconfirmed(geometry: Geometry, recovered: Recovered, brief_rms: float
     scene, decode = recovered.heldout_rms["scene"], recovered.heldout_rms["decode"]
     if brief_rms is not None and turns_far(geometry.world_to_camera):
         decode = brief_rms
-    if geometry.verdict != "full" or scene is None or not decode or scene <= _BEHIND * decode:
+    if not geometry.has_path or scene is None or not decode or scene <= _BEHIND * decode:
         return ()
     return (finding(Code.PATH_UNCONFIRMED, more=scene / decode - 1),)
 
@@ -223,7 +197,7 @@ def _fine_left_out(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...
 def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
     """Return the last point of the curve, that of the mean of several fits; none if the views are no such mean."""
     fit, recovered = left.ensemble.best, left.recovered
-    if left.ensemble.averaged == 1 or recovered.verdict != "refined" or not fit.curve:
+    if left.ensemble.averaged == 1 or not recovered.is_refined or not fit.curve:
         return ()
     heldout, psnr_db = recovered.heldout_rms["refined"], None if score is None else score(recovered.views)
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
@@ -231,11 +205,11 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
 
 def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
-    if source == FromTracks.name or geometry.known_at_rest:
+    if source == PathSource.TRACKS or geometry.known_at_rest:
         return ()
-    if geometry.verdict != "full":
+    if not geometry.has_path:
         return (finding(Code.POSES_NOT_TAKEN, source=source),)
-    if source == FromDisplacements.name:
+    if source == PathSource.DISPLACEMENTS:
         return ()
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
     return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
@@ -243,10 +217,10 @@ def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
 
 def _summary(geometry: Geometry, decoder: str, settings: Settings) -> dict[str, object]:
     return {
-        "method": geometry.source,
+        "method": str(geometry.source),
         "asked_for": settings.poses,
         "proxy": decoder if settings.proxy == "gap-tv" else settings.proxy,
-        "verdict": geometry.verdict,
+        "verdict": str(geometry.verdict),
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,
         "tracks": geometry.tracks,
@@ -255,5 +229,5 @@ def _summary(geometry: Geometry, decoder: str, settings: Settings) -> dict[str, 
         "path_error_expected": geometry.path_error_expected,
         "order_errors": geometry.order_errors,
         "reference": geometry.reference,
-        "unit_of": None if geometry.unit is None else geometry.source,
+        "unit_of": None if geometry.unit is None else str(geometry.source),
     }

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from pydantic import Field, PositiveInt
 
 from gs2ci.core.bounds import Bounded
-from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, MotionMode, PoseSource, ProxyName
+from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, LeftOut, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -40,13 +40,13 @@ class Settings(Bounded):
             "tracks", "stage", "file:PATH", ...
         proxy: The views from which geometry is estimated: the decoded ones ("gap-tv"), or the proxies of the paper.
         try_orders: Whether short fits, and then whole ones, compare both orders of depth (near and far exchanged) if
-            tracks leave the order open (`attempts`).
+            tracks leave the order open (`hypotheses`).
         first_look: The decoder that runs before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
         long_decode: Of the decode by similar patches (`decode.patches.watched`), which may become part of the delivered
             views and gives fits of moving scenes their start; None: only the first look decodes.
         polish: Of the decode by similar patches that starts from the refined views, as one more candidate for the
-            delivered ones (`handing_over`); None skips it.
+            delivered ones (`fusion`); None skips it.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits there are at least; the views are their mean (`fit/ensemble.py`). Fits along each of
@@ -63,10 +63,12 @@ class Settings(Bounded):
         brightness: Of the estimate of the views' brightness, which corrects wrong weights.
         mask_moments: Of the camera's motion while one mask is displayed.
         look_again: Whether a doubtful or missing first path is sought in the fitted views, and fitted once more
-            (`attempts.second_look`), and whether views far apart are matched again (`far_apart`). Not within a budget.
+            (`hypotheses.again`), and whether views far apart are matched again (`hypotheses.matches`). Not within a
+            budget.
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
-            residual, but not within a budget; "on": from the start; "off": never (`moving`).
+            residual, but not within a budget; "on": from the start; "off": never (`hypotheses.moving`).
         registration: Of the step before all others, which estimates from the measurement where its masks lie.
+        left_out: Parts that are left out, to see what they give (`mechanisms`).
         seed: Seed of every random draw.
     """
 
@@ -93,6 +95,7 @@ class Settings(Bounded):
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    left_out: tuple[LeftOut, ...] = ()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 42
 
     @property
@@ -123,4 +126,4 @@ class Settings(Bounded):
         if not isinstance(rule, str):
             return replace(self, fit=replace(self.fit, density=rule), second_density=None)
         fit = with_rule(self.fit, rule)
-        return self if fit is self.fit else replace(self, fit=fit, second_density=None)
+        return self if fit == self.fit else replace(self, fit=fit, second_density=None)

@@ -1,13 +1,15 @@
 """The available renderers, by name.
 
-`reference` is the float64 definition, for tests and small scenes; `cpu` is used by reconstructions. Another renderer
-(CUDA) needs one class and one entry in `_BACKENDS`. Not here: what a renderer does (`gs2ci.render.interface`).
+`reference` is the float64 definition, for tests and small scenes; `cpu` is used by reconstructions; `warp` is for CUDA
+devices (extra `gpu`; never run on one so far). Another renderer needs one class and one entry in `_BACKENDS`. Not here:
+what a renderer does (`gs2ci.render.interface`).
 """
 
 from collections.abc import Callable
 from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.extras import missing_extra
 from gs2ci.render.interface import Backend
 from gs2ci.render.settings import RasterSettings
 
@@ -25,7 +27,20 @@ def _load_reference(settings: RasterSettings) -> Backend:
     return ReferenceBackend(settings)
 
 
-_BACKENDS: Final[dict[str, Callable[[RasterSettings], Backend]]] = {"cpu": _load_cpu, "reference": _load_reference}
+def _load_warp(settings: RasterSettings) -> Backend:
+    try:
+        from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise missing_extra(error) or error from error
+
+    return WarpBackend(settings)
+
+
+_BACKENDS: Final[dict[str, Callable[[RasterSettings], Backend]]] = {
+    "cpu": _load_cpu,
+    "reference": _load_reference,
+    "warp": _load_warp,
+}
 
 
 def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> Backend:
@@ -47,6 +62,7 @@ def needs_compiling(name: str) -> bool:
     """Tell whether a backend's first rendering on this machine has to wait until its kernels are compiled."""
     if name != "cpu":
         return False
-    from gs2ci.render.cpu.compile import is_compiled  # noqa: PLC0415
+    import gs2ci.render.cpu.blend as kernels  # noqa: PLC0415
+    from gs2ci.core.kernels import is_compiled  # noqa: PLC0415
 
-    return not is_compiled()
+    return not is_compiled(kernels.__name__)

@@ -6,7 +6,7 @@ device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`)
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Field, create_model
 
@@ -25,16 +25,13 @@ from gs2ci.core.config import (
 )
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.options import CalibrationOptions
-from gs2ci_drivers.display_slm.options import DisplaySlmOptions
-from gs2ci_drivers.dlpc900.options import Dlpc900Options
-from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.mount import MountOptions
-from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.scpi_modulator.options import ScpiOptions
-from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_drivers.video_out.options import VideoOutOptions
-from gs2ci_drivers.zaber.options import ZaberOptions
+from gs2ci_drivers.plugin import BUILT_IN, driver_plugin, known_driver
+
+if TYPE_CHECKING:
+    from gs2ci_drivers.tables import DeviceTable as _Modulator
+    from gs2ci_drivers.tables import SensorTable as _Sensor
+    from gs2ci_drivers.tables import StageTable as _Stage
 
 # Tables that only a simulation's rig file has; `gs2ci_sims.rig_file` lists those that only a bench's has.
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
@@ -186,6 +183,8 @@ class WorldTable(ConfigTable):
     """The true effect of bit 0 of a pattern entry's byte 9 on the simulated DLPC900."""
     dlpc900_start_s: Delay = 500e-6
     """Delay from a start to the first mask of the simulated DLPC900; TI states no figure."""
+    lamp: Literal["switched", "continuous"] = "switched"
+    """Whether the simulated DLPC900's lamp follows its LED enables or stays on, as arc lamps and most others do."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """The kernel driver whose time stamps the simulated camera imitates, also a GenICam one; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""
@@ -223,16 +222,24 @@ class WorldTable(ConfigTable):
     """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
 
+def _kinds(group: str) -> Any:
+    """Return the tables of a group's built-in devices, told apart by their `kind`."""
+    tables = tuple(known_driver(group, kind).settings for kind in BUILT_IN[group])
+    return Annotated[Union[tables], Field(discriminator="kind")]  # noqa: UP007  the tables are known at run time only
+
+
+if not TYPE_CHECKING:  # for a type checker they are what every device's table has
+    _Modulator, _Sensor, _Stage = (_kinds(group) for group in DEVICE_GROUPS.values())
+
+
 class RigTable(ConfigTable):
     """A rig file."""
 
     name: str = "rig"
     """Of the bench, for shots and logs."""
-    modulator: Annotated[
-        Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions, Field(discriminator="kind")
-    ]
-    sensor: Annotated[V4l2Options | GenicamOptions, Field(discriminator="kind")]
-    stage: Annotated[ZaberOptions | GrblOptions, Field(discriminator="kind")] | None = None
+    modulator: _Modulator
+    sensor: _Sensor
+    stage: _Stage | None = None
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()
     optics: OpticsTable = OpticsTable()
@@ -262,7 +269,8 @@ def with_plugins(tables: Mapping[str, Any]) -> type[RigTable]:
     changed: dict[str, Any] = {}
     for key, group in DEVICE_GROUPS.items():
         table = tables.get(key)
-        plugin = driver_plugin(group, table.get("kind")) if isinstance(table, dict) else None
+        kind = table.get("kind") if isinstance(table, dict) else None
+        plugin = None if isinstance(kind, str) and kind in BUILT_IN[group] else driver_plugin(group, kind)
         if plugin is not None:
             changed[key] = (plugin.settings, ...)
     return create_model("RigTable", __base__=RigTable, **changed) if changed else RigTable

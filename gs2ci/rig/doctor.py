@@ -6,7 +6,7 @@ here: printing (`gs2ci.commands.doctor`), the devices' own checks.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,23 +16,19 @@ from serial.tools import list_ports
 
 from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError, reason_of
+from gs2ci.rig.config import DEVICE_GROUPS
 from gs2ci.rig.intent import sensor_config
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
+from gs2ci.rig.trigger_check import PASSES, StampsFound, check_gate, check_pulses, check_stamps, check_waiting
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
-from gs2ci_drivers.display_slm.options import DisplaySlmOptions
-from gs2ci_drivers.dlpc900 import packets
-from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.failures import HOME_COMMAND
-from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
+from gs2ci_drivers.manners import manners_of
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
-from gs2ci_drivers.scpi_modulator.options import ScpiOptions
+from gs2ci_drivers.plugin import known_driver
 from gs2ci_drivers.sensor import FrameFlag, TriggerMode
-from gs2ci_drivers.video_out.options import VideoOutOptions
 
 Verdict = Literal["ok", "note", "bad"]
 
@@ -40,6 +36,9 @@ LOOP_MASKS = 8
 LOOP_MASK_S = 0.05
 LARGEST_DRIFT_PPM = 500.0
 """Two crystals differ by about 100 ppm; a larger difference means a wrong clock or a wrong unit."""
+UNIT_TOLERANCE = 0.05
+"""Share by which exposures may grow otherwise than set, beyond the error of the measurement."""
+KNOWN_UNITS_S = (1e-6, 1e-5, 1e-4, 1e-3)
 VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uaccess"'
 
 
@@ -74,7 +73,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         yield _finding_of_error("opening the ports", error)
         return
     found: dict[str, Any] = {}
-    answering = True
+    answering, connected = True, list[str]()
     try:
         for what, look in (
             ("modulator", _modulator),
@@ -83,13 +82,16 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         ):
             try:
                 yield from look(devices)
+                connected.append(what)
             except Gs2ciError as error:
                 answering = answering and what == "stage"
                 yield _finding_of_error(what, error)
         if trigger_loop and answering:
+            yield from _waiting(rig, devices)
             yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
         devices.close()
+    yield from _manners(rig, connected)
     if trigger_loop and answering:
         # The settings found hold for the rest of the examination, whatever the rig file says.
         yield from _with_settings(rig, found)
@@ -114,6 +116,32 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]
         yield _finding_of_error("trigger loop", error)
     finally:
         devices.close()
+
+
+def _waiting(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
+    """Find out whether the sensor waits for triggers, which a mode that was set does not prove."""
+    trigger = TriggerMode.LEVEL if _gated(rig, devices) else TriggerMode.EDGE
+    if trigger not in devices.sensor.info.triggers:
+        return
+    what = "sensor waits"
+    try:
+        came = check_waiting(devices, sensor_config(rig, devices), trigger)
+    except Gs2ciError as error:
+        yield _finding_of_error(what, error)
+        return
+    if came == 0:
+        yield BenchFinding(what, "ok", f"no frame came without a trigger (mode {trigger.value})")
+        return
+    outside = getattr(rig.table.sensor, "trigger_adapter", "") == "outside"
+    yield BenchFinding(
+        what,
+        "bad",
+        f"{came} frames came without a trigger: it runs by its own clock, or something else triggers it",
+        "switch its external trigger on by the means that you use for it"
+        if outside
+        else "compare trigger_adapter and trigger_values with the sensor's documentation: what was set is no external "
+        "trigger; then look for reflections and other sources on the trigger line",
+    )
 
 
 def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
@@ -145,7 +173,6 @@ def _gated(rig: Rig, devices: Devices) -> bool:
 
 def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
     """Find out whether a gated sensor exposes while masks are shown; put the correct polarity into `found`."""
-    modulator = rig.table.modulator
     try:
         gate = check_gate(devices, sensor_config(rig, devices))
     except Gs2ciError as error:
@@ -158,10 +185,10 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFi
         "; the light in the frames confirms it" if gate.by_light else "; the frames have too little light to confirm it"
     )
     remedy = "check the trigger cable, the level of the line (often 1.8 V) and the sensor's trigger"
-    if gate.inverted and isinstance(modulator, Dlpc900Options):
-        edges = modulator.trigger_out_1.model_copy(update={"inverted": not modulator.trigger_out_1.inverted})
-        found["trigger_out_1"] = edges
-        remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
+    other = devices.modulator.other_polarity() if gate.inverted else None
+    if other is not None:
+        found.update(other.settings)
+        remedy = other.remedy
     yield BenchFinding("trigger gate", "ok" if gate.right else "bad", seen + light, "" if gate.right else remedy)
 
 
@@ -173,6 +200,8 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     if out not in devices.modulator.info.trigger_outs or mode not in devices.sensor.info.triggers:
         return
     found = check_stamps(devices, sensor_config(rig, devices), gated=gated)
+    if not gated:
+        yield from _unit(rig, devices, found)
     if found.meaning is None:
         yield BenchFinding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
         return
@@ -185,31 +214,74 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     )
 
 
+def _unit(rig: Rig, devices: Devices, found: StampsFound) -> Iterator[BenchFinding]:
+    """Compare the growth of the frames' arrival with the exposures that were set: is their unit the right one?"""
+    what, sensor = "unit of exposure", rig.table.sensor
+    if found.growth is None:
+        yield BenchFinding(what, "note", found.why)
+        return
+    seen = f"exposures grow by {found.growth:.2f} of what is set"
+    step_s = devices.sensor.info.exposure_step_s
+    unsettled = devices.sensor.info.exposure_unsettled
+    if abs(found.growth - 1) <= UNIT_TOLERANCE + found.growth_error:
+        remedy = f"set exposure_unit_s = {step_s:.4g} in [sensor]" if unsettled else ""
+        yield BenchFinding(what, "bad" if unsettled else "ok", seen + (f"; {unsettled}" if unsettled else ""), remedy)
+        return
+    if found.growth <= 2 * found.growth_error:
+        yield BenchFinding(
+            what,
+            "bad",
+            f"{seen}: the sensor ignores its exposure control",
+            "check that no automatic exposure is on; or state fixed_exposure_s in [sensor]",
+        )
+        return
+    nearest_s = _known_unit(step_s * found.growth, step_s * found.growth_error)
+    yield BenchFinding(
+        what,
+        "bad",
+        f"{seen}: its unit is {step_s * found.growth:.3g} s, not {step_s:.3g} s",
+        f"set exposure_unit_s = {nearest_s:.4g} in [sensor]"
+        if sensor.kind == "v4l2"
+        else "check the camera's exposure features in [sensor.features]",
+    )
+
+
+def _known_unit(unit_s: float, error_s: float) -> float:
+    """Return the unit that drivers use and that a measured one is, within its error; otherwise the measured one."""
+    near = [one for one in KNOWN_UNITS_S if abs(one - unit_s) <= max(3 * error_s, UNIT_TOLERANCE * one)]
+    return min(near, key=lambda one: abs(one - unit_s), default=unit_s)
+
+
 def _finding_of_error(what: str, error: Gs2ciError) -> BenchFinding:
     remedy = "; ".join(part for part in (error.allowed and f"allowed: {error.allowed}", error.remedy) if part)
     return BenchFinding(what, "bad", error.problem, remedy)
 
 
 def _permissions(rig: Rig) -> Iterator[BenchFinding]:
-    table = rig.table
-    usb = _usb_ids(table.modulator)
-    if usb is not None:
-        if table.modulator.port != SIMULATED:
-            rules = udev_rules(*usb)
-            yield BenchFinding(
-                "permissions for the modulator",
-                "note",
-                "USB needs a udev rule unless you are root",
-                f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
-            )
-    elif not isinstance(table.modulator, VideoOutOptions):
-        yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
-    if isinstance(table.sensor, GenicamOptions):
-        yield from _producer(table.sensor)
-    else:
-        yield from _node("sensor", table.sensor.port, VIDEO_RULE)
-    if table.stage is not None:
-        yield from _node("stage", table.stage.port, tty_rule(table.stage.port))
+    tables = {"modulator": rig.table.modulator, "sensor": rig.table.sensor, "stage": rig.table.stage}
+    for device, table in tables.items():
+        if table is not None and table.port != SIMULATED:
+            yield from _permission(device, table)
+
+
+def _permission(device: str, table: Any) -> Iterator[BenchFinding]:
+    """Examine what a device's port needs, by its driver's record."""
+    record = known_driver(DEVICE_GROUPS[device], table.kind)
+    if record.access == "usb" and record.usb_ids is not None:
+        yield BenchFinding(
+            f"permissions for the {device}",
+            "note",
+            "USB needs a udev rule unless you are root",
+            f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{udev_rules(*record.usb_ids)}",
+        )
+    elif record.access == "gentl":
+        yield from _producer(table)
+    elif record.access == "library":
+        yield _library(table)
+    elif record.access == "video":
+        yield from _node(device, table.port, VIDEO_RULE)
+    elif record.access == "tty":
+        yield from _node(device, table.port, tty_rule(table.port))
 
 
 def tty_rule(port: str) -> str:
@@ -227,17 +299,8 @@ def tty_rule(port: str) -> str:
     return f'SUBSYSTEM=="tty", {identity}, {access}'
 
 
-def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions) -> tuple[int, int] | None:
-    """Return vendor and product of a modulator with a USB port; None for one behind a tty."""
-    if isinstance(modulator, Dlpc900Options):
-        return packets.VENDOR_ID, packets.PRODUCT_ID
-    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
-
-
 def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
     what = f"permissions for the {device}"
-    if port == SIMULATED:
-        return
     if not Path(port).exists():
         yield BenchFinding(what, "bad", f"{port} does not exist", "connect it; `gs2ci devices` lists what is connected")
     elif not os.access(port, os.R_OK | os.W_OK):
@@ -251,10 +314,8 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
         yield BenchFinding(what, "ok", f"{port} may be read and written")
 
 
-def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
+def _producer(sensor: Any) -> Iterator[BenchFinding]:
     """Return the finding about the camera's GenTL producer; makers' producers install their own udev rules."""
-    if sensor.port == SIMULATED:
-        return
     what = "GenTL producer"
     try:
         found = find_producers(sensor.producer)
@@ -267,6 +328,26 @@ def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
         )
         return
     yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
+
+
+def _manners(rig: Rig, connected: Sequence[str]) -> Iterator[BenchFinding]:
+    """Return what is known of the devices that answer and that one would not guess (docs/devices.md)."""
+    tables = {"modulator": rig.table.modulator, "sensor": rig.table.sensor, "stage": rig.table.stage}
+    for device in connected:
+        table = tables[device]
+        for one in manners_of(table.kind) if table is not None else ():
+            yield BenchFinding(f"{device}, to know", "ok", f"{one.applies}: {one.fact}")
+
+
+def _library(table: Any) -> BenchFinding:
+    """Return the finding about the maker's library of a device that is reached through one."""
+    file: Path = table.library_file
+    return BenchFinding(
+        "maker's library",
+        "ok" if file.is_file() else "bad",
+        str(file) if file.is_file() else f"{file} does not exist",
+        "" if file.is_file() else "install the maker's software, or set `library` and `version` in [modulator]",
+    )
 
 
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:

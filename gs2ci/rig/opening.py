@@ -15,66 +15,15 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig.config import DEVICE_GROUPS, RigTable, read_rig
 from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.acquisition import Devices
-from gs2ci_drivers.display_slm.driver import DisplaySlm
-from gs2ci_drivers.display_slm.options import DisplaySlmOptions
-from gs2ci_drivers.dlpc900.driver import Dlpc900
-from gs2ci_drivers.dlpc900.options import Dlpc900Options
-from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
-from gs2ci_drivers.genicam.driver import GenicamSensor
-from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.grbl.driver import GrblStage
-from gs2ci_drivers.grbl.options import GrblOptions
-from gs2ci_drivers.links.gentl import GenTlPort
-from gs2ci_drivers.links.sdl_screen import SdlScreen
-from gs2ci_drivers.links.serial_line import SerialLine
-from gs2ci_drivers.links.usb_bulk import UsbFifo
-from gs2ci_drivers.links.usb_hid import UsbHid
-from gs2ci_drivers.links.v4l2_sys import KernelSysPort
-from gs2ci_drivers.plugin import DriverPlugin, PortKind, driver_plugin
+from gs2ci_drivers.plugin import PortKind, known_driver
 from gs2ci_drivers.ports import port_errors
-from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
-from gs2ci_drivers.scpi_modulator.options import ScpiOptions
-from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedLibrary, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
-from gs2ci_drivers.v4l2.driver import V4l2Sensor
-from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_drivers.video_out.driver import VideoOut
-from gs2ci_drivers.video_out.options import VideoOutOptions
-from gs2ci_drivers.zaber.driver import ZaberStage
-from gs2ci_drivers.zaber.options import ZaberOptions
 
 if TYPE_CHECKING:
     from gs2ci.rig.simulated import SimulatedBench
 
 
-def _bus_port(port: str) -> str:
-    """Return the bus address of a USB device: the part after "usb:"."""
-    return port.removeprefix("usb").removeprefix(":")
-
-
-def _line(device: str, table: Any) -> SerialLine:
-    return SerialLine(device, table.port, table.baud)
-
-
-def _hid(device: str, table: Dlpc900Options) -> UsbHid:
-    return UsbHid(device, VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
-
-
-def _fifo(device: str, table: DisplaySlmOptions) -> UsbFifo:
-    return UsbFifo(device, bus_port=_bus_port(table.port))
-
-
-DRIVERS: Final[dict[str, DriverPlugin]] = {
-    "dlpc900": DriverPlugin(Dlpc900Options, _hid, Dlpc900, "hid"),
-    "scpi": DriverPlugin(ScpiOptions, _line, ScpiModulator),
-    "santec": DriverPlugin(DisplaySlmOptions, _fifo, DisplaySlm),
-    "video": DriverPlugin(VideoOutOptions, lambda device, _: SdlScreen(device), VideoOut, "screen"),
-    "v4l2": DriverPlugin(V4l2Options, lambda *_: KernelSysPort(), V4l2Sensor, "sys"),
-    "genicam": DriverPlugin(GenicamOptions, lambda device, _: GenTlPort(device), GenicamSensor, "camera"),
-    "zaber": DriverPlugin(ZaberOptions, _line, ZaberStage),
-    "grbl": DriverPlugin(GrblOptions, _line, GrblStage),
-}
-"""Kind of a built-in device -> its port and its driver."""
 # Twins of these ports are ports themselves, since devices of these kinds are opened by calls on the port.
 _TWINS_THEMSELVES: Final = ("sys", "camera", "screen")
 _TRACED: Final[dict[PortKind, Callable[[Any, CallLog], Any]]] = {
@@ -82,6 +31,7 @@ _TRACED: Final[dict[PortKind, Callable[[Any, CallLog], Any]]] = {
     "hid": TracedHid,
     "sys": TracedSys,
     "camera": TracedCamera,
+    "library": TracedLibrary,
 }
 
 
@@ -141,12 +91,11 @@ class Rig:
 
     def _device(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
         """Make a device's driver on its port, real or the twin's."""
-        plugin = driver_plugin(DEVICE_GROUPS[device], table.kind)
-        one = plugin or DRIVERS[table.kind]
+        one = known_driver(DEVICE_GROUPS[device], table.kind)
         twin = None if self.bench is None else getattr(self.bench, device)
         if twin is None:
             port: Any = one.port(device, table)
-        elif plugin is None and one.port_kind in _TWINS_THEMSELVES:
+        elif one.port_kind in _TWINS_THEMSELVES:
             port = twin
         else:
             with port_errors(device, "open"):

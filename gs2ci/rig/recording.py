@@ -88,7 +88,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
-    settings = _timed(settings, calibrated)
+    settings = _timed(replace(settings, measured=calibrated is not None), calibrated)
     plan = plan_capture(devices, settings, config)
     size = (config.height, config.width)
     got = devices.sensor.settings.format
@@ -303,6 +303,9 @@ class _Recorder:
         figures = {figure.what: figure.value for figure in plan.figures}
         self._writer.event("plan", scale=scale, **figures)
         self._log.note("plan", scale=scale, figures=figures)
+        settings = dict(self._devices.sensor.settings.recorded)
+        self._writer.event("settings", sensor=settings)
+        self._log.note("settings", sensor=settings)
 
     def note_ring(self, ring: WritingRing) -> None:
         """Write how full the ring became, and how often the capture waited for the disk."""

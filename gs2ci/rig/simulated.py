@@ -6,55 +6,32 @@ of that world (`simulated_operator`).
 
 import re
 import sys
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
-from gs2ci.rig.config import RigTable, WorldTable
+from gs2ci.rig.config import DEVICE_GROUPS, MechanicsTable, RigTable, WorldTable
 from gs2ci.rig.patterns import origin
-from gs2ci_drivers.display_slm.options import DisplaySlmOptions
-from gs2ci_drivers.dlpc900.options import Dlpc900Options
-from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.grbl.options import GrblOptions
-from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_drivers.video_out.options import VideoOutOptions
-from gs2ci_drivers.zaber.options import ZaberOptions
-from gs2ci_sims.axis_motion import Mechanics
+from gs2ci_drivers.plugin import known_driver
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.idealisations import typical
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.sensor import Sensor
-from gs2ci_sims.wires.display_slm import DisplaySlmTwin
-from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
-from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
-from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
-from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
-from gs2ci_sims.wires.screen import ScreenTwin
-from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
-from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
-from gs2ci_sims.world import LightPath, Mount, World
+from gs2ci_sims.stated import Stated
+from gs2ci_sims.world import LightPath, Motion, Mount, World
 
 if TYPE_CHECKING:
     from gs2ci_sims.bench_light import BenchLight
     from gs2ci_sims.scene import Scene
 
-MODULATOR_SIZES = {
-    "dlpc900": (1080, 1920),  # DLP6500
-    "scpi": (ScpiPanel.height, ScpiPanel.width),
-    "santec": (1200, 1920),
-    "video": (1080, 1920),
-}
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
-
-ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin | ScreenTwin
 
 
 @dataclass
@@ -63,16 +40,16 @@ class SimulatedBench:
 
     Args:
         world: Clock, trigger bus, light.
-        modulator: The modulator's twin.
-        sensor: The camera's and its kernel's twin.
-        stage: The stage's twin, or None.
+        modulator: The modulator's twin, as its record makes it (`gs2ci_drivers.plugin.DriverPlugin.twin`).
+        sensor: The camera's twin, likewise.
+        stage: The stage's twin, likewise, or None.
         faults: The faults to be injected into each twin.
     """
 
     world: World
-    modulator: ModulatorTwin
-    sensor: V4l2Twin | GenicamTwin
-    stage: ZaberTwin | GrblTwin | None
+    modulator: Any
+    sensor: Any
+    stage: Any
     faults: dict[str, FaultSet]
 
     @property
@@ -99,26 +76,13 @@ def modulator_size(rig: RigTable) -> tuple[int, int]:
     Raises:
         InputError: It comes from another package, which does not state its size.
     """
-    plugin = driver_plugin("gs2ci.modulators", rig.modulator.kind)
-    if plugin is None:
-        return MODULATOR_SIZES[rig.modulator.kind]
-    if plugin.size is None:
-        raise _not_simulated(rig.modulator.kind)
-    return plugin.size
-
-
-def _not_simulated(kind: str) -> InputError:
-    return InputError(f"the plug-in {kind!r} has no twin", remedy="use it on a real port, or ask its makers for a twin")
-
-
-def _plugged_twin(group: str, table: Any, world: World) -> Any:
-    """Make the twin of another package's device; None for a built-in device."""
-    plugin = None if table is None else driver_plugin(group, table.kind)
-    if plugin is None:
-        return None
-    if plugin.twin is None:
-        raise _not_simulated(table.kind)
-    return plugin.twin(world, table)
+    size = known_driver("gs2ci.modulators", rig.modulator.kind).size
+    if size is None:
+        raise InputError(
+            f"the plug-in {rig.modulator.kind!r} states no size of its modulator",
+            remedy="use it on a real port, or ask its makers for that",
+        )
+    return size
 
 
 def with_typical_devices(rig: RigTable) -> RigTable:
@@ -145,26 +109,24 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
         light: Turns exposures into pixels; None renders the scene of [world].
 
     Raises:
-        InputError: The scene, the masks' place or a fault's name is invalid.
+        InputError: The scene, the masks' place or a fault's name is invalid; a plug-in has no twin.
     """
     rig = with_typical_devices(rig)
     table = rig.world or WorldTable()
-    if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
-        raise _not_simulated(rig.sensor.kind)
-    faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
     if light is None:
         light = _light(rig, table, rig.sensor.cfa)
-    world = World(light, _mount(rig, table, light))
-    stage = _stage_twin(rig, world, faults["stage"])
-    if stage is not None:
-        world.carry_camera(stage)
-    bench = SimulatedBench(
-        world=world,
-        modulator=_modulator_twin(rig, world, faults["modulator"]),
-        sensor=_sensor_twin(rig, table, world, faults["sensor"]),
-        stage=stage,
-        faults=faults,
-    )
+    modulator = known_driver("gs2ci.modulators", rig.modulator.kind)
+    line = modulator.gate_line if rig.capture.mode == "gate" else modulator.pulse_line
+    world = World(light, stated=Stated(table, f"modulator.{line}"))
+    tables = {"modulator": rig.modulator, "sensor": rig.sensor, "stage": rig.stage}
+    twins = {
+        device: None if one is None else known_driver(DEVICE_GROUPS[device], one.kind).simulated(world, one)
+        for device, one in tables.items()
+    }
+    world.mount = _mount(rig, table, light, twins["stage"], world.clock.now_s())
+    if twins["stage"] is not None:
+        world.carry_camera(twins["stage"])
+    bench = SimulatedBench(world=world, faults=dict(world.stated.faults), **twins)
     for text in table.faults:
         _inject(bench, text)
     return bench
@@ -235,7 +197,7 @@ def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
     )
 
 
-def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
+def _mount(rig: RigTable, table: WorldTable, light: LightPath, stage: Motion | None, now_s: float) -> Mount:
     """Mount the camera so that it has the scene's suggested pose in the middle of the travel."""
     directions = Mount().directions
     mount = table.mount or (rig.stage.mount if rig.stage is not None else None)
@@ -247,125 +209,18 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     return Mount(
         rest_world_to_camera=rest,
         directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
-        rest_mm=_rest_mm(rig, table),
+        rest_mm=_rest_mm(rig, table, {} if stage is None else stage.positions_mm_at(now_s)),
     )
 
 
-def _rest_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
-    """Return each axis's true position in the rest pose: counted in the middle of its travel, else at its start."""
-    capture = rig.capture
-    rest = _start_mm(rig, table) | ({capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {})
-    for axis, one in table.mechanics.items():
-        if axis in rest:
-            rest[axis] *= -one.scale if one.reversed_sign else one.scale
+def _rest_mm(rig: RigTable, table: WorldTable, start_mm: Mapping[str, float]) -> dict[str, float]:
+    """Return each axis's true position in the rest pose: where it stands at first, or in the middle of its travel."""
+    capture, rest = rig.capture, dict(start_mm)
+    if capture.axis:
+        one = table.mechanics.get(capture.axis, MechanicsTable())
+        middle_mm = (capture.from_mm + capture.to_mm) / 2  # as counted
+        rest[capture.axis] = middle_mm * (-one.scale if one.reversed_sign else one.scale)
     return rest
-
-
-def _start_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
-    """Return the counted positions at power-on."""
-    start_mm = table.stage_start_mm
-    if isinstance(rig.stage, ZaberOptions):
-        return dict.fromkeys(rig.stage.axes, ZaberAxis().start_mm if start_mm is None else start_mm)
-    if isinstance(rig.stage, GrblOptions):
-        return dict(zip("xyz", _grbl(table).start_mm, strict=True))
-    return {}
-
-
-def _grbl(table: WorldTable) -> GrblMachine:
-    machine = GrblMachine(mechanics={axis: Mechanics(**one.model_dump()) for axis, one in table.mechanics.items()})
-    start_mm = table.stage_start_mm
-    return machine if start_mm is None else replace(machine, start_mm=(start_mm, start_mm, -10.0))
-
-
-def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
-    table = rig.world or WorldTable()
-    plugged = _plugged_twin("gs2ci.modulators", rig.modulator, world)
-    if plugged is not None:
-        return plugged  # type: ignore[no-any-return]
-    if isinstance(rig.modulator, Dlpc900Options):
-        enables, start_s = table.trigger_out_2_bit == "enables", table.dlpc900_start_s
-        return Dlpc900Twin(world, faults, name="modulator", bit_enables=enables, start_latency_s=start_s)
-    if isinstance(rig.modulator, DisplaySlmOptions):
-        ends = (rig.modulator.dark_level, rig.modulator.bright_level)
-        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s, greys=ends)
-    if isinstance(rig.modulator, VideoOutOptions):
-        late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
-        greys = rig.modulator.greys
-        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch, greys=greys)
-    return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
-
-
-def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
-    table = rig.world or WorldTable()
-    plugged = _plugged_twin("gs2ci.stages", rig.stage, world)
-    if plugged is not None:
-        return plugged  # type: ignore[no-any-return]
-    if isinstance(rig.stage, ZaberOptions):
-        mechanics = {axis: Mechanics(**one.model_dump()) for axis, one in table.mechanics.items()}
-        start_mm = _start_mm(rig, table)
-        axes = {
-            axis: ZaberAxis(
-                microstep_mm=microstep_mm, start_mm=start_mm[axis], mechanics=mechanics.get(axis, Mechanics())
-            )
-            for axis, microstep_mm in rig.stage.microstep_mm.items()
-        }
-        return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
-    if isinstance(rig.stage, GrblOptions):
-        return GrblTwin(world.clock, _grbl(table), faults, board=table.grbl_board)
-    return None
-
-
-def _sensor_twin(rig: RigTable, table: WorldTable, world: World, faults: FaultSet) -> V4l2Twin | GenicamTwin:
-    rng = np.random.default_rng(table.seed)
-    line = "modulator.out"
-    if isinstance(rig.modulator, Dlpc900Options):
-        line += "1" if rig.capture.mode == "gate" else "2"
-    if isinstance(rig.sensor, GenicamOptions):
-        return GenicamTwin(world, _genicam_model(rig.sensor, table, line), faults, rng=rng)
-    return V4l2Twin(world, _camera(rig.sensor, table, line), faults, rng=rng)
-
-
-def _genicam_model(sensor: GenicamOptions, table: WorldTable, line: str) -> GenicamModel:
-    offered = GenicamModel().formats
-    first = (sensor.format,) if sensor.format else ()
-    rows, columns = table.camera_array or (table.height, table.width)
-    return GenicamModel(
-        height=rows,
-        width=columns,
-        formats=(*first, *(name for name in offered if name not in first)),
-        trigger_line=line,
-        trigger_input=sensor.trigger_line,
-        stamps=STAMPING[table.camera_driver][0],
-        latency_s=table.trigger_latency_s,
-        jitter_s=table.trigger_jitter_s,
-        exposure_offset_s=table.trigger_exposure_offset_s,
-        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
-    )
-
-
-def _camera(sensor: V4l2Options, table: WorldTable, line: str) -> CameraModel:
-    offered = CameraModel().formats
-    rows, columns = table.camera_array or (table.height, table.width)
-    stamps, flags_start = STAMPING[table.camera_driver]
-    first = (sensor.format.ljust(4),) if sensor.format else ()
-    return CameraModel(
-        height=rows,
-        width=columns,
-        formats=(*first, *(code for code in offered if code not in first)),
-        trigger=sensor.trigger_adapter,
-        module=sensor.trigger_module,
-        trigger_line=line,
-        latency_s=table.trigger_latency_s,
-        jitter_s=table.trigger_jitter_s,
-        exposure_offset_s=table.trigger_exposure_offset_s,
-        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
-        clock_ppm=table.camera_clock_ppm,
-        driver=table.camera_driver,
-        stamps=stamps,
-        flags_start=flags_start,
-        crops=table.camera_array is not None,
-        on_subdevice=bool(sensor.subdevice),
-    )
 
 
 def _inject(bench: SimulatedBench, text: str) -> None:

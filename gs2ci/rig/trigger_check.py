@@ -4,6 +4,9 @@ A short sequence is shown twice, once with only its first mask open and once wit
 shows how the modulator interprets its settings, and their brightness shows with which mask each frame began. Then
 frames of two exposure times show which event a time stamp marks.
 
+A run without a trigger shows whether the sensor waits for one, and the growth of the frames' arrival with the exposure
+in which unit the sensor counts it.
+
 Here: the experiments and their evaluation. Not here: messages and remedies (`doctor`), the meaning of a pulse count for
 a modulator (`Modulator.interpret_pulses`). No capture plan is needed: plans are refused until these results are known.
 """
@@ -31,6 +34,10 @@ PAUSE_S: Final = 0.1
 """Shortest pause between passes for a gated sensor, so that exposures during the pauses are noticed."""
 STAMP_MASK_S: Final = 0.25
 """Time of a mask in the test of stamps: long, so that the effect is larger than the host's timing errors of some ms."""
+QUIET_S: Final = 0.5
+"""How long the sensor is listened to without a trigger: cameras that run freely send frames more often than that."""
+ARRIVAL_ERROR_S: Final = 5e-3
+"""Uncertainty of the difference of two arrivals, from the computer's delays."""
 LOOK_S: Final = 0.1
 GLANCE_S: Final = 1e-3
 """Timeout for a frame while the host steps the masks: it must not wait longer."""
@@ -117,17 +124,22 @@ class GateFound:
 
 @dataclass(frozen=True)
 class StampsFound:
-    """The measured meaning of time stamps.
+    """The measured meaning of time stamps, and how exposures really grow.
 
     Args:
         meaning: The event that stamps mark; None if the test cannot decide, for the reason in `why`.
         assumed: The meaning that the present settings assume.
         why: The evidence.
+        growth: By how much the frames of the longer exposure arrive later, per second that it is said to be longer;
+            None if there is one length of exposure only.
+        growth_error: The uncertainty of it, from the computer's delays.
     """
 
     meaning: StampMeaning | None
     assumed: StampMeaning
     why: str
+    growth: float | None = None
+    growth_error: float = 0.0
 
 
 def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> TriggerRun:
@@ -242,6 +254,36 @@ def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
     return GateFound(looks[0].count, by_time, by_light)
 
 
+def check_waiting(devices: Devices, config: SensorConfig, trigger: TriggerMode) -> int:
+    """Return how many frames come while no trigger is sent: none, if the sensor waits for one.
+
+    Args:
+        devices: The rig's devices, connected.
+        config: The sensor's set-up; trigger and exposure are filled in.
+        trigger: What is to begin an exposure.
+
+    Raises:
+        DriverError: A device failed; all are at rest.
+    """
+    modulator, sensor, clock = devices.modulator, devices.sensor, devices.clock
+    _, exposure_s = _times(devices)
+    setup = sensor.configure(replace(config, trigger=trigger, exposure_s=exposure_s))
+    came = 0
+    with Steps() as steps:
+        steps.do("modulator dark", modulator.disarm, modulator.disarm)
+        steps.do("sensor on", sensor.start, sensor.stop)
+        until_s = clock.now_s() + QUIET_S + setup.exposure_s + setup.readout_s
+        while clock.now_s() < until_s and came < MOST_FRAMES:
+            try:
+                sensor.read(LOOK_S)
+            except TriggerTimeoutError:
+                continue
+            except (FrameLostError, FrameCorruptError):
+                pass
+            came += 1
+    return came
+
+
 def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> StampsFound:
     """Find out which event the sensor's time stamps mark, by exposures of two lengths.
 
@@ -283,15 +325,19 @@ def _meaning(looks: Sequence[TriggerRun], readout_s: float) -> StampsFound:
     grown_s = looks[1].exposure_s - looks[0].exposure_s
     if grown_s < 2 * LOOK_S / 10:
         return StampsFound(None, assumed, "the sensor has one length of exposure only")
+    later_s = (looks[1].frames[0].t_host_ns - looks[0].frames[0].t_host_ns) * 1e-9 - looks[1].fired_s + looks[0].fired_s
+    growth = {"growth": later_s / grown_s, "growth_error": ARRIVAL_ERROR_S / grown_s}
     why = f"exposures {grown_s * 1e3:.0f} ms longer are stamped {(longer_s - shorter_s) * 1e3:.0f} ms later"
-    if longer_s - shorter_s < grown_s / 2:
-        return StampsFound(StampMeaning.START_OF_EXPOSURE, assumed, why)
+    if later_s < 2 * ARRIVAL_ERROR_S:
+        return StampsFound(None, assumed, f"{why}, and arrive {later_s * 1e3:.0f} ms later", **growth)
+    if longer_s - shorter_s < later_s / 2:
+        return StampsFound(StampMeaning.START_OF_EXPOSURE, assumed, why, **growth)
     arrival_s = float(np.median([one.t_host_ns - one.t_kernel_ns for part in looks for one in part.frames])) * 1e-9
     why += f", and frames arrive {arrival_s * 1e3:.1f} ms after their stamp with a readout of {readout_s * 1e3:.1f} ms"
     if readout_s < SHORTEST_TOLD_S and assumed is not StampMeaning.START_OF_EXPOSURE:
-        return StampsFound(assumed, assumed, why)
+        return StampsFound(assumed, assumed, why, **growth)
     meaning = StampMeaning.START_OF_FRAME if arrival_s > readout_s / 2 else StampMeaning.END_OF_FRAME
-    return StampsFound(meaning, assumed, why)
+    return StampsFound(meaning, assumed, why, **growth)
 
 
 _OPEN: Final = np.ones(2, np.uint8)

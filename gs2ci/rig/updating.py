@@ -20,6 +20,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.registration.parameters import BY_NAME, GROUPS, MATTERS_PX, NAMES, Parameter
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -29,41 +30,14 @@ if TYPE_CHECKING:
     from gs2ci.reconstruct.registration.register import Registered
 
 STEP: Final = "update"
-UNITS: Final = {
-    "down_px": "px",
-    "right_px": "px",
-    "rotation_deg": "deg",
-    "scale": "1",
-    "stretch": "1",
-    "shear": "1",
-    "radial_px": "px",
-    "down_dd_px": "px",
-    "down_dr_px": "px",
-    "down_rr_px": "px",
-    "right_dd_px": "px",
-    "right_dr_px": "px",
-    "right_rr_px": "px",
-    "radial5_px": "px",
-    "blur_px2": "px²",
-    "leak": "1",
-    "widening_px": "px",
-}
-# A parameter is corrected in a bundle if it exceeds this many of its standard errors and moves some mask element, or
-# changes the light, by at least the amounts below: the same limits as in the registration of a shot.
-_SIGNIFICANT: Final = 5.0
-_LEAST: Final = {"blur_px2": 0.02, "leak": 0.005, "widening_px": 0.02}
-_LEAST_PX: Final = 0.02
-# Shots whose estimates differ by more than three of their errors on average, and by more than this, saw other masks.
+# The black level is not a property of masks.
+_GROUPS: Final = tuple(group for group in GROUPS if group.names != ("black",))
+UNITS: Final = {one.name: one.unit for group in _GROUPS for one in group.parameters}
+# So many of a bundle's stated errors of registration may masks be displaced.
+_STATED_ERRORS: Final = 5.0
+# Shots whose estimates differ by more than three of their errors on average, and by more than the parameter's
+# `most_apart`, saw other masks.
 _MOST_CHI2: Final = 9.0
-_MOST_APART: Final = {
-    "rotation_deg": 0.05,
-    "scale": 5e-4,
-    "stretch": 5e-4,
-    "shear": 5e-4,
-    "blur_px2": 0.1,
-    "leak": 0.02,
-}
-_MOST_APART_PX: Final = 0.1
 # Allowed difference between the bundle's masks and those of a shot file, which were rounded when stored.
 _SAME_MASKS: Final = 2e-3
 # After a capture only the middle of this size is registered.
@@ -191,9 +165,7 @@ def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
 
 def values_of(found: "Registered") -> dict[str, tuple[float, float]]:
     """Return one shot's estimate of each parameter with its standard error; parameters without one are left out."""
-    from gs2ci.reconstruct.registration.misfit import NAMES  # noqa: PLC0415  a bench's computer need not have torch
-
-    taken = dict(zip(NAMES, found.misfit.vector().tolist(), strict=True))
+    taken = found.misfit.values()
     values = {**found.tried, **{name: (taken[name], error) for name, error in found.errors.items()}}
     return {name: pair for name, pair in values.items() if name in UNITS and pair[1] > 0 and np.isfinite(pair).all()}
 
@@ -211,7 +183,7 @@ def _stated_error_px(bundle: Bundle) -> float:
         return _LEAST_WARNING_PX
     affine = section.estimates["sensor_from_modulator"]
     errors = np.broadcast_to(affine.standard_error, affine.value.shape)
-    return max(_LEAST_WARNING_PX, float(_SIGNIFICANT * np.linalg.norm(errors[:, 2])))
+    return max(_LEAST_WARNING_PX, float(_STATED_ERRORS * np.linalg.norm(errors[:, 2])))
 
 
 def _check_same_masks(file: Path, shot: Shot, section: Section) -> None:
@@ -258,7 +230,7 @@ def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | N
     mean = float((weights * found).sum() / weights.sum())
     chi2 = float((weights * (found - mean) ** 2).sum()) / max(len(found) - 1, 1)
     apart = float(np.ptp(found))
-    most = _MOST_APART.get(name, _MOST_APART_PX)
+    most = BY_NAME[name].most_apart
     if chi2 > _MOST_CHI2 and apart > most:
         raise CalibrationError(
             STEP,
@@ -270,38 +242,30 @@ def _weighted_mean(name: str, values: list[tuple[float, float]]) -> Estimate | N
     return Estimate(mean, np.sqrt(max(chi2, 1.0) / weights.sum()), UNITS[name])
 
 
-_BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
-_GROUPS: Final = (
-    ("down_px", "right_px"),
-    ("rotation_deg", "scale"),
-    ("stretch", "shear"),
-    ("radial_px",),
-    _BENT,
-    ("radial5_px",),
-    ("blur_px2",),
-    ("leak",),
-    ("widening_px",),
-)
-
-
 def _significant(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
     """Return the parameters that are significant and large enough to matter, in whole groups."""
 
-    def is_sure(name: str) -> bool:
-        value, error = float(known[name]), known[name].error
-        if abs(value) < _SIGNIFICANT * error:
+    def is_sure(one: Parameter) -> bool:
+        if one.name not in known:
             return False
-        if name in _LEAST:
-            return abs(value) >= _LEAST[name]
-        placement = _misfit({name: value}).placement
-        return float(np.linalg.norm(placement.displacement_px(size), axis=1).max()) >= _LEAST_PX
+        value, error = float(known[one.name]), known[one.name].error
+        if abs(value) < one.errors * error:
+            return False
+        if one.change is None:
+            return abs(value) >= one.least
+        placement = _misfit({one.name: value}).placement
+        return float(np.linalg.norm(placement.displacement_px(size), axis=1).max()) >= MATTERS_PX
 
-    there = [tuple(name for name in group if name in known) for group in _GROUPS]
-    return tuple(name for group in there if any(is_sure(name) for name in group) for name in group)
+    return tuple(
+        name
+        for group in _GROUPS
+        for name in group.names
+        if name in known and any(is_sure(one) for one in group.parameters)
+    )
 
 
 def _misfit(values: Mapping[str, float]) -> "Misfit":
-    from gs2ci.reconstruct.registration.misfit import NAMES, Misfit  # noqa: PLC0415  as above
+    from gs2ci.reconstruct.registration.misfit import Misfit  # noqa: PLC0415  a bench's computer need not have torch
 
     return Misfit.from_vector(np.array([values.get(name, 0.0) for name in NAMES]))
 

@@ -15,6 +15,7 @@ from gs2ci.tables.cases import Case
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 TEXTURELESS: Final = "textureless"
+_READ: Final = (".npz", ".mat", ".h5")
 
 
 def simulated_cases() -> tuple[Case, ...]:
@@ -43,15 +44,36 @@ def measurements(folder: Path | None) -> tuple[Case, ...]:
     return simulated_cases() if folder is None else file_cases(folder)
 
 
-def file_cases(folder: Path) -> tuple[Case, ...]:
-    """Return a case for each .npz file of a folder.
+def mechanism_cases(folder: Path | None) -> tuple[Case, ...]:
+    """Return cases on which no mechanism was made: simulated scenes, some in hard conditions, and a folder's files.
 
     Raises:
         InputError: The folder holds none.
     """
-    files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
+    names = (*SIMULATED, "ball", "planes", TEXTURELESS, "moving")
+    easy = tuple(Case(name, scene=name) for name in names)
+    hard = (
+        Case("boxes, 2 % noise", scene="boxes", noise=0.02),
+        Case("thicket, focal unknown", scene="thicket", focal_known=False),
+        Case("ball, stage off 5 %", scene="ball", stage_off=0.05),
+        Case("corridor, 16 views", scene="corridor", views=16, stopped_down=True),
+        Case("motorcycle, grey", scene="motorcycle", grey_masks=True),
+    )
+    return (*easy, *hard, *(() if folder is None else file_cases(folder, _READ)))
+
+
+def file_cases(folder: Path, endings: tuple[str, ...] = (".npz",)) -> tuple[Case, ...]:
+    """Return a case for each measurement's file of a folder, by the endings of their names.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    files = sorted(file for file in folder.glob("*") if file.suffix in endings and not tells_beside(file))
     if not files:
-        raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
+        raise InputError(
+            f"{folder} holds no {' or '.join(endings)} file",
+            remedy="name a folder of measurements, or leave --data out",
+        )
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
 
 

@@ -22,6 +22,7 @@ from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
+from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.tables.beside import BesideViews, beside_file, read_beside
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -48,7 +49,7 @@ class Case:
 
     Args:
         name: In tables.
-        file: An .npz, .npy or .mat file; "" for a simulated scene.
+        file: An .npz, .npy, .mat or .h5 file; "" for a simulated scene.
         scene: Name of a scene of the simulator's library; "" for a file.
         size: Height and width, px: those of a simulated measurement (None: `SIZE`), or the middle of a file's, the
             rest cut away (None: all of it).
@@ -170,7 +171,8 @@ class Case:
         return shot if self.noise == 0 else noisy(shot, self.noise, generator(seed, "added noise"))
 
     def _from_file(self, seed: int) -> Shot:
-        shot = import_shots(Path(self.file), None, ImportOptions()).shots[0]
+        file = Path(self.file)
+        shot = read_shot(file) if file.suffix == ".h5" else import_shots(file, None, ImportOptions()).shots[0]
         if self.size is not None:
             shot = middle(shot, self.size).check()
         if self.views is None and self.open_share is None and self.noise == 0 and not self.grey_masks:

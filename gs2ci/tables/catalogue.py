@@ -12,13 +12,14 @@ from typing import Any, Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.baselines.field_fit import FieldSettings
 from gs2ci.tables.calibration import FRAMES, calibrate_masks
-from gs2ci.tables.case_sets import bench_cases, condition_cases, measurements, resized
+from gs2ci.tables.case_sets import bench_cases, condition_cases, measurements, mechanism_cases, resized
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
 from gs2ci.tables.columns import (
     AGAINST_PAPER,
     CALIBRATION,
     INITIALISATION,
+    MECHANISM,
     PATH,
     POPULATION,
     RECONSTRUCTION,
@@ -27,10 +28,21 @@ from gs2ci.tables.columns import (
 from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
-from gs2ci.tables.variants import ABLATION, GEOMETRY, ON_PAPERS_SCHEDULE, PAPER, RULES, VARIANTS
+from gs2ci.tables.variants import (
+    ABLATION,
+    GEOMETRY,
+    MECHANISM_LINES,
+    MECHANISM_LINES_IN_ONE_FIT,
+    ON_PAPERS_SCHEDULE,
+    PAPER,
+    RULES,
+    VARIANTS,
+)
 from gs2ci.tables.works import initialise_case, reconstruct_case
 from gs2ci_sims.scenes.files import scene_names
 
+# Of measurements that show what a mechanism gives: no figure that let one in was made with draws of these.
+FRESH_SEED: Final = 5800
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24, 32)
 # Variants that the paper's Tables IV and V compare on each of their lines; made only if `--lines` names them.
@@ -176,6 +188,23 @@ def _variants(
     return entries
 
 
+def _mechanisms(options: TableOptions) -> list[TableEntry]:
+    """Make a line without each mechanism, or without those named, and always the line that it is compared with."""
+    named = _chosen(("default", *MECHANISM_LINES), options.lines, ("one fit", *MECHANISM_LINES_IN_ONE_FIT))
+    chosen = dict.fromkeys(one for line in named for one in (compared_with(line), line))
+    return [
+        TableEntry(case.name, line, reconstruction(case, line, FRESH_SEED + seed))
+        for case in options.cases
+        for line in chosen
+        for seed in range(options.seeds)
+    ]
+
+
+def compared_with(line: str) -> str:
+    """Return the line of the table of mechanisms that a line is compared with."""
+    return "one fit" if line in MECHANISM_LINES_IN_ONE_FIT else "default"
+
+
 def _of_literature(options: TableOptions) -> list[TableEntry]:
     """Make the lines of the literature's methods; slow ones and those that need weights only if they are named."""
     chosen = _chosen(("default", *DECODERS), options.lines, (*PAPER, *LEARNED, FIELD))
@@ -280,6 +309,14 @@ TABLES: Final[dict[TableName, Table]] = {
         "One component of the method switched off at a time in one fit, as the paper's Table VII does.",
         _variants(("default", "one fit", *ABLATION)),
         POPULATION,
+    ),
+    "mechanisms": Table(
+        "Mechanisms",
+        "The default, and the default without one mechanism at a time, on measurements that no mechanism was made on. "
+        "Lines in one fit (`one fit, no margin`) are made only if `--lines` names them.",
+        _mechanisms,
+        MECHANISM,
+        mechanism_cases,
     ),
     "mask-ratio": Table(
         "Share of open mask pixels",

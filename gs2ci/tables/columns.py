@@ -49,6 +49,13 @@ AGAINST_PAPER: Final = (
     Measure("gaussians_most", "at most", 0, more_is_better=False),
 )
 
+MECHANISM: Final = (
+    *RECONSTRUCTION[:-1],
+    Measure("depth_px", "depth off, px", 3, more_is_better=False),
+    Measure("heldout_rms", "held out, rms", 4, more_is_better=False),
+    Measure("processor_seconds", "processor s", 1, more_is_better=False),
+)
+
 PATH: Final = (
     Measure("ate", "ATE", 5, more_is_better=False),
     Measure("nate", "nATE", 4, more_is_better=False),

@@ -10,6 +10,7 @@ TableName = Literal[
     "init",
     "density",
     "ablation",
+    "mechanisms",
     "mask-ratio",
     "compression",
     "conditions",

@@ -15,6 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import RULE_NAMES, ProxyName
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.mechanisms import MECHANISMS
 from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
@@ -68,6 +69,10 @@ def _with_opacities_kept(paper: Settings) -> Settings:
 
 def _without(names: tuple[str, ...], settings: Settings) -> Settings:
     return without(_one_fit(settings), names)
+
+
+def _one_fit_without(change: Change, settings: Settings) -> Settings:
+    return change(_one_fit(settings))
 
 
 def _with_osgr(density: Osgr, settings: Settings) -> Settings:
@@ -138,6 +143,15 @@ ON_PAPERS_SCHEDULE: Final[dict[str, Change]] = {
 (its Table VII), the population bounded from another iteration on, or copies and children that keep the opacity of
 their original (supplement II)."""
 
+MECHANISM_LINES: Final[dict[str, Change]] = {f"no {one.name}": one.without for one in MECHANISMS}
+"""The default without a mechanism, by its name in `gs2ci.reconstruct.mechanisms`."""
+
+IN_ONE_FIT: Final = "one fit, "
+MECHANISM_LINES_IN_ONE_FIT: Final[dict[str, Change]] = {
+    f"{IN_ONE_FIT}{name}": partial(_one_fit_without, change) for name, change in MECHANISM_LINES.items()
+}
+"""The same in one fit, to be compared with the line `one fit`: half the time for mechanisms of a fit."""
+
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,
     **FITS,
@@ -156,6 +170,7 @@ def settings_of(variant: str, seed: int) -> Settings:
     Raises:
         InputError: There is no such variant.
     """
-    if variant not in VARIANTS:
-        raise InputError(f"variant {variant!r}", allowed=", ".join(VARIANTS))
-    return VARIANTS[variant](Settings(seed=seed))
+    known = VARIANTS | MECHANISM_LINES | MECHANISM_LINES_IN_ONE_FIT
+    if variant not in known:
+        raise InputError(f"variant {variant!r}", allowed=", ".join(known))
+    return known[variant](Settings(seed=seed))

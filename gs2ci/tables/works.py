@@ -78,6 +78,8 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "gaussians": report.gaussians,
         **_population(done.result.curve),
         "verdict": report.verdict,
+        "source": str(done.result.geometry["method"]),
+        "codes": sorted({note.code.value for note in done.result.notes}),
         "stopped": report.stopped.code.value,
     }
 

@@ -99,6 +99,16 @@ IDEALISATIONS: Final = (
         frozenset({"dlpc900"}),
     ),
     Idealisation(
+        "DMD",
+        "has a lamp that follows its LED enables, so that light is in proportion to grey levels",
+        "lamps that stay on light bit planes of short weight for the 105 us that the mirrors take to load",
+        "DLPU018, table 2-82; e2e.ti.com, thread 953168",
+        "lamp",
+        "switched",
+        "continuous",
+        frozenset({"dlpc900"}),
+    ),
+    Idealisation(
         "LCoS panel",
         "shows each mask at once",
         "liquid crystals of display panels take 1 to 10 ms",

@@ -20,6 +20,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, U8, U16
 from gs2ci.core.errors import InputError
+from gs2ci_sims.stated import Stated
 
 BOOT_S = 1000.0
 """Time of the clock when a world begins: not 0, so that earlier times are positive, too."""
@@ -257,13 +258,17 @@ class World:
     Args:
         light: Turns an exposure into pixels; None: darkness.
         mount: How the stage moves the camera.
+        stated: What a rig file states of the surroundings, for those who build twins.
     """
 
-    def __init__(self, light: LightPath | None = None, mount: Mount | None = None) -> None:
+    def __init__(
+        self, light: LightPath | None = None, mount: Mount | None = None, stated: Stated | None = None
+    ) -> None:
         self.clock = VirtualClock()
         self.bus = TriggerBus(self.clock)
         self.light = light or Darkness()
         self.mount = mount or Mount()
+        self.stated = stated or Stated()
         self.exposures: list[Exposure] = []
         self._forgotten = 0
         self._motion: Motion | None = None

@@ -34,7 +34,7 @@ from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
 from tests.evaluate.reports import GEOMETRY
 
-__all__ = ["small_files", "tab"]
+__all__ = ["tab"]
 
 
 @pytest.fixture
@@ -235,11 +235,11 @@ def test_a_nexus_file_that_cannot_be_written_is_told(run):
 @pytest.mark.parametrize(
     "to", ["gif", "mp4", "nexus", "ply", "spz", "sog", "glb", "colmap", "nerfstudio", "instant-ngp"]
 )
-def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, small_files, tmp_path, to):
+def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, tmp_path, to):
     folder = tmp_path / "full"
     folder.mkdir()
     target = folder / exports.NAMES[to]
-    with pytest.raises(StorageError, match="cannot be written") as told:
+    with small_files(), pytest.raises(StorageError, match="cannot be written") as told:
         gs2ci.export(run, to, target)
     assert told.value.problem.startswith(str(target))
     assert f"{folder}/." not in told.value.problem
@@ -247,12 +247,12 @@ def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothi
     assert list(folder.iterdir()) == []
 
 
-def test_a_picture_that_the_disk_cuts_is_told(small_files, tmp_path):
+def test_a_picture_that_the_disk_cuts_is_told(tmp_path):
     """OpenCV's own writing says that it is written."""
     views = np.random.default_rng(0).random((2, 64, 64, 3), np.float32)
-    with pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
+    with small_files(), pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
         write_pictures(tmp_path / "views", views)
-    with pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
+    with small_files(), pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
         depth_files.write_depth_png(tmp_path, views[..., 0], "mm")
 
 

@@ -12,7 +12,7 @@ and takes a tenth of the time; `GS2CI_SEED` draws other measurements.
 
 import os
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -21,13 +21,14 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.order import depth_rank
-from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import look_closer
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.hypotheses.findings import order_findings
+from gs2ci.reconstruct.hypotheses.fitting import Fits
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -117,7 +118,9 @@ def _settled(trial: Trial) -> Geometry:
     fitted = Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels)
     refine = Refinement(first.holdout, settings.residual)
     fits = Fits(first.holdout, fitted, None, settings, refine, silent, Stopwatch())
-    return fits.settle_order(first, hurried=False).geometry
+    settled, order = fits.order_of(first, hurried=False)
+    geometry = settled.geometry
+    return replace(geometry, notes=(*geometry.notes, *order_findings(order, geometry)))
 
 
 def _outcome(rank: float | None, *, said_open: bool) -> str:

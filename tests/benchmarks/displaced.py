@@ -23,6 +23,7 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.displaced import blocks_of, displaced_motion
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.reversal import turned
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.depth_order import COUNT, draw
@@ -60,7 +61,7 @@ def judge(task: tuple[int, str]) -> tuple[str, list[str]]:
     poses = shot.truth.world_to_camera
     request, tracks, displaced = _estimated(shot)
     right = min(
-        (displaced, *(() if displaced.reverse is None else (displaced.reverse,))),
+        (displaced, *(() if displaced.other_order is None else (turned(displaced),))),
         key=lambda one: trajectory_errors(one.world_to_camera, poses).rotation_deg,
     )
     errors = {"tracks": _error(tracks, poses), "displacements": _error(right, poses)}

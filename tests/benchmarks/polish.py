@@ -23,8 +23,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.handing_over import hand_over
-from gs2ci.reconstruct.record import Recovered
+from gs2ci.reconstruct.fusion import Recovered, hand_over
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.cases import Case
 from tests.benchmarks.decoders import data_folder

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import observe, pipeline
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench
 
@@ -63,12 +63,12 @@ def _psnr(one: dict[str, np.ndarray], scene: str) -> str:
 
 def _stages(scene: str, seed: int) -> dict[str, np.ndarray]:
     looked, shot = [], Bench(scene=scene).expose(SIZE)
-    first_look = pipeline.look
-    pipeline.look = lambda *parts: looked.append(first_look(*parts)) or looked[-1]
+    first_look = observe.look
+    observe.look = lambda *parts: looked.append(first_look(*parts)) or looked[-1]
     try:
         result = pipeline.reconstruct(shot, replace(SETTINGS, seed=seed)).result
     finally:
-        pipeline.look = first_look
+        observe.look = first_look
     first = looked[0]
     return {
         "measurement": shot.measurement,

@@ -29,12 +29,11 @@ import numba
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
-from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.attempts import fits
+from gs2ci.reconstruct import observe, pipeline
 from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.geometry import surface_map
+from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
@@ -47,18 +46,17 @@ ONE_FIT_ITERATIONS = 150
 IMPORTED = ("gs2ci.cli", "gs2ci.reconstruct.pipeline", "gs2ci.evaluate.run_folder")
 
 PARTS: tuple[tuple[str, Any, str], ...] = (
-    ("registration", pipeline, "register"),
-    ("first look: decode, path, depth", pipeline, "look"),
-    ("first look: decode, path, depth", pipeline, "look_closer"),
-    ("order of depth", fits.Fits, "settle_order"),
-    ("first Gaussians", fits.Fits, "beginning"),
-    ("mean of the fits", fits, "combined"),
+    ("registration", observe, "register"),
+    ("first look: decode, path, depth", observe, "look"),
+    ("first look: decode, path, depth", observe, "look_closer"),
+    ("order of depth", fitting.Fits, "order_of"),
+    ("first Gaussians", fitting.Fits, "beginning"),
+    ("mean of the fits", fitting, "combined"),
     ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
-    ("sweeps, edges of their maps", surface_map, "snapped"),
     ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
@@ -174,17 +172,17 @@ def _one_fit(shot: Shot, iterations: int) -> tuple[float, float]:
     """Return the wall and processor seconds of one fit alone."""
     fit = replace(Settings().fit, iterations=iterations, hold_out=HoldOut(patience=iterations), surfaces=None)
     taken: list[tuple[float, float]] = []
-    plain = fits.fit_coarse
+    plain = fitting.advance_together
 
-    def timed(**given: Any) -> Any:
+    def timed(*given: Any, **how: Any) -> Any:
         wall_s, processor_s = time.perf_counter(), time.process_time()
-        result = plain(**given)
+        result = plain(*given, **how)
         taken.append((time.perf_counter() - wall_s, time.process_time() - processor_s))
         return result
 
-    with patch.object(fits, "fit_coarse", timed):
+    with patch.object(fitting, "advance_together", timed):
         pipeline.reconstruct(shot, Settings(fit=fit, fits=1, look_again=False), Silent())
-    return taken[-1]
+    return sum(wall_s for wall_s, _ in taken), sum(processor_s for _, processor_s in taken)
 
 
 def _print_ends(shot: Shot, found: pipeline.Reconstruction) -> None:

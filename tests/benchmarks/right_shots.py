@@ -25,7 +25,7 @@ from skimage.data import astronaut, chelsea, coffee
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.registration.misfit import NAMES
+from gs2ci.reconstruct.registration.parameters import NAMES
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from tests.stability.benches import WALLS, Bench, aside

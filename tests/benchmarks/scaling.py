@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
+from gs2ci.core.kernels import f32_1, i64, in_parts, kernel
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
 from gs2ci.render.cpu.workspace import Workspace
 from gs2ci.render.gaussians import Gaussians
@@ -66,9 +65,9 @@ class Limits:
     bytes: float
 
 
-@kernel(parallel=True)
-def _fma_chains(tasks, steps, out):
-    for task in prange(tasks):
+@kernel(i64, i64, i64, f32_1)
+def _fma_chains(from_task, to_task, steps, out):
+    for task in range(from_task, to_task):
         a = broadcast(np.float32(0.999))
         b = broadcast(np.float32(1e-3))
         # As many chains as hide the latency of one; more would not fit into the registers of AVX2.
@@ -79,18 +78,18 @@ def _fma_chains(tasks, steps, out):
         store(out, task * LANES, c0 + c1 + c2 + c3 + c4 + c5 + c6 + c7)
 
 
-@numba.njit(parallel=True)
-def _triad(a, b, c):
-    for i in prange(len(a)):
+@kernel(i64, i64, f32_1, f32_1, f32_1)
+def _triad(start, end, a, b, c):
+    for i in range(start, end):
         a[i] = b[i] + np.float32(0.5) * c[i]
 
 
 def measured_limits() -> Limits:
     threads = numba.get_num_threads()
     out = np.zeros(threads * LANES, np.float32)
-    fma_s = fastest(lambda: _fma_chains(threads, FMA_STEPS, out))
+    fma_s = fastest(lambda: in_parts(_fma_chains, threads, FMA_STEPS, out))
     a, b, c = (np.ones(TRIAD_FLOATS, np.float32) for _ in range(3))
-    triad_s = fastest(lambda: _triad(a, b, c))
+    triad_s = fastest(lambda: in_parts(_triad, TRIAD_FLOATS, a, b, c))
     # The line that is written is read first.
     return Limits(threads * FMA_STEPS * ACCUMULATORS * LANES / fma_s, 4 * 4 * TRIAD_FLOATS / triad_s)
 

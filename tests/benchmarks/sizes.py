@@ -42,10 +42,10 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.attempts import fits
+from gs2ci.reconstruct import observe, pipeline
 from gs2ci.reconstruct.fit import coarse, coarse_state
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
@@ -53,16 +53,16 @@ from tests.processes import ONE_THREAD, answer_of
 
 EVERY_S = 0.02
 STAGES = (
-    ("registration", pipeline, "register"),
-    ("first look: decode, path, depth", pipeline, "look"),
-    ("first look: decode, path, depth", pipeline, "look_closer"),
-    ("order of depth", fits.Fits, "settle_order"),
-    ("first Gaussians", fits.Fits, "beginning"),
-    ("fits", fits, "fit_together"),
+    ("registration", observe, "register"),
+    ("first look: decode, path, depth", observe, "look"),
+    ("first look: decode, path, depth", observe, "look_closer"),
+    ("order of depth", fitting.Fits, "order_of"),
+    ("first Gaussians", fitting.Fits, "beginning"),
+    ("fits", fitting, "advance_together"),
     ("fits: surfaces", coarse_state, "find_surfaces"),
     ("fits: looks", coarse._Loop, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
-    ("mean of the fits", fits, "combined"),
+    ("mean of the fits", fitting, "combined"),
     ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
 )

@@ -39,6 +39,7 @@ def relative_errors(ones):
     return np.abs([one.error / one.value for one in ones])
 
 
+@pytest.mark.nightly
 def test_figures_of_random_benches_are_as_good_as_promised_and_as_sure_as_stated():
     # One test, so that the benches are calibrated once however tests are spread over processes.
     compared = compared_over_benches()

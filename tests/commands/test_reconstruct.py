@@ -69,7 +69,7 @@ def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_pat
 def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(backend, "needs_compiling", lambda name: name == "cpu")
     quickly(measured, tmp_path / "run", iterations=1)
-    assert "compiles the rasteriser" in capsys.readouterr().out
+    assert "compiles its kernels" in capsys.readouterr().out
 
 
 def test_an_earlier_run_is_replaced_only_when_asked_and_the_index_chooses_the_shot(measured, tmp_path):
@@ -241,3 +241,19 @@ def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):
     with pytest.raises(InputError, match="no component 'luck'"):
         reconstruct.run(measured, tmp_path / "run", without=("luck",))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_plan_is_printed_and_nothing_is_fitted_or_written(measured, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("gs2ci.reconstruct.hypotheses.race.Race.run", lambda *_: pytest.fail("fitted"))
+    quickly(measured, tmp_path / "run", explain_plan=True, fits=2)
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("fit along the path of tracks") for line in lines)
+    assert any(line.startswith("if: moving scenes") for line in lines)
+    assert any(line.startswith("in all") and "at most" in line for line in lines)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("more", [{"every": True}, {"budget": "60s"}])
+def test_a_plan_of_many_exposures_or_within_a_budget_is_refused(measured, tmp_path, more):
+    with pytest.raises(InputError, match="--explain-plan"):
+        reconstruct.run(measured, tmp_path / "run", explain_plan=True, **more)

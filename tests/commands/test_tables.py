@@ -61,6 +61,17 @@ def test_finished_cells_are_found_again_and_fresh_forgets_them(quick, tmp_path):
     assert "7.0" not in bench.run(quick, tmp_path, seeds=1, cases=("boxes",), fresh=True)[0].read_text()
 
 
+def test_mechanisms_have_a_page_of_what_leaving_them_out_costs(quick, tmp_path, monkeypatch):
+    def entries(options):
+        rows = {"default": 30.0, **dict.fromkeys(options.lines, 29.0)}
+        return [TableEntry("boxes", line, Cell(dict, {"psnr_db": db, "seed": 0})) for line, db in rows.items()]
+
+    monkeypatch.setitem(tables.TABLES, "mechanisms", replace(tables.TABLES["mechanisms"], entries=entries))
+    pages = bench.run("ablation", tmp_path, mechanisms=True, only=("margin",), seeds=1)
+    assert pages[-1].name == "mechanisms-costs.md"
+    assert "| margin | beyond-the-borders | 1 | +1.00 |" in pages[-1].read_text()
+
+
 def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
     (tmp_path / "mine.npz").write_bytes(b"")
     assert "## mine" in bench.run(quick, tmp_path / "out", data=tmp_path, seeds=1)[0].read_text()
@@ -70,6 +81,9 @@ def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
     ("arguments", "message"),
     [
         ({"table": "none"}, "table 'none'"),
+        ({"table": "seeds", "mechanisms": True}, "mechanisms left out in the table seeds"),
+        ({"table": "ablation", "only": ("margin",)}, "gs2ci tables ablation --mechanisms"),
+        ({"table": "ablation", "mechanisms": True, "only": ("luck",)}, "mechanism 'luck'"),
         ({"table": "seeds", "seeds": 0}, "--seeds 0"),
         ({"table": "seeds", "processes": -1}, "--processes -1"),
         ({"table": "seeds", "size": (0, 8)}, "--size 0"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.findings import Code, finding
+from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct import first_look
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
@@ -13,7 +13,6 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views, multiplicity
 from gs2ci.reconstruct.first_look import look, look_closer
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
@@ -163,11 +162,10 @@ def test_what_the_closer_look_says_of_views_that_join_is_kept(shot, monkeypatch)
     holdout = with_holdout(shot)
     whole, _ = look_at(holdout, brightness=BrightnessSettings(rounds=0))
     turned = replace(whole.geometry, verdict="rotation_only")
-    two, three = (finding(Code.VIEWS_JOIN_IN_PART, joined=joined, views=4) for joined in (2, 3))
-    answers = iter([(two, PLANE_NOTE), (three,), (two,), (PLANE_NOTE,)])
-    monkeypatch.setattr(first_look, "look", lambda *_: replace(whole, geometry=replace(turned, notes=next(answers))))
+    answers = iter([2, 3, 2, 0])
+    monkeypatch.setattr(first_look, "look", lambda *_: replace(whole, geometry=replace(turned, joined=next(answers))))
     found = [look_closer(holdout, None, load_geometry_prior("tracks"), Settings(), Silent(), [].append) for _ in "ab"]
-    assert [one.geometry.notes for one in found] == [(PLANE_NOTE, three), (two,)]
+    assert [one.geometry.joined for one in found] == [3, 2]
 
 
 def test_no_closer_look_is_taken_where_patches_or_proxies_were_asked_for(shot, monkeypatch):

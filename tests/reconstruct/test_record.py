@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from gs2ci.core.findings import Code
+from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.record import Recovered, _depth_in_noise, _path_unconfirmed
+from gs2ci.reconstruct.record import _depth_in_noise, _path_unconfirmed
 
 SHAPE = (1, 2, 2, 3)
 GREY = SimpleNamespace(grey_rms=lambda: 0.2)

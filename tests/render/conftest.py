@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 from gs2ci.render.reference import ReferenceBackend
-from gs2ci.render.settings import RasterSettings
+from tests.render.backends import FAST, to_the_end
 
 MARGIN_MIN = 2e-5
 """Below this distance of an alpha to a threshold, float32 may fall on the other side of it."""
@@ -107,14 +107,12 @@ def render(backend: Backend, case: Case, *, whole_views: bool = False) -> Outcom
     return Outcome({k: v.detach() for k, v in outputs.items()} | gradients | {"d poses": poses.grad})
 
 
-def _hold_to_definition(case: Case, tolerance: float, *, whole_views: bool = False) -> None:
+def _hold_to_definition(name: str, case: Case, tolerance: float, *, whole_views: bool = False) -> None:
     reference = ReferenceBackend()
     truth = render(reference, case, whole_views=whole_views)
     assert reference.margin > MARGIN_MIN, f"choose another scene: margin {reference.margin:.2g}"
     truth.assert_finite()
-    render(CpuBackend(RasterSettings(termination_transmittance=0.0)), case, whole_views=whole_views).assert_near(
-        truth, tolerance
-    )
+    render(to_the_end(name), case, whole_views=whole_views).assert_near(truth, tolerance)
 
 
 def _with_margin(build: Callable[[int], Case], *, whole_views: bool = False) -> Case:
@@ -157,6 +155,12 @@ def with_margin() -> Callable[..., Case]:
     return _with_margin
 
 
+@pytest.fixture(params=FAST)
+def fast(request: pytest.FixtureRequest) -> str:
+    """The name of a renderer that is held to the definition."""
+    return str(request.param)
+
+
 @pytest.fixture
-def hold_to_definition() -> Callable[..., None]:
-    return _hold_to_definition
+def hold_to_definition(fast: str) -> Callable[..., None]:
+    return partial(_hold_to_definition, fast)

@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from gs2ci.render.adjoint import accumulate, coded_with_pull, pull_back
+from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
-from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
+from tests.render.backends import BACKENDS
 
 
 def with_graph(backend, case, weights, times=None):
@@ -33,10 +34,11 @@ def weights():
     return torch.randn(19, 23, 3, generator=torch.Generator().manual_seed(0))
 
 
-@pytest.mark.parametrize("how", ["plain", "lists kept", "moving", "harmonics", "reference"])
-def test_image_and_gradients_are_those_of_the_graph(make, weights, how):
-    case, times = make(count=12 if how == "reference" else 40), None
-    backend = ReferenceBackend() if how == "reference" else CpuBackend()
+@pytest.mark.parametrize("how", ["plain", "lists kept", "moving", "harmonics"])
+@pytest.mark.parametrize("name", BACKENDS)
+def test_image_and_gradients_are_those_of_the_graph(make, weights, how, name):
+    case, times = make(count=40), None
+    backend = load_backend(name)
     if how == "moving":
         case = replace(case, scene=replace(case.scene, motion=torch.full((40, 1, 3), 0.05)))
         times = torch.tensor([-1.0, 0.0, 1.0])
@@ -44,14 +46,14 @@ def test_image_and_gradients_are_those_of_the_graph(make, weights, how):
         case = replace(case, scene=replace(case.scene, harmonics=torch.full((40, 3, 3), 0.1)))
     reuse = None
     if how == "lists kept":
-        backend = CpuBackend(RasterSettings(relist_every=3))
+        backend = load_backend(name, RasterSettings(relist_every=3))
         reuse = backend.reuse()
     image, gradients = by_call(backend, case, weights, times, reuse=reuse)
     expected, wanted = with_graph(backend, case, weights, times)
     assert torch.equal(image, expected.float())
     assert set(gradients) == set(wanted)
-    for name, gradient in gradients.items():
-        torch.testing.assert_close(gradient, wanted[name].to(gradient.dtype), rtol=1e-6, atol=1e-7, msg=name)
+    for field, gradient in gradients.items():
+        torch.testing.assert_close(gradient, wanted[field].to(gradient.dtype), rtol=1e-6, atol=1e-7, msg=field)
 
 
 def test_gradients_are_added_and_the_screen_is_recorded(make, weights):

@@ -7,12 +7,11 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
-
-BACKENDS = ["cpu", "reference"]
+from tests.render.backends import BACKENDS, WARP
 
 
 def test_unknown_backend_is_refused_with_the_names_that_exist():
-    with pytest.raises(InputError, match=r"no rendering backend 'cuda'.*cpu, reference"):
+    with pytest.raises(InputError, match=r"no rendering backend 'cuda'.*cpu, reference, warp"):
         load_backend("cuda")
 
 
@@ -35,7 +34,9 @@ def test_coding_tells_views_and_size(name, make):
     assert (coding.views, coding.size) == (3, (5, 9))
 
 
-@pytest.mark.parametrize(("name", "other"), [("cpu", "reference"), ("reference", "cpu")])
+@pytest.mark.parametrize(
+    ("name", "other"), [("cpu", "reference"), ("reference", "cpu"), pytest.param("warp", "cpu", marks=WARP.marks)]
+)
 def test_a_mask_set_of_another_backend_is_refused(name, other, make):
     case = make()
     coding = load_backend(other).code(case.masks)

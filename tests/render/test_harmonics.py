@@ -12,7 +12,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import SH_DC, basis, coefficients, colours_seen, degree_of, turned
 from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.se3 import exp
-from gs2ci.render.settings import RasterSettings
+from tests.render.backends import to_the_end
 
 TOLERANCE = 2e-4
 """Relative, in the 2-norm: of float32 kernels against the definition."""
@@ -128,10 +128,10 @@ def shiny(case, degree, size=0.3):
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("whole_views", [False, True])
-def test_kernels_follow_the_definition(degree, whole_views, make, with_margin, run):
+def test_kernels_follow_the_definition(degree, whole_views, make, with_margin, run, fast):
     case = shiny(with_margin(lambda seed: make(seed=seed, count=37), whole_views=whole_views), degree)
     truth = run(ReferenceBackend(), case, whole_views=whole_views)
-    found = run(CpuBackend(RasterSettings(termination_transmittance=0.0)), case, whole_views=whole_views)
+    found = run(to_the_end(fast), case, whole_views=whole_views)
     found.assert_near(truth, TOLERANCE)
     assert torch.linalg.vector_norm(truth.values["d harmonics"]) > 0
 

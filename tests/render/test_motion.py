@@ -9,7 +9,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.reference import ReferenceBackend
-from gs2ci.render.settings import RasterSettings
+from tests.render.backends import to_the_end
 
 TOLERANCE = 2e-4
 """Relative, in the 2-norm, as for still scenes (`cpu/test_parity.py`)."""
@@ -41,7 +41,7 @@ def rendered(backend, case, *, whole_views):
 
 @pytest.mark.parametrize("rows", [1, 3])
 @pytest.mark.parametrize("whole_views", [False, True])
-def test_kernels_follow_the_definition(make, with_margin, rows, whole_views):
+def test_kernels_follow_the_definition(make, with_margin, rows, whole_views, fast):
     # 37 Gaussians leave spare lanes in the last block.
     case = with_margin(lambda seed: make(seed=seed, count=37), whole_views=whole_views)
     for size in (0.1, 0.09, 0.11, 0.08):
@@ -51,7 +51,7 @@ def test_kernels_follow_the_definition(make, with_margin, rows, whole_views):
         if reference.margin > 2e-5:
             break
     assert reference.margin > 2e-5
-    found = rendered(CpuBackend(RasterSettings(termination_transmittance=0.0)), case, whole_views=whole_views)
+    found = rendered(to_the_end(fast), case, whole_views=whole_views)
     for name, wanted in truth.items():
         error = torch.linalg.vector_norm(found[name].double() - wanted)
         assert error <= TOLERANCE * torch.linalg.vector_norm(wanted), name

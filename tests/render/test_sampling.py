@@ -12,8 +12,8 @@ from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.simd.vector import LANES
+from tests.render.backends import BACKENDS
 
-BACKENDS = ["cpu", "reference"]
 TOLERANCE = 2e-5
 """As in `cpu/test_parity.py`."""
 
@@ -47,15 +47,15 @@ def outcome(backend, case, sampling, *, coded, reuse=False):
 @pytest.mark.parametrize("coded", [True, False])
 @pytest.mark.parametrize("reach_px", [0.4, 6.0])
 @pytest.mark.parametrize("reuse", [True, False])
-def test_the_fast_path_agrees_with_the_definition_wherever_pixels_look(coded, reach_px, reuse, make):
+def test_the_fast_path_agrees_with_the_definition_wherever_pixels_look(coded, reach_px, reuse, make, fast):
     for seed in range(100):
         case = make(seed)
         sampling, reference = CanvasSampling.around(scattered(case.size, seed, reach_px)), ReferenceBackend()
         truth = outcome(reference, case, sampling, coded=coded)
         if reference.margin > 4e-5:  # clear of the thresholds, where the image itself jumps
             break
-    fast = CpuBackend(RasterSettings(termination_transmittance=0.0, relist_every=3))
-    for mine, exact in zip(outcome(fast, case, sampling, coded=coded, reuse=reuse), truth, strict=True):
+    backend = load_backend(fast, RasterSettings(termination_transmittance=0.0, relist_every=3))
+    for mine, exact in zip(outcome(backend, case, sampling, coded=coded, reuse=reuse), truth, strict=True):
         assert torch.linalg.vector_norm(mine - exact) <= TOLERANCE * torch.linalg.vector_norm(exact)
 
 

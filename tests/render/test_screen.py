@@ -6,7 +6,7 @@ from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
-from gs2ci.render.settings import RasterSettings
+from tests.render.backends import to_the_end
 
 
 def statistics_of(backend, case, renderings=1):
@@ -20,15 +20,12 @@ def statistics_of(backend, case, renderings=1):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_fast_path_sees_what_the_definition_sees(seed, make, with_margin):
+def test_the_fast_path_sees_what_the_definition_sees(seed, make, with_margin, fast):
     case = with_margin(lambda attempt: make(10 * seed + attempt, count=60, size=(21, 17)))
-    fast, truth = (
-        statistics_of(CpuBackend(RasterSettings(termination_transmittance=0.0)), case),
-        statistics_of(ReferenceBackend(), case),
-    )
-    torch.testing.assert_close(fast.sightings, truth.sightings, rtol=0, atol=0)
-    torch.testing.assert_close(fast.radius_px, truth.radius_px, rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(fast.gradient_sum, truth.gradient_sum, rtol=1e-3, atol=1e-4)
+    seen, truth = statistics_of(to_the_end(fast), case), statistics_of(ReferenceBackend(), case)
+    torch.testing.assert_close(seen.sightings, truth.sightings, rtol=0, atol=0)
+    torch.testing.assert_close(seen.radius_px, truth.radius_px, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(seen.gradient_sum, truth.gradient_sum, rtol=1e-3, atol=1e-4)
     assert (truth.gradient_sum > 0).any()
 
 

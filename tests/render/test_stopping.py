@@ -14,10 +14,9 @@ from gs2ci.render.cpu.passes import Inputs, camera_fields
 from gs2ci.render.cpu.stopping import depth_fields
 from gs2ci.render.gaussians import Gaussians, joined
 from gs2ci.render.reference import project
-from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import NEARBY, RATIO_MAX
+from tests.render.backends import BACKENDS, to_the_end
 
-BACKENDS = ["cpu", "reference"]
 SIZE = (9, 11)
 MIDDLE = (0, 4, 5)
 INTRINSICS = torch.tensor([[20.0, 0, 5.5], [0, 20.0, 4.5], [0, 0, 1]])
@@ -116,22 +115,20 @@ def test_numbers_stay_finite_and_in_front_for_needles_sheets_seen_edge_on_and_gi
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_kernel_agrees_with_the_definition(seed, make, with_margin):
+def test_the_kernel_agrees_with_the_definition(seed, make, with_margin, fast):
     case = with_margin(lambda start: make(1000 * seed + start, size=(13, 18)), whole_views=True)
     definition = load_backend("reference").depths(case.scene, case.poses, case.intrinsics, case.size)
-    fast = load_backend("cpu", RasterSettings(termination_transmittance=0.0)).depths(
-        case.scene, case.poses, case.intrinsics, case.size
-    )
-    torch.testing.assert_close(fast.stopped.double(), definition.stopped, rtol=1e-4, atol=1e-5)
+    found = to_the_end(fast).depths(case.scene, case.poses, case.intrinsics, case.size)
+    torch.testing.assert_close(found.stopped.double(), definition.stopped, rtol=1e-4, atol=1e-5)
     # Between two surfaces the share is level, and a rounding decides which of them has it.
-    near = (fast.depth - definition.depth).abs() <= 1e-4 * definition.depth
+    near = (found.depth - definition.depth).abs() <= 1e-4 * definition.depth
     assert near.double().mean() > 0.995
-    assert ((fast.nearby - definition.nearby).abs()[near] < 1e-3).double().mean() > 0.99
-    assert ((fast.spread - definition.spread).abs()[near] < 1e-3).double().mean() > 0.99
+    assert ((found.nearby - definition.nearby).abs()[near] < 1e-3).double().mean() > 0.99
+    assert ((found.spread - definition.spread).abs()[near] < 1e-3).double().mean() > 0.99
 
 
 @pytest.mark.parametrize(("count", "logit"), [(300, -3.0), (2000, -4.5)])
-def test_in_fog_the_kernel_agrees_with_the_definition(count, logit):
+def test_in_fog_the_kernel_agrees_with_the_definition(count, logit, fast):
     # A pixel's light is stopped by a hundred thick and faint Gaussians, whose sums are the kernel's in float32; or by
     # so many that those which cannot hold the depth are sorted out on the way.
     draw = torch.Generator().manual_seed(5)
@@ -143,10 +140,10 @@ def test_in_fog_the_kernel_agrees_with_the_definition(count, logit):
         colours=torch.rand(count, 3, generator=draw),
     )
     definition = load_backend("reference").depths(fog, POSE, INTRINSICS, SIZE)
-    fast = load_backend("cpu", RasterSettings(termination_transmittance=0.0)).depths(fog, POSE, INTRINSICS, SIZE)
+    found = to_the_end(fast).depths(fog, POSE, INTRINSICS, SIZE)
     assert definition.stopped.min() > 0.5
     for name in ("depth", "spread", "stopped", "nearby"):
-        torch.testing.assert_close(getattr(fast, name).double(), getattr(definition, name), rtol=2e-4, atol=2e-5)
+        torch.testing.assert_close(getattr(found, name).double(), getattr(definition, name), rtol=2e-4, atol=2e-5)
 
 
 @pytest.mark.parametrize("name", BACKENDS)

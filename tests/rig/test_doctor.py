@@ -9,9 +9,12 @@ from gs2ci.rig.doctor import examine
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
+from gs2ci_drivers.manners import manners_of
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.trigger import ControlTrigger
+from gs2ci_sims.wires.shutter import Shutting
+from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.world import Darkness
 
 TABLES = {
@@ -72,6 +75,36 @@ def test_a_camera_without_external_trigger_is_found(tmp_path):
     assert found["trigger loop"].verdict == "bad"
 
 
+@pytest.mark.parametrize("adapter", ["outside", "module", "control"])
+def test_a_camera_that_runs_by_its_own_clock_is_not_taken_for_a_triggered_one(tmp_path, adapter):
+    """What a setting says is no proof: an imx477 whose parameter is 1 drives the line instead of following it."""
+    sensor = {"trigger_adapter": adapter, "trigger_module": "imx477"}
+    sensor |= (
+        {}
+        if adapter == "outside"
+        else {"trigger_values": {"free-run": 0, "edge": {"module": 1, "control": 3}[adapter]}}
+    )
+    rig = make(tmp_path, sensor=sensor)
+    model = replace(rig.bench.sensor.model, outside=Shutting.FREE, module="imx477")
+    rig.bench.sensor = V4l2Twin(rig.bench.world, model, rig.bench.faults["sensor"])
+    waits = verdicts(rig)["sensor waits"]
+    assert waits.verdict == "bad"
+    assert "runs by its own clock" in waits.detail
+    assert ("by the means that you use" if adapter == "outside" else "trigger_values") in waits.remedy
+
+
+def test_a_camera_that_was_switched_outside_is_proved_by_the_doctor(tmp_path):
+    found = verdicts(make(tmp_path, sensor={"trigger_adapter": "outside"}))
+    assert (found["sensor waits"].verdict, found["trigger pulses"].verdict) == ("ok", "ok")
+    assert "without a trigger" in found["sensor waits"].detail
+
+
+def test_a_sensor_that_fails_while_it_waits_is_a_finding(tmp_path):
+    rig = make(tmp_path)
+    rig.bench.faults["sensor"].inject("v4l2.call_fails", value=5, about="VIDIOC_STREAMON")
+    assert verdicts(rig)["sensor waits"].verdict == "bad"
+
+
 def test_an_unplugged_device_ends_the_examination_with_one_finding(tmp_path):
     rig = make(tmp_path)
     rig.bench.modulator.unplug()
@@ -127,6 +160,42 @@ def test_a_panel_behind_usb_is_given_its_own_udev_rule(tmp_path):
     assert 'ATTRS{idVendor}=="0403"' in found["permissions for the modulator"].remedy
 
 
+def test_what_one_would_not_guess_of_the_devices_found_is_told(tmp_path):
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "alp"},
+            "sensor": {"kind": "v4l2"},
+            "stage": {"kind": "kinesis"},
+            "world": {"height": 8, "width": 16},
+        }
+    )
+    rig = Rig(table, "", tmp_path, build_bench(table, Darkness()))
+    rig.bench.stage.unplug()
+    rig.bench.stage.plug_in()
+    told = [one.detail for one in doctor.examine(rig, trigger_loop=False) if one.what == "stage, to know"]
+    assert told == [f"{one.applies}: {one.fact}" for one in manners_of("kinesis")]
+    devices = rig.open()
+    rig.bench.stage.faults.inject("serial.request_lost", times=99)
+    devices.close()
+    found = list(doctor.examine(rig, trigger_loop=False))
+    assert {one.what for one in found if one.what.endswith("to know")} >= {"modulator, to know"}
+    assert "stage, to know" not in {one.what for one in found}
+
+
+def test_the_library_of_a_vialux_device_is_looked_for(tmp_path):
+    def said():
+        modulator = {"kind": "alp", "port": "usb", "library": str(tmp_path)}
+        table = RigTable.model_validate({"modulator": modulator, "sensor": {"kind": "v4l2", "port": "/dev/null"}})
+        (found,) = [one for one in doctor._permissions(Rig(table, "", tmp_path)) if one.what == "maker's library"]
+        return found.verdict, found.detail, found.remedy
+
+    verdict, detail, remedy = said()
+    assert (verdict, "libalp43.so does not exist" in detail) == ("bad", True)
+    assert "`library`" in remedy
+    (tmp_path / "libalp43.so").touch()
+    assert said() == ("ok", str(tmp_path / "libalp43.so"), "")
+
+
 @pytest.mark.parametrize("fault", ["v4l2.frame_noisy", "v4l2.frame_corrupt", "v4l2.frame_dropped"])
 def test_a_camera_that_runs_freely_and_sends_bad_frames_only_does_not_keep_the_doctor(tmp_path, monkeypatch, fault):
     set_mode = ControlTrigger.set_mode
@@ -150,7 +219,7 @@ def test_the_doctor_examines_the_camera_as_the_capture_sets_it_up(tmp_path, monk
         V4l2Sensor, "_do_configure", lambda camera, config: configs.append(config) or do_configure(camera, config)
     )
     assert {finding.verdict for finding in examine(rig)} == {"ok"}
-    assert len(configs) == 5  # pulses twice, loop, stamps twice
+    assert len(configs) == 6  # without triggers, pulses twice, loop, stamps twice
     assert {str(replace(one, exposure_s=0, trigger=TriggerMode.EDGE)) for one in configs} == {
         str(replace(wanted, exposure_s=0, trigger=TriggerMode.EDGE))
     }

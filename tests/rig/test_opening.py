@@ -11,11 +11,12 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.rig import discovery
 from gs2ci.rig.calibrating import operator_of
-from gs2ci.rig.config import RigTable
-from gs2ci.rig.opening import DRIVERS, Rig, load_rig
+from gs2ci.rig.config import RigTable, WorldTable
+from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
-from gs2ci_drivers.plugin import BUILT_IN
+from gs2ci_drivers.plugin import BUILT_IN, PluginError, driver_plugin, known_driver
+from gs2ci_sims.stated import Stated
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Darkness, World
@@ -34,8 +35,8 @@ def simulated(tmp_path, **tables):
     return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
-@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
-@pytest.mark.parametrize("stage", ["zaber", "grbl"])
+@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec", "alp"])
+@pytest.mark.parametrize("stage", ["zaber", "grbl", "kinesis"])
 def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulator, stage):
     rig = simulated(tmp_path, modulator={"kind": modulator}, stage={"kind": stage})
     for _ in range(2):
@@ -80,10 +81,31 @@ def test_figures_of_a_simulated_sensor_are_in_readings_of_its_format(kind, form,
     assert (true.black_level_dn, true.electrons_per_dn) == (100.0, 2.0)
 
 
-def test_packages_cannot_take_the_kind_of_a_built_in_device():
-    assert sorted(DRIVERS) == sorted(kind for kinds in BUILT_IN.values() for kind in kinds)
-    for kind, one in DRIVERS.items():
-        assert one.settings.model_fields["kind"].annotation == Literal[kind]
+@pytest.mark.parametrize(("group", "kind"), [(group, kind) for group, kinds in BUILT_IN.items() for kind in kinds])
+def test_a_built_in_device_is_one_record_as_a_plug_in_is(group, kind, monkeypatch):
+    monkeypatch.setattr("gs2ci_drivers.plugin.load", lambda *_: 7)  # no package can take its kind
+    record = driver_plugin(group, kind)
+    assert record.settings.model_fields["kind"].annotation == Literal[kind]
+    assert (record.access == "usb") == (record.usb_ids is not None)
+    twin = record.simulated(
+        World(stated=Stated(WorldTable(height=8, width=16))), record.settings.model_validate({"kind": kind})
+    )
+    twin.unplug()
+    twin.plug_in()
+    assert (record.size is None) == (group != "gs2ci.modulators")
+
+
+@pytest.mark.parametrize("kind", BUILT_IN["gs2ci.modulators"])
+def test_the_size_that_a_record_states_is_that_of_the_device(tmp_path, kind):
+    devices = simulated(tmp_path, modulator={"kind": kind}).open()
+    info = devices.modulator.connect()
+    devices.close()
+    assert (info.height, info.width) == known_driver("gs2ci.modulators", kind).size
+
+
+def test_a_kind_whose_package_is_gone_is_refused():
+    with pytest.raises(PluginError, match=r"no driver of the kind 'lamp-array'.*zaber"):
+        known_driver("gs2ci.stages", "lamp-array")
 
 
 def test_what_was_opened_is_closed_again_when_a_later_port_fails(tmp_path):

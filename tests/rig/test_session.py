@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import pytest
 
 import gs2ci
@@ -78,6 +79,12 @@ def test_it_says_who_when_on_what_how_warm_and_what_happened(tmp_path, monkeypat
     assert warm == 2 * [("sensor", {"DeviceTemperature": 41.5}), ("stage", {"x": 31.4})]
     assert [row["index"] for row in rows if row["event"] == "shot"] == [0, 1]
     assert (rows[-1]["event"], rows[-1]["rows"]) == ("end", 2)
+    # Two sessions can be compared by the settings of the camera, in the log and in the shot file.
+    with h5py.File(shot) as file:
+        events = [json.loads(line) for line in file["events"][:]]
+    (told,) = [row["sensor"] for row in rows if row["event"] == "settings"]
+    assert [event["sensor"] for event in events if event["kind"] == "settings"] == [told]
+    assert (told["PixelFormat"], told["ReverseX"], told["TriggerMode"], told["Gain"]) == ("Mono12", False, "On", 0.0)
     provenance = read_shot(shot).provenance
     assert provenance["metadata"]["operator"] == "A. Name"
     assert provenance["taken_at"].endswith("+00:00")

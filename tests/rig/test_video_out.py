@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.progress import Silent
-from gs2ci.rig import discovery, simulated
+from gs2ci.rig import discovery
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.doctor import examine
 from gs2ci.rig.opening import Rig
@@ -16,6 +16,7 @@ from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.links import sdl_screen
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.ports import ScreenOutput
+from gs2ci_sims.wires import screen
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Darkness, World
@@ -29,7 +30,7 @@ TABLES = {
 
 @pytest.mark.parametrize("refresh_hz", [60.0, 59.94, 45.0])
 def test_the_doctor_finds_its_trigger_by_the_patch_and_nothing_wrong(tmp_path, monkeypatch, refresh_hz):
-    monkeypatch.setattr(simulated, "ScreenTwin", partial(simulated.ScreenTwin, refresh_hz=refresh_hz))
+    monkeypatch.setattr(screen, "ScreenTwin", partial(screen.ScreenTwin, refresh_hz=refresh_hz))
     table = RigTable.model_validate(TABLES)
     found = {one.what: one for one in examine(Rig(table, "", tmp_path, build_bench(table, Darkness())))}
     assert [one for one in found.values() if one.verdict == "bad"] == []

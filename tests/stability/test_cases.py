@@ -1,10 +1,13 @@
 """The hard cases in a quick version: every case that is marked for it, small and short, run end to end and judged.
 
+One of each family runs with every commit, all of them by night.
+
 The whole suite, larger and longer, is `make stability`.
 """
 
 import pytest
 
+from tests.nightly import but_one_of_each
 from tests.stability.benches import QUICK
 from tests.stability.cases import CASES
 from tests.stability.judge import judge
@@ -14,7 +17,7 @@ pytestmark = pytest.mark.slow
 QUICK_CASES = [case for case in CASES if case.quick]
 
 
-@pytest.mark.parametrize("case", QUICK_CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize("case", but_one_of_each(lambda case: case.family, QUICK_CASES), ids=lambda case: case.title)
 def test_a_hard_case_ends_well(case):
     assert judge(case, QUICK).problems == ()
 

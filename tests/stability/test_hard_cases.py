@@ -297,7 +297,7 @@ def test_an_error_during_the_fit_leaves_nothing_behind(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise Gs2ciError("the fit failed")
 
-    monkeypatch.setattr("gs2ci.reconstruct.attempts.fits.fit_coarse", fail)
+    monkeypatch.setattr("gs2ci.reconstruct.hypotheses.fitting.CoarseRun", fail)
     with pytest.raises(Gs2ciError, match="the fit failed"):
         run(measured, tmp_path / "run")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["shot.h5", "shot.json"]

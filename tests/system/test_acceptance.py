@@ -26,6 +26,7 @@ from gs2ci.rig.opening import load_rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from tests.bench_truth import BenchTruth, truth_of
 from tests.calibration.random_benches import compare
+from tests.nightly import but
 
 pytestmark = pytest.mark.slow
 
@@ -153,7 +154,7 @@ class Accepted:
     known: Report
 
 
-@pytest.fixture(scope="module", params=BENCHES)
+@pytest.fixture(scope="module", params=but(1, BENCHES))
 def accepted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Accepted:
     """Take a bench the whole way, and reconstruct its shot once more with everything known."""
     text, steps = BENCHES[request.param]
@@ -231,7 +232,7 @@ SPOILED = {
 }
 
 
-@pytest.mark.parametrize("what", SPOILED)
+@pytest.mark.parametrize("what", but(1, SPOILED))
 def test_a_bench_with_one_part_spoiled_is_refused_for_the_right_reason(what, tmp_path, capsys):
     text, (*before, last), reason = SPOILED[what]
     rig, bundle = tmp_path / "rig.toml", tmp_path / "bench.cal.h5"

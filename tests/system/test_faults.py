@@ -170,6 +170,8 @@ def do_what_the_remedies_say(small):
         modulator.fault = ""
     if small.rig.table.stage.kind == "zaber":
         stage.release()
+    if hasattr(sensor, "unplug"):
+        sensor.unplug()  # a camera forgets what others have set when it loses power
     for twin in (modulator, sensor, stage):
         twin.plug_in()
     small.bench.world.clock.sleep_s(3.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.mechanisms import MECHANISMS
 from gs2ci.reconstruct.presets.ablation import COMPONENTS
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
@@ -30,6 +31,7 @@ LINES = {
     "methods": [name for name in VARIANTS if name not in ON_PAPERS_SCHEDULE],
     "density": ("default", "one fit", "osgr by the book", "adc", "mcmc", "revised"),
     "ablation": ("default", "one fit", *(f"without {name}" for name in COMPONENTS), "without all six"),
+    "mechanisms": ("default", *(f"no {one.name}" for one in MECHANISMS)),
     "mask-ratio": RATIOS,
     "compression": VIEWS,
     "conditions": CONDITIONS,
@@ -50,6 +52,24 @@ def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
 
 def test_every_table_can_be_asked_for_by_its_name():
     assert tuple(TABLES) == get_args(TableName)
+
+
+def test_a_mechanism_is_always_compared_with_the_default():
+    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("no margin",)))
+    assert [entry.line for entry in entries] == ["default", "no margin"]
+    entries = TABLES["mechanisms"].entries(TableOptions(CASES[:1], seeds=1, lines=("one fit, no margin",)))
+    assert [entry.line for entry in entries] == ["one fit", "one fit, no margin"]
+    assert settings_of("one fit, no margin", 0) == replace(settings_of("no margin", 0), fits=1)
+    assert len({entry.cell.arguments["seed"] for entry in entries}) == 1
+
+
+def test_the_measurements_of_mechanisms_are_simulated_and_those_of_a_folder(tmp_path):
+    (tmp_path / "one.h5").touch()
+    (tmp_path / "one.beside.npz").touch()
+    built_in, given = (known_cases("mechanisms", folder, None) for folder in (None, tmp_path))
+    assert [case.name for case in given[len(built_in) :]] == ["one"]
+    with pytest.raises(InputError, match=r"holds no \.npz or \.mat or \.h5 file"):
+        known_cases("mechanisms", tmp_path / "nowhere", None)
 
 
 def test_a_line_changes_what_it_says():

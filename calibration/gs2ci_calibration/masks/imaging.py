@@ -135,4 +135,4 @@ def convolved(image: F64, kernel: F64) -> F64:
 def sharp(pattern: NDArray[Any], pixels: PixelMap) -> tuple[F64, F64, F64]:
     """Return the ideal relay's image of a pattern [Hm, Wm] in [0, 1], and its derivatives by u and v."""
     u, v = pixels.everywhere()
-    return sample_boxes(np.ascontiguousarray(pattern, dtype=np.float32), u, v, *pixels.footprint)  # type: ignore[no-any-return]
+    return sample_boxes(np.ascontiguousarray(pattern, dtype=np.float32), u, v, *pixels.footprint)

@@ -6,23 +6,22 @@ kernel to it. Every pixel is computed alone, so the result does not depend on th
 
 from typing import Final
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import EXACT, f32_2, f64, f64_2, helper, i64, in_parts, kernel
 
 SMOOTHED: Final = 0.05
 """Half the width, in boxes, over which derivatives are averaged. They jump where an edge of the box meets an edge of
 a mirror, on a bench without misalignment everywhere at once; a fit that follows them would swing to and fro there."""
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _overlap(first: float, last: float, index: int) -> float:
     """Return how much of an interval lies in [index, index + 1]."""
     return max(min(last, index + 1.0) - max(first, float(index)), 0.0)
 
 
-@numba.njit(cache=True)
 def sample_boxes(pattern: F32, u: F64, v: F64, wide: float, high: float) -> tuple[F64, F64, F64]:
     """Average a pattern of unit squares over boxes, with derivatives.
 
@@ -37,11 +36,19 @@ def sample_boxes(pattern: F32, u: F64, v: F64, wide: float, high: float) -> tupl
         Mean transmission of each box, its derivative by u and by v, [H, W] each; the derivatives are means over
         boxes moved by up to `SMOOTHED` of their size.
     """
-    rows, columns = u.shape
-    mean, by_u, by_v = np.zeros(u.shape), np.zeros(u.shape), np.zeros(u.shape)
+    mean, by_u, by_v = np.empty(u.shape), np.empty(u.shape), np.empty(u.shape)
+    places = (np.ascontiguousarray(u, np.float64), np.ascontiguousarray(v, np.float64))
+    pattern = np.ascontiguousarray(pattern, np.float32)
+    in_parts(_sample, len(u), pattern, *places, float(wide), float(high), mean, by_u, by_v)
+    return mean, by_u, by_v
+
+
+@kernel(i64, i64, f32_2, f64_2, f64_2, f64, f64, f64_2, f64_2, f64_2, fastmath=EXACT)
+def _sample(from_row, to_row, pattern, u, v, wide, high, mean, by_u, by_v):
+    columns = u.shape[1]
     area = wide * high
     du, dv = SMOOTHED * wide, SMOOTHED * high
-    for i in range(rows):
+    for i in range(from_row, to_row):
         for j in range(columns):
             left, top = u[i, j] - 0.5 * wide, v[i, j] - 0.5 * high
             right, bottom = left + wide, top + high
@@ -61,4 +68,3 @@ def sample_boxes(pattern: F32, u: F64, v: F64, wide: float, high: float) -> tupl
             mean[i, j] = total / area
             by_u[i, j] = slope_u / area
             by_v[i, j] = slope_v / area
-    return mean, by_u, by_v

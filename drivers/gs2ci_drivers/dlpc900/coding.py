@@ -1,27 +1,19 @@
-"""What both run-length codings share: input checks, the compiling decorator, pixels, and how a stream is made.
+"""What both run-length codings share: input checks, pixels, and how a stream is made.
 
 Not here: the grammars (`erle`, `rle`), the header (`images`). Only the controller reads a stream; its twin has a reader
 of its own (`gs2ci_sims.wires.dlpc900_images`).
 """
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import U8, U32
 from gs2ci.core.errors import InputError
+from gs2ci.core.kernels import helper
 
 # The widest run that two count bytes can carry: seven bits and eight.
 MAX_WIDTH = 0x7FFF
-
-AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
-
-
-def compiled(function: AnyFunction) -> AnyFunction:
-    """Compile a kernel with Numba; the readable original stays reachable as `.py_func`."""
-    return cast(AnyFunction, numba.njit(cache=True)(function))
 
 
 def encoded(words: U32, most_bytes_per_row: int, encode_rows: Callable[[U32, U8], int]) -> bytes:
@@ -60,7 +52,7 @@ def check_words(words: U32) -> None:
         )
 
 
-@compiled
+@helper()
 def put_pixel(stream: U8, at: int, word: int) -> int:
     """Write a pixel, [bits 16-23][bits 8-15][bits 0-7] of its word; return the next byte."""
     stream[at] = (word >> 16) & 0xFF

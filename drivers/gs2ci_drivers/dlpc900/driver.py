@@ -59,6 +59,7 @@ _FIXED_EXCHANGES: Final = 20
 # The start command and its answer over USB; a capture corrects this figure by its first frame.
 _TYPICAL_START_S: Final = 5e-3
 _UNSETTLED: Final = "trigger_out_2_bit is not stated"
+_GREY: Final = "under a lamp that stays on, bit planes of short weight are lit for as long as the mirrors take to load"
 
 
 class Dlpc900(Modulator):
@@ -180,8 +181,14 @@ class Dlpc900(Modulator):
             gate_delay_s=gate.rise_us * _US,
             gate_longer_s=(gate.fall_us - gate.rise_us) * _US,
             pulses_unsettled="" if self.settings.trigger_out_2_bit else _UNSETTLED,
+            grey_unsettled="" if self.settings.lamp == "switched" else _GREY,
             typical_start_s=_TYPICAL_START_S,
         )
+
+    def _do_other_polarity(self) -> PulseVerdict:
+        edges = self.settings.trigger_out_1.model_copy(update={"inverted": not self.settings.trigger_out_1.inverted})
+        remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
+        return PulseVerdict(False, "the gate is inverted", remedy, {"trigger_out_1": edges})
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
         settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S

@@ -17,7 +17,8 @@ A pixel is [bits 16-23][bits 8-15][bits 0-7] of its word.
 from typing import Final
 
 from gs2ci.core.arrays import U8, U32
-from gs2ci_drivers.dlpc900.coding import compiled, encoded, put_pixel
+from gs2ci.core.kernels import helper, kernel, u8_1, u32_2
+from gs2ci_drivers.dlpc900.coding import encoded, put_pixel
 
 # Inside a literal run a pixel takes 3 bytes. Leaving it for a run is worthwhile only if that saves more than the run's
 # header and the header of the literal run that follows.
@@ -43,7 +44,7 @@ def encode(words: U32) -> bytes:
     return encoded(words, 2, _encode_rows)
 
 
-@compiled
+@helper()
 def _put_count(stream: U8, at: int, count: int) -> int:
     if count < 128:
         stream[at] = count
@@ -53,7 +54,7 @@ def _put_count(stream: U8, at: int, count: int) -> int:
     return at + 2
 
 
-@compiled
+@helper()
 def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
     if end - start == 1:
         # A literal run of one does not exist in the grammar; a repeat of one does.
@@ -66,7 +67,7 @@ def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
     return at
 
 
-@compiled
+@helper()
 def _run_lengths(row: U32, above: U32, x: int, has_above: bool) -> tuple[int, int]:
     width = row.shape[0]
     end = x + 1
@@ -80,7 +81,7 @@ def _run_lengths(row: U32, above: U32, x: int, has_above: bool) -> tuple[int, in
     return repeat, end - x
 
 
-@compiled
+@kernel(u32_2, u8_1)
 def _encode_rows(words: U32, stream: U8) -> int:
     height, width = words.shape
     at = 0

@@ -61,6 +61,9 @@ class Dlpc900Options(ConfigTable):
     """Whether the mirrors keep flipping evenly after the device is closed, as TI recommends for a longer life."""
     leds: Annotated[int, Field(ge=0, le=7)] = 7
     """LED enables during a pattern: bit 0 red, 1 green, 2 blue."""
+    lamp: Literal["", "switched", "continuous"] = ""
+    """Whether the lamp follows the controller's LED enables ("switched") or stays on ("continuous"); "" means unknown.
+    Only a switched lamp makes light in proportion to grey levels: with another, grey masks must be measured."""
     invert: bool = False
     """Whether the device inverts all patterns."""
     reply_timeout_s: Duration = 2.0

@@ -16,7 +16,8 @@ A pixel is [bits 16-23][bits 8-15][bits 0-7] of its word.
 from typing import Final
 
 from gs2ci.core.arrays import U8, U32
-from gs2ci_drivers.dlpc900.coding import compiled, encoded, put_pixel
+from gs2ci.core.kernels import helper, kernel, u8_1, u32_2
+from gs2ci_drivers.dlpc900.coding import encoded, put_pixel
 
 _MAX_RUN: Final = 255
 
@@ -39,7 +40,7 @@ def encode(words: U32) -> bytes:
     return encoded(words, 5, _encode_rows)
 
 
-@compiled
+@helper()
 def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
     while start < end:
         count = min(end - start, _MAX_RUN)
@@ -56,7 +57,7 @@ def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
     return at
 
 
-@compiled
+@kernel(u32_2, u8_1)
 def _encode_rows(words: U32, stream: U8) -> int:
     height, width = words.shape
     at = 0

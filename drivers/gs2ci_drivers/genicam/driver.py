@@ -94,9 +94,9 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
     def _new_checks(self, setup: GenicamSetup) -> BufferChecks:
         assert setup.settings is not None
         assert self._identity is not None
-        first = self._options.first_frame_id
-        if first is None:
-            first = FIRST_IDS.get(self._identity.transport)
+        stated = self._options.first_frame_id
+        known = FIRST_IDS.get(self._identity.transport) if stated is None else stated
+        first = () if known is None or known == "any" else (int(known),)
         picture = setup.settings.format
         return BufferChecks(self.name, setup.form, (picture.height, picture.width), first, self._options.stamps)
 
@@ -180,13 +180,13 @@ class GenicamSensor(StreamedSensor[TakenFrame]):
 
     def _remember_trigger(self) -> None:
         """Store the trigger mode that was found, once, so that it can be restored."""
-        if self._found_mode is None and self._features.has("TriggerSelector", self._options.trigger_selector):
-            self._features.write("TriggerSelector", self._options.trigger_selector)
+        if self._found_mode is None and self._features.has("TriggerMode"):
+            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
             self._found_mode = str(self._features.read("TriggerMode"))
 
     def _put_trigger_back(self) -> None:
         if self._identity is not None and self._found_mode is not None:
-            self._features.write("TriggerSelector", self._options.trigger_selector)
+            self._features.write_if_there("TriggerSelector", self._options.trigger_selector)
             self._features.write("TriggerMode", self._found_mode)
 
     def _halt(self) -> None:

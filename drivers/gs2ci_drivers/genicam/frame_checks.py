@@ -47,14 +47,14 @@ class BufferChecks(FrameChecks[TakenFrame]):
         device: Name of the sensor for messages.
         form: What the pixels are.
         size: Rows and columns of a frame.
-        first_number: Number of the first frame; None if any number is accepted.
+        first_numbers: What the number of the first frame may be; empty if any is accepted.
         stamps: The event that time stamps mark.
     """
 
     def __init__(
-        self, device: str, form: PfncFormat, size: tuple[int, int], first_number: int | None, stamps: StampMeaning
+        self, device: str, form: PfncFormat, size: tuple[int, int], first_numbers: tuple[int, ...], stamps: StampMeaning
     ) -> None:
-        super().__init__(device, first_number)
+        super().__init__(device, first_numbers)
         self._form = form
         self._size = size
         self._stamps = stamps
@@ -80,6 +80,11 @@ class BufferChecks(FrameChecks[TakenFrame]):
             return self._deliver(pixels, taken.t_host_ns, taken.t_host_ns, FrameFlag.NONE)
         flags = FrameFlag.STAMPED_MONOTONIC | self._stamps.flag
         return self._deliver(pixels, taken.stamp_ns, taken.t_host_ns, flags)
+
+    def _if_always(self, number: int) -> str:
+        return (
+            'if every start says so, the camera goes on counting after a stop: set first_frame_id = "any" in [sensor]'
+        )
 
     def _number(self, taken: TakenFrame) -> int:
         return int(taken.buffer.frame_id)

@@ -10,7 +10,35 @@ from gs2ci_drivers.ports import CameraPort, Feature, FeatureValue, port_errors
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1, both in microseconds."""
 GAINS = ("Gain", "GainAbs")
-"""SFNC 2 and SFNC 1; in decibels for every maker known to us."""
+"""SFNC 2 and SFNC 1; by the node's unit in decibels or a factor (Chromasens)."""
+SECONDS = {"us": 1e-6, "µs": 1e-6, "μs": 1e-6, "": 1e-6, "ns": 1e-9, "ms": 1e-3, "s": 1.0}
+"""Seconds per unit of a time, by the node's unit; SFNC's is the microsecond, also where a camera names none."""
+FACTORS = ("x", "X", "times", "factor")
+
+
+def in_decibels(gain: Feature) -> bool | None:
+    """Return whether a gain is in decibels, False if it is a factor, None if its unit does not tell."""
+    if gain.unit.strip().lower() == "db":
+        return True
+    return False if gain.unit.strip() in FACTORS else None
+
+
+def seconds_per_unit(device: str, name: str, feature: Feature) -> float:
+    """Return the length of a time's unit.
+
+    Raises:
+        UnsupportedError: The camera names a unit that is none of time.
+    """
+    unit = feature.unit.strip()
+    if unit not in SECONDS:
+        raise UnsupportedError(
+            device,
+            f"{name} has the unit {unit!r}",
+            asked="configure",
+            allowed=", ".join(filter(None, SECONDS)),
+            remedy="see the camera's manual: this feature is no time, or the camera is none of the standard's",
+        )
+    return SECONDS[unit]
 
 
 class Features:
@@ -24,6 +52,11 @@ class Features:
     def __init__(self, device: str, port: CameraPort) -> None:
         self.device = device
         self._port = port
+
+    def list(self) -> list[tuple[str, str]]:
+        """List category and name of every feature."""
+        with port_errors(self.device, "list the features"):
+            return self._port.list_features()
 
     def find(self, name: str) -> Feature | None:
         """Return the present state of a feature; None if there is none of that name."""

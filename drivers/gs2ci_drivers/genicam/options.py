@@ -30,7 +30,9 @@ class GenicamOptions(CameraOptions):
     format: str = ""
     """Pixel format by its PFNC name ("Mono12", "Mono12p", "BayerRG12Packed", ...); "" takes the present one."""
     gain_db: float | None = None
-    """Gain."""
+    """Gain. Without it, gains are set to 0 dB, a factor of 1, or the least that the camera has."""
+    gain_unit: Literal["", "dB", "factor"] = ""
+    """Whether the camera's gain is in decibels or a factor, if its own unit does not tell."""
     buffers: Count = 8
     """Frame buffers to announce."""
     trigger_selector: str = "FrameStart"
@@ -42,7 +44,8 @@ class GenicamOptions(CameraOptions):
     trigger_overlap: Literal["", "Off", "ReadOut", "PreviousFrame"] = ""
     """Whether a trigger may come while the previous frame is read out, if the camera offers the choice."""
     trigger_delay_s: Delay = 0.0
-    """Delay after a trigger that the camera is set to (SFNC: TriggerDelay)."""
+    """Delay after a trigger that the camera is set to (SFNC: TriggerDelay); 0 takes the least that it has, which the
+    plan counts."""
     trigger_latency_s: Delay = 0.0
     """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds."""
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)
@@ -54,8 +57,9 @@ class GenicamOptions(CameraOptions):
     readout_s: Delay | None = None
     """Time from the end of an exposure to the earliest next one; without it, the camera's own figure, or the period of
     its highest frame rate at its shortest exposure."""
-    first_frame_id: Annotated[int, Field(ge=0)] | None = None
-    """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, any for others."""
+    first_frame_id: Annotated[int, Field(ge=0)] | Literal["any"] | None = None
+    """Number of the first frame after a start; "any" for cameras that go on counting after a stop. Without it, 1 for
+    GigE Vision, 0 for USB3 Vision, any for others."""
     stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
     """The event that a frame's time stamp marks: "start-of-exposure" by SFNC and by Basler's manuals;
     "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""

@@ -2,40 +2,25 @@
 
 Chapters of the convention that this follows: Image Format Control (Width, Height, OffsetX, OffsetY, PixelFormat),
 Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), Analog Control
-(Gain), Chunk Data Control. A camera keeps its features until it loses power: settings left by another program, such as
-binning or a mirrored picture, are reset first.
+(Gain), Chunk Data Control.
 
-Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`).
+Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`),
+what other programs left set (`leftovers`).
 """
 
-from collections.abc import Mapping
 from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
-from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features
+from gs2ci_drivers.genicam.leftovers import Leftovers
+from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features, in_decibels, seconds_per_unit
 from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.ports import CameraIdentity, Feature, FeatureValue
+from gs2ci_drivers.ports import CameraIdentity, Feature
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
 US: Final = 1e-6
-AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 OTHER_TRIGGERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
 """Triggers that would block the camera if another program had left them on."""
-NEUTRAL: Final[Mapping[str, FeatureValue]] = {
-    "BinningHorizontal": 1,
-    "BinningVertical": 1,
-    "DecimationHorizontal": 1,
-    "DecimationVertical": 1,
-    "ReverseX": False,
-    "ReverseY": False,
-    "TestPattern": "Off",
-    "TestImageSelector": "Off",
-    "LUTEnable": False,
-    "GammaEnable": False,
-    "Gamma": 1.0,
-}
-"""Features that would alter the picture, each with its neutral value; SFNC 2 and SFNC 1."""
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """The data appended to a frame: the entry of ChunkSelector, and the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
@@ -98,14 +83,16 @@ def _largest(features: Features, name: str) -> int:
 def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float, float, float]:
     found = features.first(EXPOSURES)
     if found is not None:
-        return found[1].low * US, found[1].high * US, US
+        unit_s = seconds_per_unit(features.device, *found)
+        return found[1].low * unit_s, found[1].high * unit_s, min(unit_s, US)
     fixed_s = options.fixed_exposure_s or 0.01
     return fixed_s, fixed_s, fixed_s
 
 
 def _triggers(features: Features, options: GenicamOptions) -> frozenset[TriggerMode]:
     modes = {TriggerMode.FREE_RUN}
-    if features.has("TriggerMode", "On") and features.has("TriggerSelector", options.trigger_selector):
+    selector = features.find("TriggerSelector")  # a camera with one trigger need not have it (Aravis, pull request 671)
+    if features.has("TriggerMode", "On") and (selector is None or options.trigger_selector in selector.symbols):
         modes.add(TriggerMode.EDGE)
         if features.has("ExposureMode", "TriggerWidth"):
             modes.add(TriggerMode.LEVEL)
@@ -135,6 +122,7 @@ class GenicamSetup:
         self.form: PfncFormat = PFNC_FORMATS["Mono8"]
         self.chunks: tuple[str, ...] = ()
         self.settings: SensorSettings | None = None
+        self._set_delay_s = 0.0
 
     def apply(self, config: SensorConfig) -> SensorSettings:
         """Apply the configuration; a setting that limits others is set before them.
@@ -142,8 +130,11 @@ class GenicamSetup:
         Raises:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
-        self._set_back()
-        self._turn_automatics_off()
+        self._stop_triggers()
+        unit = self._options.gain_unit
+        decibels = unit == "dB" if unit else None
+        leftovers = Leftovers(self._device, self._features, self._options.features, self._incidents, decibels=decibels)
+        leftovers.reset()
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
         exposure_s = self._set_exposure(config)
@@ -154,7 +145,9 @@ class GenicamSetup:
                 self._incidents.append(f"{self._device}: {name} = {value} was requested, {in_force} is set")
         self.chunks = self._set_chunks()
         readout_s = self._readout_s(config.trigger)
+        recorded = leftovers.record()
         self.set_trigger(config.trigger)
+        recorded |= leftovers.record_trigger()
         self.settings = SensorSettings(
             format=FrameFormat(self.form.name, height, width, self.form.bits, self.form.cfa),
             exposure_s=exposure_s,
@@ -165,6 +158,7 @@ class GenicamSetup:
             stride=0,
             buffers=config.buffers,
             trigger_delay_s=self._delay_s(config.trigger),
+            recorded=recorded,
         )
         return self.settings
 
@@ -177,18 +171,23 @@ class GenicamSetup:
         features, options = self._features, self._options
         if features.has("TriggerSelector", options.trigger_selector):
             features.write("TriggerSelector", options.trigger_selector)
+        features.write_if_there("TriggerMode", "Off")  # some cameras lock the rest while it is on
+        self._set_delay_s = 0.0
         if mode is TriggerMode.FREE_RUN:
-            features.write_if_there("TriggerMode", "Off")
             features.write_if_there("ExposureMode", "Timed")
             return
         features.write("TriggerSource", options.trigger_line)
-        features.write("TriggerActivation", options.trigger_activation)
+        # SFNC only recommends TriggerActivation: a camera without it takes rising edges.
+        if options.trigger_activation != "RisingEdge" or features.has("TriggerActivation"):
+            features.write("TriggerActivation", options.trigger_activation)
         features.write_if_there("ExposureMode", "TriggerWidth" if mode is TriggerMode.LEVEL else "Timed")
         if options.trigger_overlap:
             features.write("TriggerOverlap", options.trigger_overlap)
         delay = features.first(("TriggerDelay", "TriggerDelayAbs"))
         if delay is not None:
-            features.write(delay[0], options.trigger_delay_s / US)
+            unit_s = seconds_per_unit(self._device, *delay)
+            least = delay[1].low if not options.trigger_delay_s else 0.0
+            self._set_delay_s = unit_s * float(features.write(delay[0], max(options.trigger_delay_s / unit_s, least)))
         elif options.trigger_delay_s:
             raise UnsupportedError(
                 self._device,
@@ -198,29 +197,16 @@ class GenicamSetup:
             )
         features.write("TriggerMode", "On")
 
-    def _set_back(self) -> None:
-        """Reset settings left by another program that [sensor.features] does not request, and note it."""
-        features = self._features
-        for name, neutral in NEUTRAL.items():
-            found = features.find(name)
-            if name in self._options.features or found is None or not (found.readable and found.writable):
-                continue
-            left = features.read(name)
-            if left != neutral and (found.kind != "enumeration" or neutral in found.symbols):
-                features.write(name, neutral)
-                self._incidents.append(
-                    f"{self._device}: {name} was {left} and has been reset to {neutral}; [sensor.features] can set it"
-                )
-
-    def _turn_automatics_off(self) -> None:
-        """Turn off automatic settings and whatever delays frames."""
+    def _stop_triggers(self) -> None:
+        """Switch every trigger off: some lock other features while they are on, others would block the camera."""
         features = self._features
         features.write_if_there("AcquisitionMode", "Continuous")
-        for name in AUTOMATICS:
-            features.write_if_there(name, "Off")
         selector = features.find("TriggerSelector")
-        for name in OTHER_TRIGGERS:
-            if selector is not None and name in selector.symbols:
+        if selector is None:
+            features.write_if_there("TriggerMode", "Off")
+            return
+        for name in dict.fromkeys((*OTHER_TRIGGERS, self._options.trigger_selector)):
+            if name in selector.symbols:
                 features.write("TriggerSelector", name)
                 features.write_if_there("TriggerMode", "Off")
 
@@ -306,7 +292,8 @@ class GenicamSetup:
         found = self._features.first(EXPOSURES)
         assert found is not None  # the caller has seen it
         name, limits = found
-        return float(self._features.write(name, min(max(exposure_s / US, limits.low), limits.high))) * US
+        unit_s = seconds_per_unit(self._device, name, limits)
+        return float(self._features.write(name, min(max(exposure_s / unit_s, limits.low), limits.high))) * unit_s
 
     def _set_gain(self, gain_db: float | None) -> None:
         if gain_db is None:
@@ -316,8 +303,19 @@ class GenicamSetup:
             raise UnsupportedError(
                 self._device, "the camera has no gain", asked="configure", remedy="leave gain_db in [sensor] out"
             )
-        self._features.write_if_there("GainSelector", "All")
-        self._features.write(found[0], gain_db)
+        name, gain = found
+        unit = self._options.gain_unit
+        decibels = unit == "dB" if unit else in_decibels(gain)
+        if decibels is None:
+            raise UnsupportedError(
+                self._device,
+                f"{name} has the unit {gain.unit!r}, which tells neither decibels nor a factor",
+                asked=f"gain of {gain_db:g} dB",
+                remedy="set gain_unit in [sensor] from the camera's manual, or leave gain_db out",
+            )
+        for entry in ("All", "AnalogAll"):
+            self._features.write_if_there("GainSelector", entry)
+        self._features.write(name, gain_db if decibels else 10 ** (gain_db / 20))
 
     def _set_chunks(self) -> tuple[str, ...]:
         """Enable the frame's number, time and exposure as chunks; return those that the camera has."""
@@ -364,7 +362,7 @@ class GenicamSetup:
         found = self._features.first(EXPOSURES)
         if found is None:
             return None
-        present_us = float(self._features.read(found[0]))
+        present_s = float(self._features.read(found[0])) * seconds_per_unit(self._device, *found)
         try:
             self._write_exposure(0.0)
             shortest_hz = self._rate_hz()
@@ -373,7 +371,7 @@ class GenicamSetup:
             self._write_exposure(2 / shortest_hz)
             longer_hz = self._rate_hz()
         finally:
-            self._write_exposure(present_us * US)
+            self._write_exposure(present_s)
         return shortest_hz if longer_hz is not None and longer_hz < shortest_hz else None
 
     def _rate_hz(self) -> float | None:
@@ -386,4 +384,4 @@ class GenicamSetup:
     def _delay_s(self, mode: TriggerMode) -> float:
         if mode is TriggerMode.FREE_RUN:
             return 0.0
-        return self._options.trigger_delay_s + self._options.trigger_latency_s
+        return self._set_delay_s + self._options.trigger_latency_s

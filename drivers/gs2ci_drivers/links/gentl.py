@@ -78,6 +78,20 @@ class GenTlPort:
         self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, _counter(self))
         return cameras[matching[0]]
 
+    def list_features(self) -> list[tuple[str, str]]:
+        """List the features below the camera's root category, if it has one; see `CameraPort`."""
+        found: list[tuple[str, str]] = []
+        with _gentl_errors("Root"):
+            root: Any = getattr(self._nodes, "Root", None)
+            waiting = [] if root is None else [("Root", root)]
+            for category, node in waiting:
+                for one in node.features:
+                    if type(one).__name__ == "ICategory":
+                        waiting.append((one.node.name, one))
+                    else:
+                        found.append((category, one.node.name))
+        return found
+
     def describe(self, name: str) -> Feature | None:
         """Return the state of a feature; see `CameraPort`."""
         from genicam.genapi import EAccessMode  # noqa: PLC0415
@@ -98,6 +112,8 @@ class GenTlPort:
                 high=float(node.max) if limited else 0.0,
                 step=float(node.inc) if limited and kind == "integer" else 1.0,
                 symbols=tuple(node.symbolics) if kind == "enumeration" else (),
+                unit=str(node.unit) if kind in ("integer", "float") else "",
+                selectors=tuple(one.node.name for one in node.node.selecting_features),
             )
 
     def read(self, name: str) -> FeatureValue:

@@ -25,6 +25,11 @@ def udev_rules(vendor_id: int, product_id: int) -> str:
     return f'SUBSYSTEM=="usb", {ids}, {access}\nSUBSYSTEM=="hidraw", {ids}, {access}\n'
 
 
+def bus_port(port: str) -> str:
+    """Return the bus address of a USB device: the part after "usb:", "" if there is none."""
+    return port.removeprefix("usb").removeprefix(":")
+
+
 class ClaimedInterfaces:
     """Interfaces of a USB device that this process holds until `close`.
 

@@ -3,6 +3,9 @@
 Here: layouts and numbers (linux/videodev2.h, linux/v4l2-controls.h, linux/v4l2-subdev.h), no behaviour. Not here: pixel
 layouts (`formats`), calls (`node`). The simulated kernel builds the same bytes with code of its own, so that an error
 here does not cancel against the same error there.
+
+Packed structures name their layout, which Python requires from 3.19 on and warns of from 3.14 on: "ms" is the only one
+that ctypes packs. Without bit fields it is that of the kernel's compilers; earlier versions ignore the name.
 """
 
 import ctypes
@@ -66,14 +69,14 @@ class PixFormat(ctypes.Structure):
 class PlanePixFormat(ctypes.Structure):
     """struct v4l2_plane_pix_format: size and stride of one plane."""
 
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (("sizeimage", u32), ("bytesperline", u32), ("reserved", u16 * 6))
 
 
 class PixFormatMplane(ctypes.Structure):
     """struct v4l2_pix_format_mplane: geometry of a frame spread over up to eight planes."""
 
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (
         ("width", u32),
         ("height", u32),
@@ -195,26 +198,26 @@ class QueryExtCtrl(ctypes.Structure):
 
 
 class _MenuItem(ctypes.Union):
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (("name", ctypes.c_char * 32), ("value", s64))
 
 
 class QueryMenu(ctypes.Structure):
     """struct v4l2_querymenu: one entry of a menu control."""
 
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (("id", u32), ("index", u32), ("u", _MenuItem), ("reserved", u32))
 
 
 class _ExtControlValue(ctypes.Union):
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (("value", s32), ("value64", s64), ("ptr", u64))
 
 
 class ExtControl(ctypes.Structure):
     """struct v4l2_ext_control: one control value (packed)."""
 
-    _pack_ = 1
+    _layout_, _pack_ = "ms", 1
     _fields_ = (("id", u32), ("size", u32), ("reserved2", u32), ("u", _ExtControlValue))
 
 
@@ -404,13 +407,16 @@ class ControlType(enum.IntEnum):
 
 
 class ControlFlag(enum.IntFlag):
-    """V4L2_CTRL_FLAG_*: why a control cannot be set, and the flag that requests the next control."""
+    """V4L2_CTRL_FLAG_*: why a control cannot be set, what setting it changes, and the flag that requests the next."""
 
     DISABLED = 0x1
     GRABBED = 0x2
     READ_ONLY = 0x4
     INACTIVE = 0x10
     WRITE_ONLY = 0x40
+    MODIFY_LAYOUT = 0x400
+    HAS_PAYLOAD = 0x100
+    NEXT_COMPOUND = 0x40000000
     NEXT_CTRL = 0x80000000
 
 
@@ -427,6 +433,8 @@ class Cid(enum.IntEnum):
     HBLANK = 0x009E0902
     ANALOGUE_GAIN = 0x009E0903
     PIXEL_RATE = 0x009F0902
+    HFLIP = 0x00980914
+    VFLIP = 0x00980915
 
 
 @enum.unique
@@ -434,7 +442,10 @@ class SelectionTarget(enum.IntEnum):
     """V4L2_SEL_TGT_*: which region is meant."""
 
     CROP = 0
+    CROP_DEFAULT = 1
     CROP_BOUNDS = 2
+    COMPOSE = 0x100
+    COMPOSE_DEFAULT = 0x101
 
 
 MEMORY_MMAP: Final = 1
@@ -442,6 +453,7 @@ FIELD_NONE: Final = 1
 EXPOSURE_MANUAL: Final = 1
 FORMAT_ACTIVE: Final = 1
 CTRL_WHICH_CUR_VAL: Final = 0
+CTRL_WHICH_DEF_VAL: Final = 0x0F000000
 
 
 def fourcc(name: str) -> int:

@@ -1,7 +1,7 @@
-"""Controls of a V4L2 node by name and number, and exposure in seconds on top of them.
+"""Controls of a V4L2 node by name and number.
 
-Here: `ControlTable` (list, read, and set controls, clamping reported) and `ExposureControl` (seconds ↔ lines or
-100 µs units). Not here: trigger modes (`trigger`). Imported by `setup`, `trigger` and `driver`.
+Here: `ControlTable` (list, read, and set controls, clamping reported). Not here: exposure in seconds (`exposure`), what
+other programs left set (`leftovers`), trigger modes (`trigger`).
 
 The V4L2 control framework rounds integers into their range and refuses menu entries that do not exist; some
 drivers refuse with ERANGE instead. This module treats both the same.
@@ -11,11 +11,19 @@ import ctypes
 import difflib
 import errno
 import re
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from gs2ci_drivers.failures import AccessError, OutOfRangeError, RefusedError, UnsupportedError
+from gs2ci_drivers.failures import (
+    AccessError,
+    DisconnectedError,
+    DriverError,
+    OutOfRangeError,
+    RefusedError,
+    UnsupportedError,
+)
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.node import VideoNode, allocate
 
@@ -30,12 +38,8 @@ _NUMBERS: Final = (
 )
 _EINVAL: Final = errno.errorcode[errno.EINVAL]
 _MAX_CONTROLS: Final = 4096
+SHOWN_BYTES: Final = 16
 _FROZEN: Final = abi.ControlFlag.DISABLED | abi.ControlFlag.READ_ONLY
-
-ABSOLUTE_UNIT_S: Final = 100e-6
-"""Unit of V4L2_CID_EXPOSURE_ABSOLUTE (V4L2 manual, camera class)."""
-VBLANK_MARGIN_LINES: Final = 16
-"""Lines left between exposure and frame length when VBLANK is raised; sensors need 4 to 13."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class Control:
         step: Values are minimum + k · step.
         flags: Why it cannot be set, if it cannot.
         menu: Entries of a menu.
+        default: Its value at power-up, by the driver.
     """
 
     cid: int
@@ -61,6 +66,12 @@ class Control:
     step: int
     flags: abi.ControlFlag
     menu: dict[int, str] = field(default_factory=dict)
+    default: int = 0
+
+    @property
+    def has_value(self) -> bool:
+        """Get whether it has a value that can be read."""
+        return not self.flags & abi.ControlFlag.WRITE_ONLY and self.kind is not abi.ControlType.BUTTON
 
     @property
     def settable(self) -> bool:
@@ -82,6 +93,30 @@ class Control:
         inside = min(max(value, self.minimum), self.maximum)
         on_grid = self.minimum + round((inside - self.minimum) / step) * step
         return on_grid if on_grid <= self.maximum else on_grid - step
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A control whose value is an array, a structure or a text: a table of gains, a curve, a lens shading.
+
+    Args:
+        cid: Control number.
+        name: As `Control.name`.
+        kind: The kernel's number of its type.
+        size: Bytes.
+        flags: Why it cannot be set, if it cannot.
+    """
+
+    cid: int
+    name: str
+    kind: int
+    size: int
+    flags: abi.ControlFlag
+
+    @property
+    def settable(self) -> bool:
+        """Get whether a value can be written."""
+        return not self.flags & (_FROZEN | abi.ControlFlag.INACTIVE)
 
 
 @dataclass(frozen=True)
@@ -116,6 +151,8 @@ class ControlTable:
     def __init__(self, node: VideoNode) -> None:
         self._node = node
         self._controls: dict[int, Control] = {}
+        self.payloads: dict[int, Payload] = {}
+        """The controls whose values are arrays, structures or texts, by number."""
         self.refresh()
 
     def __iter__(self) -> Iterator[Control]:
@@ -127,18 +164,23 @@ class ControlTable:
         Raises:
             DriverError: The node does not answer.
         """
+        self.payloads = {}
         self._controls = {control.cid: control for control in self._enumerate()}
 
     def _enumerate(self) -> Iterator[Control]:
         cid = 0
         for _ in range(_MAX_CONTROLS):  # a driver whose list never ends must not block the program
-            query = self._query(cid | abi.ControlFlag.NEXT_CTRL)
+            query = self._query(cid | abi.ControlFlag.NEXT_CTRL | abi.ControlFlag.NEXT_COMPOUND)
             if query is None or query.id <= cid:
                 return
             cid = query.id
             control = self._describe(query)
             if control is not None:
                 yield control
+            elif query.flags & abi.ControlFlag.HAS_PAYLOAD and not query.flags & abi.ControlFlag.DISABLED:
+                name, size = normal_name(query.name.decode("utf-8", "replace")), query.elem_size * query.elems
+                flags = abi.ControlFlag(query.flags & 0x7FFFFFFF)
+                self.payloads[cid] = Payload(cid, name, query.type, size, flags)
 
     def _query(self, cid: int) -> abi.QueryExtCtrl | None:
         query, raw = allocate(abi.QueryExtCtrl)
@@ -163,7 +205,8 @@ class ControlTable:
             return None
         name = normal_name(query.name.decode("utf-8", "replace"))
         menu = self._menu(query) if kind in _MENUS else {}
-        return Control(query.id, name, kind, query.minimum, query.maximum, query.step, flags, menu)
+        limits = query.minimum, query.maximum, query.step
+        return Control(query.id, name, kind, *limits, flags, menu, query.default_value)
 
     def _menu(self, query: abi.QueryExtCtrl) -> dict[int, str]:
         entries: dict[int, str] = {}
@@ -217,6 +260,57 @@ class ControlTable:
         self._node.call(abi.Ioctl.G_EXT_CTRLS, raw, f"read control {control.name}", payload)
         return self._value(control, value)
 
+    def read_payload(self, payload: Payload, *, default: bool = False) -> bytes:
+        """Read the value of an array, a structure or a text, or its default.
+
+        Raises:
+            DriverError: The driver refuses, or does not answer.
+        """
+        data = bytearray(payload.size)
+        which = abi.CTRL_WHICH_DEF_VAL if default else abi.CTRL_WHICH_CUR_VAL
+        self._move(abi.Ioctl.G_EXT_CTRLS, payload, data, which)
+        return bytes(data)
+
+    def write_payload(self, payload: Payload, data: bytes) -> None:
+        """Write the value of an array, a structure or a text.
+
+        Raises:
+            DriverError: The driver refuses, or does not answer.
+        """
+        self._move(abi.Ioctl.S_EXT_CTRLS, payload, bytearray(data), abi.CTRL_WHICH_CUR_VAL)
+
+    def _move(self, request: abi.Ioctl, payload: Payload, data: bytearray, which: int) -> None:
+        entry, raw_entry = allocate(abi.ExtControl)
+        memory = (ctypes.c_char * len(data)).from_buffer(data)
+        entry.id, entry.size, entry.u.ptr = payload.cid, len(data), ctypes.addressof(memory)
+        batch, raw = allocate(abi.ExtControls)
+        batch.which, batch.count, batch.controls = which, 1, ctypes.addressof(entry)
+        self._node.call(request, raw, f"{request.name} {payload.name}", raw_entry)
+
+    def values(self) -> dict[str, int | str]:
+        """Read all values, by name; for one that the driver refuses to tell, the reason.
+
+        Raises:
+            DisconnectedError: The camera is gone.
+        """
+        found: dict[str, int | str] = {}
+        for control in self:
+            if control.has_value:
+                try:
+                    found[control.name] = self.get(control.cid)
+                except DisconnectedError:
+                    raise
+                except DriverError as error:
+                    found[control.name] = f"not readable: {error.problem}"
+        for payload in self.payloads.values():
+            try:
+                found[payload.name] = _shown(self.read_payload(payload))
+            except DisconnectedError:
+                raise
+            except DriverError as error:
+                found[payload.name] = f"not readable: {error.problem}"
+        return found
+
     def set(self, key: str | int, value: int) -> Applied:
         """Set a control to the nearest value that it can take; return the requested and the resulting value.
 
@@ -225,7 +319,7 @@ class ControlTable:
             AccessError: It is read-only, or another stream holds it (EACCES, EBUSY).
             OutOfRangeError: The value is no entry of a menu, or the driver refuses it although it is in the range.
         """
-        control = self._refresh(self.require(key))
+        control = self.renewed(self.require(key))
         if control.menu and value not in control.menu:
             raise OutOfRangeError(
                 self._node.device, f"{control.name} = {value}", asked="set control", allowed=control.range_text
@@ -233,12 +327,16 @@ class ControlTable:
         if not control.settable:
             raise AccessError(self._node.device, f"{control.name} is read-only", asked="set control")
         self._write(control, control.clamp(value))
-        if control.flags & abi.ControlFlag.WRITE_ONLY or control.kind is abi.ControlType.BUTTON:
+        if not control.has_value:
             return Applied(control.name, value, value)
         return Applied(control.name, value, self.get(control.cid))
 
-    def _refresh(self, control: Control) -> Control:
-        """Query the range again: that of one control may depend on another (exposure on vertical blanking)."""
+    def renewed(self, control: Control) -> Control:
+        """Query the range again: that of one control may depend on another (exposure on vertical blanking).
+
+        Raises:
+            DriverError: The node does not answer.
+        """
         query = self._query(control.cid)
         fresh = self._describe(query) if query is not None else None
         if fresh is None:
@@ -278,84 +376,6 @@ class ControlTable:
         return int(entry.u.value)
 
 
-class ExposureControl:
-    """Exposure in seconds, through the control that the sensor has for it.
-
-    Args:
-        table: Where the controls are.
-        control: EXPOSURE or EXPOSURE_ABSOLUTE.
-        unit_s: Seconds per unit of the control.
-    """
-
-    def __init__(self, table: ControlTable, control: Control, unit_s: float) -> None:
-        self._table = table
-        self._control = control
-        self.unit_s = unit_s
-
-    @classmethod
-    def find(cls, table: ControlTable, width: int, unit_s: float | None = None) -> "ExposureControl | None":
-        """Return the finest exposure control whose unit is known, or None.
-
-        Args:
-            table: Where the controls are.
-            width: Columns, for the line time (width + HBLANK) / PIXEL_RATE.
-            unit_s: Seconds per unit of EXPOSURE from the user; None to take the driver's figures.
-        """
-        lines, absolute = table.find(abi.Cid.EXPOSURE), table.find(abi.Cid.EXPOSURE_ABSOLUTE)
-        unit_s = unit_s or line_time_s(table, width)
-        if lines is not None and lines.settable and unit_s is not None:
-            return cls(table, lines, unit_s)
-        if absolute is not None and absolute.settable:
-            return cls(table, absolute, ABSOLUTE_UNIT_S)
-        return None
-
-    @property
-    def min_s(self) -> float:
-        """Get the shortest exposure in seconds."""
-        return self._control.minimum * self.unit_s
-
-    @property
-    def step_s(self) -> float:
-        """Get the granularity in seconds."""
-        return max(1, self._control.step) * self.unit_s
-
-    @property
-    def max_s(self) -> float:
-        """Get the longest exposure in seconds, with longer frames if VBLANK can be set."""
-        return (self._control.maximum + self._spare_lines()) * self.unit_s
-
-    def _spare_lines(self) -> int:
-        vblank = self._vblank()
-        if vblank is None:
-            return 0
-        return max(0, vblank.maximum - self._table.get(vblank.cid))
-
-    def _vblank(self) -> Control | None:
-        """Return VBLANK if raising it allows longer exposures, that is, if exposure is counted in lines."""
-        vblank = self._table.find(abi.Cid.VBLANK)
-        in_lines = self._control.cid == abi.Cid.EXPOSURE
-        return vblank if in_lines and vblank is not None and vblank.settable else None
-
-    def set_s(self, exposure_s: float) -> float:
-        """Set the exposure; return the one in force, quantised and clamped by the device.
-
-        Raises:
-            DriverError: The controls cannot be set.
-        """
-        units = round(exposure_s / self.unit_s)
-        missing = units - self._control.maximum
-        vblank = self._vblank()
-        if missing > 0 and vblank is not None:
-            self._table.set(vblank.cid, self._table.get(vblank.cid) + missing + VBLANK_MARGIN_LINES)
-        applied = self._table.set(self._control.cid, units).applied
-        self._control = self._table.require(self._control.cid)
-        return applied * self.unit_s
-
-
-def line_time_s(table: ControlTable, width: int) -> float | None:
-    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None if the driver reports neither."""
-    hblank, rate = table.find(abi.Cid.HBLANK), table.find(abi.Cid.PIXEL_RATE)
-    if hblank is None or rate is None:
-        return None
-    pixels_per_s = table.get(rate.cid)
-    return (width + table.get(hblank.cid)) / pixels_per_s if pixels_per_s > 0 else None
+def _shown(data: bytes) -> str:
+    """Return a value of many bytes as text: short ones whole, others by their length and checksum."""
+    return data.hex() if len(data) <= SHOWN_BYTES else f"{len(data)} bytes, crc32 {zlib.crc32(data):08x}"

@@ -17,7 +17,7 @@ from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import SensorConfig, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.streamed_sensor import StreamedSensor
 from gs2ci_drivers.v4l2.controls import Applied
-from gs2ci_drivers.v4l2.frame_checks import KernelFrameChecks, TakenBuffer
+from gs2ci_drivers.v4l2.frame_checks import KernelFrameChecks, TakenBuffer, first_numbers
 from gs2ci_drivers.v4l2.node import Identity, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.setup import CameraSetup, OpenCamera
@@ -72,6 +72,7 @@ class V4l2Sensor(StreamedSensor[TakenBuffer]):
             for one in self._setup.applied
             if one.clamped
         ]
+        self.incidents += self._setup.notes
         return self._setup.settings
 
     def _do_start(self) -> None:
@@ -87,7 +88,7 @@ class V4l2Sensor(StreamedSensor[TakenBuffer]):
             except BaseException:
                 self._drop_queue()
                 raise
-            first = self._options.first_sequence if self._options.first_sequence >= 0 else None
+            first = first_numbers(camera.identity.driver, self._options.first_sequence)
             self._settings = replace(self._setup.settings, buffers=self._queue.count)
             self._checks = KernelFrameChecks(
                 self.name, self._setup.geometry, first, started_ns, camera.identity.driver, self._options.stamps

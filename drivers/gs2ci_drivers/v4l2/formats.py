@@ -19,7 +19,7 @@ from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
 
-Alignment = Literal["low", "high"]
+Alignment = Literal["low", "high", "repeated"]
 RawBytes = bytes | bytearray | memoryview | U8
 
 
@@ -96,7 +96,8 @@ class FrameGeometry:
         stride: Bytes from one row to the next, at least the packed row.
         significant_bits: Bits that carry the value; fewer than the format's if a driver puts, for example, 12-bit
             samples into `Y16`.
-        alignment: Position of the value in a 16-bit container: `low` (value = word) or `high` (left-aligned).
+        alignment: Position of the value in a 16-bit container: `low` (value = word), `high` (left-aligned, zeros below)
+            or `repeated` (left-aligned, its top bits repeated below: VI5 of NVIDIA's Jetson Xavier and Orin).
 
     Raises:
         InputError: A size below 1, a stride shorter than a row, or bits that the container does not have.
@@ -123,10 +124,10 @@ class FrameGeometry:
                 f"{self.significant_bits} significant bits in {self.pixel.code!r}",
                 allowed=f"1 to {self.pixel.bits}",
             )
-        if self.alignment == "high" and self.pixel.packing is not Packing.WORDS:
+        if self.alignment != "low" and self.pixel.packing is not Packing.WORDS:
             raise InputError(
                 f"left-aligned values in {self.pixel.code!r}",
-                allowed="alignment 'high' only in 16-bit containers (Y10, Y12, Y16, RG10, ...)",
+                allowed="alignment 'high' and 'repeated' only in 16-bit containers (Y10, Y12, Y16, RG10, ...)",
                 remedy="leave alignment out",
             )
 
@@ -192,15 +193,43 @@ def _aligned(words: U16, geometry: FrameGeometry) -> U16:
         _check_range(words, geometry)
         return words
     spare = 16 - geometry.significant_bits
-    # Left-aligned values are padded with zeros; any other bits there mean that the values are right-aligned, and
-    # shifting would lose the low bits of the picture.
-    if spare and int(np.bitwise_or.reduce(words, axis=None)) & ((1 << spare) - 1):
+    if spare == 0:
+        return words
+    values = words >> np.uint16(spare)
+    # Values are padded with zeros or with their own top bits; any other bits there mean that the values are
+    # right-aligned, and shifting would lose the low bits of the picture.
+    if geometry.alignment == "high" and int(np.bitwise_or.reduce(words, axis=None)) & ((1 << spare) - 1):
         raise PixelRangeError(
             f"a {geometry.pixel.code!r} pixel has bits set below its {geometry.significant_bits} upper bits",
             allowed="zeros there",
-            remedy="set alignment = 'low' (or significant_bits = 16) for this camera",
+            remedy=_other_alignment(words, geometry),
         )
-    return words >> np.uint16(spare)
+    if geometry.alignment == "repeated" and not _repeats(words, geometry.significant_bits):
+        raise PixelRangeError(
+            f"a {geometry.pixel.code!r} pixel does not repeat its top bits below the {geometry.significant_bits} upper",
+            allowed="its top bits there",
+            remedy=_other_alignment(words, geometry),
+        )
+    return values
+
+
+def _repeats(words: U16, bits: int) -> bool:
+    """Return whether the bits below the upper `bits` ones of every word repeat its top bits."""
+    spare = 16 - bits
+    return bool(np.array_equal(words & np.uint16((1 << spare) - 1), words >> np.uint16(bits)))
+
+
+def _other_alignment(words: U16, geometry: FrameGeometry) -> str:
+    """Return what to do about words that are aligned otherwise than stated, from the words themselves."""
+    bits = geometry.significant_bits
+    low = int(words.max()) <= geometry.full_scale
+    repeated = bits < 16 and not low and _repeats(words, bits)
+    high = not int(np.bitwise_or.reduce(words, axis=None)) & ((1 << (16 - bits)) - 1)
+    found = "low" if low else "repeated" if repeated else "high" if high else ""
+    if not found or found == geometry.alignment:
+        return f"no alignment of {bits} bits fits: set significant_bits in [sensor] from the camera's data sheet"
+    why = ": their top bits are repeated below them, as on Jetson" if repeated else ""
+    return f"if every frame says so, set alignment = {found!r} in [sensor] for this camera{why}"
 
 
 def _mipi(groups: U8, width: int) -> U16:
@@ -221,5 +250,5 @@ def _check_range(values: U16, geometry: FrameGeometry) -> None:
         raise PixelRangeError(
             f"a {geometry.pixel.code!r} pixel reads {largest}",
             allowed=f"0 to {geometry.full_scale} ({geometry.significant_bits} bits)",
-            remedy="if every frame says so, the values are left-aligned: set alignment = 'high' for this camera",
+            remedy=_other_alignment(values, geometry),
         )

@@ -1,4 +1,4 @@
-"""Checks of a frame from the kernel: complete, lost, corrupt or stale; and its pixels.
+"""Checks of a frame from the kernel: complete, lost, corrupt or stale; its clock; and its pixels.
 
 Here: `KernelFrameChecks`. Not here: the count of frames (`gs2ci_drivers.frame_checks`), where frames come from
 (`streaming`). Imported by `driver` only.
@@ -19,6 +19,25 @@ from gs2ci_drivers.v4l2.stamps import meaning_of
 _WRAP: Final = 1 << 32
 _STAMP_GRAIN_NS: Final = 1000
 """The kernel truncates time stamps to whole microseconds."""
+_FUTURE_NS: Final = 1_000_000_000
+"""A stamp that lies further behind the frame's arrival is of another clock."""
+_PAST_NS: Final = 3600 * 1_000_000_000
+"""And so is one that lies further before it: the kernel keeps no frame for so long."""
+FIRSTS: Final = {"unicam": (0, 1)}
+"""The numbers that a kernel driver's first frame may have, other than 0: unicam's are 0 or 1, by version
+(kbingham/libcamera issue 50; raspberrypi/linux pull 5507). A frame lost before it is then missing at the end."""
+
+
+def first_numbers(driver: str, stated: int | None) -> tuple[int, ...]:
+    """Return what the number of the first frame may be; empty if any.
+
+    Args:
+        driver: Name of the kernel driver.
+        stated: What the rig file says, -1 for any; None if it says nothing.
+    """
+    if stated is None:
+        return FIRSTS.get(driver, (0,))
+    return () if stated < 0 else (stated,)
 
 
 @dataclass(frozen=True)
@@ -41,7 +60,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
     Args:
         device: Name of the sensor for messages.
         geometry: What a frame looks like.
-        first_number: The kernel's number of the first frame; None if any number is accepted.
+        first_numbers: What the kernel's number of the first frame may be; empty if any is accepted.
         started_ns: Kernel time of the start: an earlier frame is stale.
         driver: Name of the kernel driver, which decides what its time stamps mean.
         stamps: Their meaning by the rig file, if it states one.
@@ -51,12 +70,12 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
         self,
         device: str,
         geometry: FrameGeometry,
-        first_number: int | None,
+        first_numbers: tuple[int, ...],
         started_ns: int,
         driver: str = "",
         stamps: StampMeaning | None = None,
     ) -> None:
-        super().__init__(device, first_number)
+        super().__init__(device, first_numbers)
         self._geometry = geometry
         self._started_ns = started_ns
         self._driver = driver
@@ -66,7 +85,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
         """Return the frame if it is complete, next in order and recent; see `FrameChecks.check`.
 
         Raises:
-            DeviceFaultError: It marks the end of the stream.
+            DeviceFaultError: It marks the end of the stream, or its stamp is of another clock than its flag says.
         """
         if abi.BufferFlag.LAST in taken.buffer.flags:
             raise DeviceFaultError(self.device, "VIDIOC_DQBUF", ["LAST: the device ended the stream"])
@@ -75,6 +94,7 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
             self._spoil("the kernel marked it (V4L2_BUF_FLAG_ERROR)")
         if len(taken.data) < self._geometry.payload_bytes:
             self._spoil(f"{len(taken.data)} bytes instead of {self._geometry.payload_bytes}")
+        self._check_clock(taken)
         # The stamps of another clock cannot be compared with the trigger's time.
         age_ns = max(not_before_ns, self._started_ns) - taken.buffer.time_ns
         if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
@@ -87,6 +107,25 @@ class KernelFrameChecks(FrameChecks[TakenBuffer]):
         flagged = abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags
         flags |= meaning_of(self._driver, self._stamps, flagged=flagged).flag
         return self._deliver(pixels, taken.buffer.time_ns, taken.t_host_ns, flags)
+
+    def _check_clock(self, taken: TakenBuffer) -> None:
+        """Refuse stamps flagged as CLOCK_MONOTONIC that lie after the arrival, or hours before: another clock's."""
+        ahead_ns = taken.buffer.time_ns - taken.t_host_ns
+        if taken.monotonic and not -_PAST_NS < ahead_ns < _FUTURE_NS:
+            when = f"{abs(ahead_ns) * 1e-9:.3g} s {'after' if ahead_ns > 0 else 'before'} the frame's arrival"
+            raise DeviceFaultError(
+                self.device,
+                "VIDIOC_DQBUF",
+                [f"a time stamp {when}, flagged as CLOCK_MONOTONIC"],
+                remedy="it counts on another clock: for uvcvideo, write CLOCK_MONOTONIC to "
+                "/sys/module/uvcvideo/parameters/clock (`options uvcvideo clock=monotonic` in /etc/modprobe.d)",
+            )
+
+    def _if_always(self, number: int) -> str:
+        return (
+            f"if every start says so, the kernel driver numbers its first frame {number}: "
+            f"set first_sequence = {number} in [sensor], or -1 if it changes"
+        )
 
     def _number(self, taken: TakenBuffer) -> int:
         return taken.buffer.sequence

@@ -320,9 +320,17 @@ class VideoNode:
             raise_typed(self.device, "VIDIOC_G_SELECTION", error)
         return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
 
-    def set_region(self, region: Region, *, of_subdevice: bool) -> Region:
-        """Request the region that is read out; return the one that the driver set, which may be moved and widened."""
-        selection, raw = self._selection(abi.SelectionTarget.CROP, of_subdevice=of_subdevice)
+    def set_region(
+        self, region: Region, *, of_subdevice: bool, target: abi.SelectionTarget = abi.SelectionTarget.CROP
+    ) -> Region:
+        """Request a region; return the one that the driver set, which may be moved and widened.
+
+        Args:
+            region: The region.
+            of_subdevice: Whether this is the sensor's own node.
+            target: Which region: the one that is read out, or where it is written in the frame.
+        """
+        selection, raw = self._selection(target, of_subdevice=of_subdevice)
         selection.r.left, selection.r.top = region.left, region.top
         selection.r.width, selection.r.height = region.width, region.height
         asked = f"VIDIOC_S_SELECTION {region.width}x{region.height} at {region.left}, {region.top}"

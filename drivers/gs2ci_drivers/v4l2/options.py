@@ -32,39 +32,44 @@ class V4l2Options(CameraOptions):
     format: str = ""
     """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
     gain_db: float | None = None
-    """Analogue gain; needs `gain_db_per_unit`."""
+    """Analogue gain; needs `gain_db_per_unit`. Without it, gains are set to the driver's defaults."""
     gain_db_per_unit: Positive | None = None
     """Gain in dB per unit of the gain control, if it is linear in dB."""
     buffers: Count = 4
     """Frame buffers to request from the kernel."""
     controls: dict[str, int] = Field(default_factory=dict)
     """[sensor.controls]: further controls by name, set in this order."""
-    trigger_adapter: Literal["none", "module", "control"] = "control"
-    """How an external trigger is switched on: a kernel module's parameter, a private control, or not at all."""
+    trigger_adapter: Literal["none", "module", "control", "outside"] = "control"
+    """How an external trigger is switched on: a kernel module's parameter, a private control, "outside" by means of
+    your own (hidraw, I2C, device tree), which `gs2ci doctor` proves, or not at all."""
+    outside_trigger: Literal["edge", "level"] = "edge"
+    """What those other means have switched it to."""
     trigger_module: Annotated[str, Field(pattern=r"^[^/]+$")] = "imx296"
     """Kernel module with the parameter `trigger_mode`."""
     trigger_control: str = "trigger_mode"
     """Name of the private control."""
-    trigger_values: dict[TriggerMode, int] = Field(
-        default_factory=lambda: {TriggerMode.FREE_RUN: 0, TriggerMode.EDGE: 1, TriggerMode.LEVEL: 2}
-    )
-    """[sensor.trigger_values]: its value for "free-run", "edge" and "level"; the default is the VC-MIPI drivers'."""
+    trigger_values: dict[TriggerMode, int] = Field(default_factory=dict)
+    """[sensor.trigger_values]: the number for "free-run", "edge" and "level", of the control or of the parameter;
+    without it, those of the VC-MIPI drivers, or of a known module."""
     power_down_s: Delay = 1.1
     """How long an idle sensor takes to power down; a change of a module's parameter takes effect only after that."""
     alignment: Alignment = "low"
-    """Position of values in 16-bit pixels: in the "low" or the "high" bits."""
+    """Position of values in 16-bit pixels: in the "low" or the "high" bits, or "repeated": in the high bits, the top
+    ones once more below them (Jetson Xavier and Orin)."""
     significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
     """Bits that carry the value; 0 takes the pixel format's."""
     exposure_unit_s: Duration | None = None
-    """Seconds per unit of the control EXPOSURE, if the driver does not report its line time."""
+    """Seconds per unit of the control EXPOSURE, if the driver does not report its line time or counts in another unit.
+    `gs2ci doctor` measures it."""
     fixed_exposure_s: Duration | None = None
     """Exposure of a camera that has no control for it."""
     readout_s: Delay | None = None
     """Time from the end of an exposure to the earliest next one; without it, computed from the line time."""
     exposure_offset_s: Offset | None = None
     """Constant added to the exposure; without it, the known constant of `trigger_module`."""
-    first_sequence: Annotated[int, Field(ge=-1)] = 0
-    """Number of the first frame after a start; -1 for kernel drivers that do not restart the count."""
+    first_sequence: Annotated[int, Field(ge=-1)] | None = None
+    """Number of the first frame after a start; -1 for kernel drivers that do not restart the count. Without it, 0, or 0
+    and 1 for kernel drivers that are known to begin with either."""
     stamps: StampMeaning | None = None
     """The event that a frame's time stamp marks: "start-of-exposure", "start-of-frame" or "end-of-frame"; without it,
     the known one of the kernel driver. `gs2ci doctor` measures it."""

@@ -4,6 +4,7 @@ Here: `OpenCamera`. Not here: streaming (`streaming`), the interface (`driver`).
 """
 
 import contextlib
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,8 +13,9 @@ from gs2ci.core.errors import InputError
 from gs2ci_drivers.failures import DeviceFaultError, DriverError, OutOfRangeError, UnsupportedError
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
-from gs2ci_drivers.v4l2 import abi
-from gs2ci_drivers.v4l2.controls import Applied, ControlTable, ExposureControl, line_time_s
+from gs2ci_drivers.v4l2 import abi, leftovers
+from gs2ci_drivers.v4l2.controls import Applied, Control, ControlTable
+from gs2ci_drivers.v4l2.exposure import ExposureControl, counts_microseconds, line_time_s
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry, PixelFormat
 from gs2ci_drivers.v4l2.node import Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
@@ -27,11 +29,12 @@ LARGEST_PX: Final = 16384
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """The result of a configuration: the settings, the layout for unpacking, and the value of each control."""
+    """The result of a configuration: the settings, the layout for unpacking, the value of each control, and notes."""
 
     settings: SensorSettings
     geometry: FrameGeometry
     applied: tuple[Applied, ...]
+    notes: tuple[str, ...] = ()
 
 
 class OpenCamera:
@@ -61,6 +64,8 @@ class OpenCamera:
                 subdevice = VideoNode(port, options.subdevice, name)
                 self._subdevice = undo.enter_context(contextlib.closing(subdevice))
             self.controls = ControlTable(self._subdevice or self.node)
+            self._others = ControlTable(self.node) if self._subdevice is not None else None
+            self._micro = counts_microseconds(port, self.controls)
             self.adapter = trigger_adapter(port, clock, name, self.controls, options)
             undo.pop_all()
 
@@ -103,7 +108,8 @@ class OpenCamera:
                 allowed=", ".join(sorted(code.strip() for code in PIXEL_FORMATS)),
                 remedy="choose another node, or write the frames of this camera through a driver of its maker",
             )
-        low_s, high_s, step_s = self._exposure_limits()
+        exposure = self._exposure_control(self.node.get_format().width)
+        low_s, high_s, step_s = self._exposure_limits(exposure)
         return SensorInfo(
             model=self.identity.card,
             serial=self.identity.bus,
@@ -114,10 +120,10 @@ class OpenCamera:
             exposure_step_s=step_s,
             triggers=self.adapter.triggers,
             controls={c.name: c.range_text for c in self.controls if c.settable},
+            exposure_unsettled="" if exposure is None else exposure.unsettled,
         )
 
-    def _exposure_limits(self) -> tuple[float, float, float]:
-        exposure = self._exposure_control(self.node.get_format().width)
+    def _exposure_limits(self, exposure: ExposureControl | None) -> tuple[float, float, float]:
         if exposure is not None:
             return exposure.min_s, exposure.max_s, exposure.step_s
         if self._options.fixed_exposure_s is not None:
@@ -125,7 +131,7 @@ class OpenCamera:
         return 0.0, float("inf"), 0.0
 
     def _exposure_control(self, width: int) -> ExposureControl | None:
-        return ExposureControl.find(self.controls, width, self._options.exposure_unit_s)
+        return ExposureControl.find(self.controls, width, self._options.exposure_unit_s, micro=self._micro)
 
     def _frame_format(self, pixel: PixelFormat, fmt: NodeFormat) -> FrameFormat:
         bits = min(self._options.significant_bits or pixel.bits, pixel.bits)
@@ -140,23 +146,75 @@ class OpenCamera:
             DeviceFaultError: The kernel reports an impossible frame.
             DriverError: On the way.
         """
+        notes = self._set_layout(config)
         fmt = self._set_format(config)
         geometry = self._geometry(fmt)
         self.controls.refresh()
+        notes += self._reset(config, fmt.width)
         applied = self._set_controls(config)
         self.adapter.set_mode(config.trigger)
         offset_s = self._options.exposure_offset_s
+        exposure_s = self._set_exposure(config, fmt.width)
         settings = SensorSettings(
             format=self._frame_format(geometry.pixel, fmt),
-            exposure_s=self._set_exposure(config, fmt.width),
+            exposure_s=exposure_s,
             trigger=config.trigger,
             readout_s=self._readout_s(fmt, config.trigger),
             exposure_offset_s=self.adapter.exposure_offset_s if offset_s is None else offset_s,
             full_well_e=self._options.full_well_e,
             stride=geometry.stride,
             buffers=config.buffers,
+            recorded=self._record(),
         )
-        return CameraSetup(settings, geometry, (*self._moved, *applied))
+        return CameraSetup(settings, geometry, (*self._moved, *applied), tuple(notes))
+
+    def _requested(self, config: SensorConfig) -> dict[int, int]:
+        return {self.controls.require(key).cid: value for key, value in config.controls.items()}
+
+    def _set_layout(self, config: SensorConfig) -> list[str]:
+        """Set or reset what may change the pixel format, before the format is chosen."""
+        requested = self._requested(config)
+        notes = self._leftovers(requested, leftovers.changes_layout)
+        for control in self.controls:
+            if leftovers.changes_layout(control) and control.cid in requested:
+                self.controls.set(control.cid, requested[control.cid])
+        return notes
+
+    def _reset(self, config: SensorConfig, width: int) -> list[str]:
+        """Switch automatic controls off, then reset the others that no request and no figure of the capture sets."""
+        kept = set(self._requested(config)) | self.adapter.controls
+        exposure = None if config.trigger is TriggerMode.LEVEL else self._exposure_control(width)
+        if config.trigger is TriggerMode.LEVEL:  # ignored
+            kept |= {abi.Cid.EXPOSURE, abi.Cid.EXPOSURE_ABSOLUTE}
+        if exposure is not None:
+            kept |= exposure.controls
+        notes = self._leftovers(kept, leftovers.is_automatic)
+        for table in (self.controls, self._others):
+            notes += [] if table is None else leftovers.reset_payloads(table, self.name)
+        gain = None if config.gain_db is None else self._gain_control()
+        return notes + self._leftovers(kept | ({gain.cid} if gain is not None else set()), lambda control: True)
+
+    def _leftovers(self, kept: Collection[int], which: Callable[[Control], bool]) -> list[str]:
+        notes: list[str] = []
+        for table in (self.controls, self._others):
+            if table is not None:
+                notes += leftovers.reset(table, self.name, kept, [one for one in table if which(one)])
+        return notes
+
+    def _record(self) -> dict[str, bool | int | float | str]:
+        """Read every setting that the kernel tells of the camera."""
+        present = self.node.get_format()
+        recorded: dict[str, bool | int | float | str] = {
+            "driver": f"{self.identity.driver} {self.identity.version}",
+            "format": f"{present.code.strip()} {present.height} x {present.width}",
+        }
+        node = self._subdevice or self.node
+        for name, target in (("region", abi.SelectionTarget.CROP), ("composed", abi.SelectionTarget.COMPOSE)):
+            region = node.get_region(target, of_subdevice=self._subdevice is not None)
+            if region is not None:
+                recorded[name] = f"{region.height} x {region.width} at {region.top}, {region.left}"
+        others = {} if self._others is None else {f"node.{name}": v for name, v in self._others.values().items()}
+        return recorded | self.adapter.recorded() | self.controls.values() | others
 
     def _geometry(self, fmt: NodeFormat) -> FrameGeometry:
         pixel = PIXEL_FORMATS[fmt.code]
@@ -179,7 +237,10 @@ class OpenCamera:
 
     def _set_format(self, config: SensorConfig) -> NodeFormat:
         """Set the format on the sub-device and the capture node; return the one that the kernel set."""
-        node, present = self.node, self.node.get_format()
+        node = self.node
+        if self._subdevice is None:
+            self._whole_picture(node)
+        present = node.get_format()
         code = config.fourcc.ljust(4) if config.fourcc else present.code
         if code not in PIXEL_FORMATS:
             raise UnsupportedError(
@@ -209,6 +270,15 @@ class OpenCamera:
                 remedy="choose another `format` in [sensor]",
             )
         return fmt
+
+    def _whole_picture(self, node: VideoNode) -> None:
+        """Undo another program's region: behind a scaler it would be enlarged, or fill a part of the frame only."""
+        targets = abi.SelectionTarget
+        for target, default in ((targets.CROP, targets.CROP_DEFAULT), (targets.COMPOSE, targets.COMPOSE_DEFAULT)):
+            present = node.get_region(target, of_subdevice=False)
+            whole = node.get_region(default, of_subdevice=False)
+            if present is not None and whole is not None and present != whole:
+                node.set_region(whole, of_subdevice=False, target=target)
 
     def _set_region(self, node: VideoNode, config: SensorConfig, *, of_subdevice: bool) -> bool:
         """Set the requested region of interest; return whether the driver supports regions.
@@ -262,18 +332,14 @@ class OpenCamera:
         return True
 
     def _set_controls(self, config: SensorConfig) -> list[Applied]:
-        """Switch automatic controls off, then set the gain and the requested controls, in their order."""
+        """Set the gain and the requested controls, in their order."""
         table, applied = self.controls, []
-        for cid, value in ((abi.Cid.EXPOSURE_AUTO, abi.EXPOSURE_MANUAL), (abi.Cid.AUTOGAIN, 0)):
-            control = table.find(cid)
-            if control is not None and control.settable:
-                applied.append(table.set(cid, value))
         if config.gain_db is not None:
             applied.append(self._set_gain(table, config.gain_db))
         return applied + [table.set(key, value) for key, value in config.controls.items()]
 
     def _set_gain(self, table: ControlTable, gain_db: float) -> Applied:
-        control = table.find(abi.Cid.ANALOGUE_GAIN) or table.find(abi.Cid.GAIN)
+        control = self._gain_control()
         if control is None or self._options.gain_db_per_unit is None:
             raise UnsupportedError(
                 self.name,
@@ -283,6 +349,9 @@ class OpenCamera:
                 remedy="set `gain_db_per_unit` in [sensor], or set the control itself in [sensor.controls]",
             )
         return table.set(control.cid, round(gain_db / self._options.gain_db_per_unit))
+
+    def _gain_control(self) -> Control | None:
+        return self.controls.find(abi.Cid.ANALOGUE_GAIN) or self.controls.find(abi.Cid.GAIN)
 
     def _set_exposure(self, config: SensorConfig, width: int) -> float:
         """Set the exposure; return the one in force, in seconds."""

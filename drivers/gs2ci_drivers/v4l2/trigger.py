@@ -2,6 +2,7 @@
 
     ModuleTrigger    /sys/module/<module>/parameters/trigger_mode      imx296, ov9282, ov7251, ar0234 ...
     ControlTrigger   a private control found by its name               VC-MIPI drivers and similar ones
+    OutsideTrigger   switched by other means before (hidraw, I2C, device tree); `gs2ci doctor` proves it
     NoTrigger        free run only
 
 Here: switching modes and restoring the one that was found. Not here: what a mode means (`sensor.TriggerMode`).
@@ -9,6 +10,7 @@ Imported by `setup`.
 """
 
 import errno
+from collections.abc import Mapping
 from typing import Final, NoReturn, Protocol
 
 from gs2ci.core.clock import Clock
@@ -22,6 +24,14 @@ from gs2ci_drivers.v4l2.options import V4l2Options
 
 PULSE_WIDTH_OFFSETS_S: Final = {"imx296": 14.26e-6}
 """Modules whose exposure is the width of the trigger pulse plus this constant; the others take an edge."""
+MODULE_VALUES: Final[Mapping[str, int]] = {"imx296": 1, "imx477": 2, "ar0234": 1, "ov9282": 1, "ov7251": 1}
+"""What a module's parameter `trigger_mode` must be for external triggers.
+
+imx296.c "0=default, 1=XTRIG", imx477.c "1=source, 2=sink" (imx477.c also drives the IMX378), ar0234.c "0=off,
+1=external-trigger, 2=sync-sink" (MODULE_PARM_DESC of each, raspberrypi/linux). As a source a sensor runs by its own
+clock and drives the line."""
+TREES: Final = "/sys/bus/i2c/drivers/{module}/*/of_node/trigger-mode"
+"""The device tree's own setting, which overrides the parameter (imx477_probe and ar0234_probe: `trigger_mode_of`)."""
 
 
 class TriggerAdapter(Protocol):
@@ -29,6 +39,12 @@ class TriggerAdapter(Protocol):
 
     triggers: frozenset[TriggerMode]
     exposure_offset_s: float
+    controls: frozenset[int]
+    """Numbers of the controls that it sets."""
+
+    def recorded(self) -> dict[str, int | str]:
+        """Return the trigger's setting that is no control, for the shot file."""
+        ...
 
     def set_mode(self, mode: TriggerMode) -> None:
         """Switch; call it only while the sensor does not stream."""
@@ -44,6 +60,11 @@ class NoTrigger:
 
     triggers = frozenset({TriggerMode.FREE_RUN})
     exposure_offset_s = 0.0
+    controls: frozenset[int] = frozenset()
+
+    def recorded(self) -> dict[str, int | str]:
+        """Return nothing: there is no setting."""
+        return {}
 
     def set_mode(self, mode: TriggerMode) -> None:
         """Do nothing: there is one mode."""
@@ -52,8 +73,24 @@ class NoTrigger:
         """Do nothing: nothing was changed."""
 
 
+class OutsideTrigger(NoTrigger):
+    """A sensor that other means have switched to external triggers, and that cannot be switched from here.
+
+    Args:
+        mode: What they have switched it to.
+    """
+
+    def __init__(self, mode: TriggerMode) -> None:
+        self.triggers = frozenset({mode})
+        self._mode = mode
+
+    def recorded(self) -> dict[str, int | str]:
+        """Return the mode that the rig file states."""
+        return {"trigger, set outside": self._mode.value}
+
+
 class ModuleTrigger:
-    """A kernel module's parameter `trigger_mode`: 0 own clock, 1 external.
+    """A kernel module's parameter `trigger_mode`: 0 own clock, another number external; see `MODULE_VALUES`.
 
     The driver reads the parameter when the sensor powers up, so after a change this class waits until the sensor has
     powered down.
@@ -64,9 +101,24 @@ class ModuleTrigger:
         device: Name of the sensor for messages.
         module: The kernel module.
         power_down_s: How long an idle sensor takes to power down.
+        values: The parameter's number for each mode; {} takes the module's known ones.
+
+    Raises:
+        UnsupportedError: The module is not loaded, its numbers are not known, or the device tree overrides them.
+        AccessError: The parameter may not be read.
     """
 
-    def __init__(self, port: SysPort, clock: Clock, device: str, module: str, power_down_s: float) -> None:
+    controls: frozenset[int] = frozenset()
+
+    def __init__(
+        self,
+        port: SysPort,
+        clock: Clock,
+        device: str,
+        module: str,
+        power_down_s: float,
+        values: Mapping[TriggerMode, int],
+    ) -> None:
         self._port = port
         self._clock = clock
         self._device = device
@@ -74,10 +126,43 @@ class ModuleTrigger:
         self._path = f"/sys/module/{module}/parameters/trigger_mode"
         self._power_down_s = power_down_s
         self._found: bytes | None = None
-        external = TriggerMode.LEVEL if module in PULSE_WIDTH_OFFSETS_S else TriggerMode.EDGE
-        self.triggers = frozenset({TriggerMode.FREE_RUN, external})
-        self.exposure_offset_s = PULSE_WIDTH_OFFSETS_S.get(module, 0.0)
+        self._values: dict[TriggerMode, int] = {}
         self._read()
+        self._values = dict(values) or self._known_values()
+        self.triggers = frozenset(self._values)
+        self.exposure_offset_s = PULSE_WIDTH_OFFSETS_S.get(module, 0.0)
+        self._require_no_tree()
+
+    def recorded(self) -> dict[str, int | str]:
+        """Return the parameter's value."""
+        return {f"{self._module}.trigger_mode": self._read().decode("ascii", "replace")}
+
+    def _known_values(self) -> dict[TriggerMode, int]:
+        if self._module not in MODULE_VALUES:
+            raise UnsupportedError(
+                self._device,
+                f"the numbers of {self._path} are not known",
+                asked="find the trigger",
+                allowed=f"known modules: {', '.join(sorted(MODULE_VALUES))}",
+                remedy="set trigger_values in [sensor] from `modinfo -p` of the module and its documentation",
+            )
+        external = TriggerMode.LEVEL if self._module in PULSE_WIDTH_OFFSETS_S else TriggerMode.EDGE
+        return {TriggerMode.FREE_RUN: 0, external: MODULE_VALUES[self._module]}
+
+    def _require_no_tree(self) -> None:
+        """Refuse a device tree that fixes another mode than the parameter's: the parameter then has no effect."""
+        for path in self._port.list_nodes(TREES.format(module=self._module)):
+            fixed = int.from_bytes(self._port.read_file(path), "big")
+            modes = frozenset(mode for mode, value in self._values.items() if value == fixed)
+            if not modes or modes == {TriggerMode.FREE_RUN}:
+                raise UnsupportedError(
+                    self._device,
+                    f"the device tree fixes trigger-mode = {fixed} for {self._module}: its parameter has no effect",
+                    asked="find the trigger",
+                    allowed=f"no trigger-mode there, or one of {sorted(self._values.values())}",
+                    remedy=f"remove `trigger-mode` from the sensor's dtoverlay line and restart ({path})",
+                )
+            self.triggers = modes  # it can be used, but not switched
 
     def set_mode(self, mode: TriggerMode) -> None:
         """Write the parameter and, if its value changed, wait until the sensor has powered down.
@@ -86,7 +171,7 @@ class ModuleTrigger:
             AccessError: The parameter may not be written.
             UnsupportedError: The module is not loaded, or did not accept the value.
         """
-        if self._write(b"0" if mode is TriggerMode.FREE_RUN else b"1"):
+        if self._write(str(self._values[mode]).encode()):
             self._clock.sleep_s(self._power_down_s)
 
     def restore(self) -> None:
@@ -132,7 +217,8 @@ class ModuleTrigger:
                 self._device,
                 f"no permission ({reason_of(error)})",
                 asked=asked,
-                remedy=f"write `options {self._module} trigger_mode=1` to /etc/modprobe.d/{self._module}.conf and "
+                remedy=f"write `options {self._module} trigger_mode={max(self._values.values(), default=1)}` to "
+                f"/etc/modprobe.d/{self._module}.conf and "
                 "load the module again, or install the rule that `gs2ci doctor` prints",
             ) from error
         if error.errno in (errno.ENOENT, errno.ENOTDIR):
@@ -143,6 +229,14 @@ class ModuleTrigger:
                 remedy="set trigger_module in [sensor] to the sensor's kernel module, or change trigger_adapter",
             ) from error
         raise_typed(self._device, asked, error)
+
+
+VC_VALUES: Final[Mapping[TriggerMode, int]] = {
+    TriggerMode.FREE_RUN: 0,
+    TriggerMode.EDGE: 1,
+    TriggerMode.LEVEL: 2,
+}
+"""The numbers of the VC-MIPI drivers' control (vc_mipi_core.c, vc_mod_set_trigger_mode)."""
 
 
 class ControlTrigger:
@@ -159,10 +253,11 @@ class ControlTrigger:
 
     def __init__(self, table: ControlTable, device: str, options: V4l2Options) -> None:
         self._table = table
-        self._values = dict(options.trigger_values)
+        self._values = dict(options.trigger_values) or VC_VALUES
         self._found: int | None = None
         control = table.require(options.trigger_control)
         self._cid = control.cid
+        self.controls = frozenset({control.cid})
         there = control.menu or range(control.minimum, control.maximum + 1)
         self.triggers = frozenset(mode for mode, value in self._values.items() if value in there)
         self.exposure_offset_s = 0.0
@@ -174,6 +269,10 @@ class ControlTrigger:
                 allowed=control.range_text,
                 remedy="set trigger_values in [sensor] from the camera's documentation",
             )
+
+    def recorded(self) -> dict[str, int | str]:
+        """Return nothing: its control is recorded with the others."""
+        return {}
 
     def set_mode(self, mode: TriggerMode) -> None:
         """Set the control.
@@ -206,7 +305,10 @@ def trigger_adapter(
         AccessError: The module's parameter may not be read.
     """
     if options.trigger_adapter == "module":
-        return ModuleTrigger(port, clock, device, options.trigger_module, options.power_down_s)
+        module, values = options.trigger_module, options.trigger_values
+        return ModuleTrigger(port, clock, device, module, options.power_down_s, values)
+    if options.trigger_adapter == "outside":
+        return OutsideTrigger(TriggerMode(options.outside_trigger))
     if options.trigger_adapter == "control":
         return ControlTrigger(table, device, options)
     return NoTrigger()

@@ -6,6 +6,7 @@ the scale; this also finds a colour filter array and a reversed order of the mas
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,8 @@ ENOUGH_PIXELS: Final = 400
 # Relative residuals of Σ M X against the measurement.
 EXPLAINED: Final = 0.1
 UNEXPLAINED: Final = 0.3
+# Behind closed masks, more readings than this at or below 0 contradict an offset.
+_NONE_AT_ZERO: Final = 0.2
 # How close a fitted scale must come to a usual one to be taken for it.
 SNAP: Final = 0.02
 
@@ -39,7 +42,7 @@ class CodingConvention:
     masks: F32
     weights: F32
 
-    @property
+    @cached_property
     def multiplicity(self) -> F64:
         """Get what a white scene would measure, a(p) = Σ wᵢ Mᵢ(p), [H, W]."""
         total: F64 = np.tensordot(self.weights.astype(np.float64), self.masks.astype(np.float64), 1)
@@ -74,29 +77,28 @@ def fit(measurement: F64, model: F64) -> tuple[float, float]:
     return scale, float(np.sqrt(((measurement - scale * model) ** 2).sum() / total))
 
 
-def check_pattern(
-    measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]
-) -> PatternTrace | None:
-    """Report if the measurement does not show the masks' pattern at the stated position.
+def find_pattern(image: F64, multiplicity: F64) -> PatternTrace | None:
+    """Find where a measurement shows the pattern of its masks.
 
     Args:
-        measurement: For messages.
-        masks: For messages.
         image: First measurement, colours averaged, [H, W].
         multiplicity: a(p), [H, W].
-        guesses: Sentences are added here.
 
     Returns:
-        Where it shows; None where the measurement cannot be asked.
+        The trace; None where the measurement cannot be asked.
     """
     if image.size < ENOUGH_PIXELS:
         return None
     # Masks that always open the same number of pixels leave no pattern in their sum, a dark scene shows none.
     if _fine(multiplicity).std() < 1e-3 * multiplicity.max() or _fine(image).std() < 1e-6 * np.abs(image).max():
         return None
-    found = trace(image, multiplicity)
-    if found.upright >= FITS_NOT and found.is_in_place:
-        return found
+    return trace(image, multiplicity)
+
+
+def report_pattern(found: PatternTrace | None, measurement: Array, masks: Array, guesses: list[str]) -> None:
+    """Report if the measurement does not show the masks' pattern at the stated position."""
+    if found is None or (found.upright >= FITS_NOT and found.is_in_place):
+        return
     beside = f"with correlation {found.correlation:.2f} that way and {found.upright:.2f} as given"
     if not found.shows:
         guesses.append(
@@ -114,14 +116,17 @@ def check_pattern(
             f"{found.right_px:+.1f} px to the right: their pattern shows {beside}; the registration of "
             "`gs2ci reconstruct` corrects this"
         )
-    return found
 
 
-def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> None:
-    """Say so if pixels, [H, W], that no mask opens read light, which hints at an offset."""
+def check_closed_pixels(readings: F64, multiplicity: F64, guesses: list[str]) -> None:
+    """Say so if readings, [H, W, C], at pixels that no mask opens show light, which hints at an offset."""
     closed = multiplicity == 0
     if closed.sum() < 50:
         return
+    # Noise about no light at all is cut off at 0 in integers without a sign: half of the readings are 0 then.
+    if float((readings[closed] <= 0).mean()) > _NONE_AT_ZERO:
+        return
+    image = readings.mean(axis=2)
     leak, typical = float(np.median(image[closed])), float(np.median(image[~closed]))
     if leak > 0.02 * abs(typical):
         guesses.append(
@@ -132,17 +137,24 @@ def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> No
 
 def doubt_mono(image: F64, guesses: list[str]) -> None:
     """Say so if a single-channel measurement, [H, W], has the pattern of a colour mosaic."""
+    pair = mosaic_of(image)
+    if pair is not None:
+        guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
+
+
+def mosaic_of(image: F64) -> str | None:
+    """Name the pair of colour mosaics that a picture, [H, W], looks like, if it looks like one."""
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     if min(height, width) < 8:
-        return
+        return None
     cells = image[:height, :width].reshape(height // 2, 2, width // 2, 2)
     means, noise = cells.mean(axis=(0, 2)), cells.std() / np.sqrt(cells[:, 0, :, 0].size)
     spread = float(means.max() - means.min())
     # In every Bayer pattern the two greens stand on a diagonal and agree, the other two differ from them.
     for a, b, pair in ((means[0, 0], means[1, 1], "GRBG or GBRG"), (means[0, 1], means[1, 0], "RGGB or BGGR")):
         if abs(a - b) < 0.2 * spread and spread > max(0.1 * means.mean(), 8 * noise):
-            guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
-            return
+            return pair
+    return None
 
 
 def guess_cfa(measurement: F64, coding: CodingConvention, views: F32, guesses: list[str]) -> CfaPattern | None:

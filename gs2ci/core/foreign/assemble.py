@@ -4,7 +4,7 @@ Here: what the user may fix beforehand (`ImportOptions`) and the order in which 
 the single guesses (the files beside this one), writing (`gs2ci.core.storage`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,15 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
-from gs2ci.core.foreign.container import Array, Container
+from gs2ci.core.foreign.colours import one_reading
+from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.curves import CurveName
+from gs2ci.core.foreign.fields import Fields
+from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
 from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
+from gs2ci.core.foreign.settled import SettledReadings, settle
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -43,12 +49,17 @@ class ImportOptions:
         distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
         world_to_camera: True poses, [N, 4, 4], for scoring only.
         truth: True views, for scoring only.
+        white_key: Key of frames of an even light; "none": leave them out.
+        dark_key: Key of frames without light; "none": leave them out.
         bad_pixels: What to do with NaN in the measurement.
+        curve: How readings are stored; "auto": as they show.
     """
 
     meas_key: str | None = None
     mask_key: str | None = None
     truth_key: str | None = None
+    white_key: str | None = None
+    dark_key: str | None = None
     mask_axis: axes.MaskAxis = "auto"
     meas_layout: axes.Layout = "auto"
     views: int | None = None
@@ -64,6 +75,7 @@ class ImportOptions:
     world_to_camera: Array | None = None
     truth: Array | None = None
     bad_pixels: pixels.BadPixels = "refuse"
+    curve: CurveName = "auto"
 
 
 @dataclass(frozen=True)
@@ -72,17 +84,6 @@ class Imported:
 
     shots: list[Shot]
     guesses: list[str]
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Arrays of the file by role, still in its units and orders."""
-
-    measurement: Array
-    masks: Array
-    truth: Array | None
-    container: Container
-    masks_container: Container
 
 
 def load_single(path: Path) -> Array:
@@ -110,25 +111,72 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
         InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
     """
     guesses: list[str] = []
-    found = _find(path, masks_path, options, guesses)
+    found = find(path, masks_path, options, guesses)
+    own = axes.own_masks(found.measurement, found.masks)
+    if own is None:
+        shots = _shots(path.stem, found, options, guesses)
+    else:
+        guesses.append(f"{len(own)} exposures, each with masks of its own")
+        shots = []
+        for k, (measurement, masks) in enumerate(own):
+            parts = [_of_exposure(given, k, len(own)) for given in (found.truth, options.world_to_camera)]
+            one = replace(found, measurement=measurement, masks=masks, truth=parts[0])
+            said = replace(options, world_to_camera=parts[1])
+            more: list[str] = []
+            shots += _shots(f"{path.stem}-{k}", one, said, more)
+            guesses += [f"exposure {k}: {guess}" for guess in more]
+    for holder in {id(one): one for one in (found.container, found.masks_container)}.values():
+        if unused := holder.unused():
+            guesses.append(f"{holder.path}: not used: {unused}")
+    return Imported(shots, guesses)
+
+
+def _of_exposure(given: Array | None, index: int, count: int) -> Array | None:
+    """Return the part of true views or poses that belongs to one of several exposures."""
+    if given is None or len(given.values) % count:
+        return given
+    each = len(given.values) // count
+    part = given.values[index * each : (index + 1) * each]
+    return Array(given.where, part[0] if each == 1 else part)
+
+
+def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) -> list[Shot]:
+    """Turn the arrays of a file into shots that share their masks."""
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
-    stack = _chosen_masks(order.masks, found, options)
+    measurements, mosaic, reduced = one_reading(order.measurements)
+    if reduced:
+        guesses.append(f"{found.measurement.where}: {reduced}")
+        order = replace(order, measurements=measurements)
+        options = replace(options, cfa=options.cfa or mosaic)
+    fields = Fields.of(found.container, options, order.measurements.shape[1:], guesses)
+    stack = fields.without_dark(chosen_masks(order.masks, found, options), found.masks.where, guesses)
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
-    coding = CodingConvention(masks, _weights(found, len(order.masks), len(masks), guesses))
+    coding = CodingConvention(masks, weights_of(found, len(order.masks), len(masks), guesses))
     coding = coding.reversed() if options.reverse_masks else coding
-    stored = order.measurements.astype(np.float64)
+    stored = with_sign(found.measurement.where, order.measurements, guesses).astype(np.float64)
     offset = options.offset or 0.0
     stored = pixels.mend(found.measurement, stored, offset, coding.multiplicity, options.bad_pixels, guesses)
-    work = _Import(found, options, coding, stored - offset, guesses)
-    traced = work.check_agreement()
+    is_mosaic = options.cfa is not None or roles.key_of(found.container, "cfa", None, []) is not None
+    without = stored - (offset + fields.black)
+    settled = settle(
+        *(found.measurement, found.masks, options, coding, without),
+        is_mosaic=is_mosaic,
+        has_dark=fields.dark is not None,
+        guesses=guesses,
+    )
+    # A sum that went round or was divided has no highest reading; a curve has one.
+    counted = settled.readings + offset + fields.black if settled.undone in ("overflow", "divided") else stored
+    settled = replace(settled, readings=fields.flattened(settled.readings, stack, guesses))
+    work = _Import(found, options, settled, guesses)
+    coding = settled.coding
     views = work.true_views()
     cfa = work.colour_filter_array(views)
-    full = work.full_scale(views, cfa, traced)
-    saturated = pixels.clipped(stored, options.saturation, coding.multiplicity, guesses)
+    full = work.full_scale(views, cfa, settled.traced)
+    saturated = pixels.clipped(counted, options.saturation, coding.multiplicity, guesses)
     matrix = work.intrinsics()
     lens = work.distortion(matrix)
     true_poses, telemetry = work.true_poses(), work.poses("telemetry")
-    shots = [
+    return [
         Shot(
             measurement=(reading / full).astype(np.float32),
             masks=coding.masks,
@@ -139,12 +187,11 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
             truth=Truth(_part(views, k), _part(true_poses, k)),
             telemetry_world_to_camera=_part(telemetry, k),
             saturated=_part(saturated, k),
-            name=path.stem if len(stored) == 1 else f"{path.stem}-{k}",
+            name=name if len(stored) == 1 else f"{name}-{k}",
             provenance=work.provenance(k, full),
         ).check()
         for k, reading in enumerate(work.readings)
     ]
-    return Imported(shots, guesses)
 
 
 def _part(stack: NDArray[Any] | None, index: int) -> Any:
@@ -158,24 +205,24 @@ class _Import:
     Args:
         found: Arrays by role.
         options: What the user knows.
-        coding: Masks and weights.
-        readings: Readings above the offset, [K, H, W, C].
+        settled: Masks and readings.
         guesses: Sentences so far.
     """
 
-    found: _Found
+    found: Found
     options: ImportOptions
-    coding: CodingConvention
-    readings: F64
+    settled: SettledReadings
     guesses: list[str]
 
-    def check_agreement(self) -> PatternTrace | None:
-        """Report if measurement and masks do not fit each other; return where the masks' pattern shows."""
-        image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
-        found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
-        if self.options.offset is None:
-            agreement.check_closed_pixels(image, multiplicity, self.guesses)
-        return found
+    @property
+    def coding(self) -> CodingConvention:
+        """Get masks and weights."""
+        return self.settled.coding
+
+    @property
+    def readings(self) -> F64:
+        """Get the readings above the offset, [K, H, W, C]."""
+        return self.settled.readings
 
     def true_views(self) -> F32 | None:
         """Get the true views, [K, N, H, W, C], full scale 1."""
@@ -295,6 +342,8 @@ class _Import:
             "full_scale": full_scale,
             "offset": self.options.offset or 0.0,
             "guesses": list(self.guesses),
+            "undone": self.settled.undone,
+            "curved": self.settled.curved,
         }
 
     def _load(self, role: roles.Role) -> Array | None:
@@ -302,63 +351,10 @@ class _Import:
         return None if key is None else self.found.container.load(key)
 
     def _stack_of_poses(self, given: Array, *, camera_to_world: bool = False) -> F64:
-        shots, views = len(self.readings), len(self.coding.masks)
-        poses = camera.poses_from(given, shots * views, camera_to_world=camera_to_world, guesses=self.guesses)
-        return poses.reshape(shots, views, 4, 4)
-
-
-def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> _Found:
-    container = open_foreign(path)
-    holder = container if masks_path is None else open_foreign(masks_path)
-    meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
-    taken = meas_key if holder is container else None
-    mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
-    if mask_key and mask_key == taken:
-        raise InputError(
-            f"{path}: key {mask_key!r} for the measurement and for the masks",
-            allowed="two keys",
-            remedy="name the masks with --mask-key and the measurement with --meas-key",
-        )
-    truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
-    keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
-    if meas_key:
-        guesses.append("keys: " + ", ".join(f"{key!r} ({role})" for role, key in keys.items() if key))
-    guesses += [f"{role}: {one.note}" for role, one in (("measurement", container), ("masks", holder)) if one.note]
-    measurement, masks = container.load(meas_key), holder.load(mask_key)
-    truth = options.truth if truth_key is None else container.load(truth_key)
-    for array in (measurement, masks):
-        if array.values.size == 0:
-            raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
-    return _Found(measurement, masks, truth, container, holder)
-
-
-def _chosen_masks(stack: NDArray[Any], found: _Found, options: ImportOptions) -> NDArray[Any]:
-    if options.views is not None:
-        if not 1 <= options.views <= len(stack):
-            raise InputError(
-                f"{found.masks.where}: --views {options.views} of {len(stack)} masks", allowed=f"1 to {len(stack)}"
-            )
-        stack = stack[: options.views]
-    return stack
-
-
-def _weights(found: _Found, stored: int, used: int, guesses: list[str]) -> F32:
-    """Return the weights of the masks in use, from the measurement's file or else from that of the masks."""
-    for container in (found.container, found.masks_container):
-        key = roles.key_of(container, "weights", None, guesses)
-        if key is not None:
-            given = container.load(key)
-            break
-    else:
-        return np.ones(used, np.float32)
-    values = given.values.astype(np.float32).reshape(-1)
-    fits = len(values) in (stored, used) and bool(np.isfinite(values).all())
-    values = values[:used]
-    if not fits or values.min() < 0 or not values.any():
-        raise InputError(
-            f"{given.where}: weights {values[:8].tolist()} for {used} masks",
-            allowed=f"{used} numbers >= 0, the share of its interval during which each mask was exposed",
-            remedy="correct them or take them out of the file",
-        )
-    guesses.append(f"{given.where}: weights of the masks, {values.min():.3g} to {values.max():.3g}")
-    return values
+        shots, chosen, given_masks = len(self.readings), list(self.settled.shown), self.settled.given
+        # Poses of all masks of the file, or only of those that were shown.
+        counts = [shots * given_masks, shots * len(chosen)]
+        count = next((n for n in counts if n in given.values.shape), counts[-1])
+        poses = camera.poses_from(given, count, camera_to_world=camera_to_world, guesses=self.guesses)
+        poses = poses.reshape(shots, -1, 4, 4)
+        return poses[:, chosen] if poses.shape[1] == given_masks else poses

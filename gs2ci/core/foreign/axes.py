@@ -78,12 +78,17 @@ def arrange(
         InputError: No order of axes fits, or several do.
     """
     stack = _without_colour(masks)
-    pairs = [
-        (m, k)
-        for m in _readings(measurement.values.shape, _MEASUREMENT_ORDERS)
-        for k in _readings(stack.shape, _MASK_ORDERS)
-        if m.size == k.size and _allowed(m, k, options.mask_axis, options.meas_layout)
-    ]
+    pairs = _fitting(measurement.values.shape, stack.shape, options)
+    if not pairs and 1 in measurement.values.shape + masks.values.shape:
+        short, shorter = _without_ones(measurement), _without_ones(masks)
+        stack = _without_colour(shorter)
+        pairs = _fitting(short.values.shape, stack.shape, options)
+        if pairs:
+            guesses.append(
+                f"axes of length 1 were dropped: {list(measurement.values.shape)} and {list(masks.values.shape)} "
+                f"became {list(short.values.shape)} and {list(stack.shape)}"
+            )
+            measurement, masks = short, shorter
     if not pairs:
         raise _no_fit(measurement, masks, options.mask_axis)
     most = max(m.size[0] * m.size[1] for m, _ in pairs)
@@ -111,6 +116,37 @@ def arrange(
             )
     guesses.append(_summary(m, k))
     return Arranged(_in_order(measurement.values, m, "KHWC"), _in_order(stack, k, "NHW"))
+
+
+def _fitting(shape: tuple[int, ...], masks: tuple[int, ...], options: AxisOptions) -> list[tuple[_Reading, _Reading]]:
+    return [
+        (m, k)
+        for m in _readings(shape, _MEASUREMENT_ORDERS)
+        for k in _readings(masks, _MASK_ORDERS)
+        if m.size == k.size and _allowed(m, k, options.mask_axis, options.meas_layout)
+    ]
+
+
+def _without_ones(given: Array) -> Array:
+    return Array(given.where, given.values.squeeze() if given.values.squeeze().ndim >= 2 else given.values)
+
+
+def own_masks(measurement: Array, masks: Array) -> list[tuple[Array, Array]] | None:
+    """Return each exposure with its masks, if a file holds masks of their own for several exposures.
+
+    Read are measurements [K, H, W] or [K, H, W, C] with masks [K, N, H, W], and [H, W, K] with [H, W, N, K].
+    """
+    meas, stack = measurement.values, _without_ones(masks).values
+    if stack.ndim != 4 or meas.ndim not in (3, 4):
+        return None
+    if meas.ndim == 3 and stack.shape[3] == meas.shape[2] > 1 and stack.shape[:2] == meas.shape[:2]:
+        meas, stack = np.moveaxis(meas, 2, 0), np.moveaxis(stack, (3, 2), (0, 1))
+    if not (len(stack) == len(meas) > 1 and stack.shape[2:] == meas.shape[1:3]):
+        return None
+    # Masks that only repeat themselves are the same for all.
+    if all(np.array_equal(stack[0], other) for other in stack[1:]):
+        return [(Array(measurement.where, one), Array(masks.where, stack[0])) for one in meas]
+    return [(Array(measurement.where, one), Array(masks.where, own)) for one, own in zip(meas, stack, strict=True)]
 
 
 def arrange_truth(truth: Array, measurements: int, views: int, size: tuple[int, int]) -> NDArray[Any]:

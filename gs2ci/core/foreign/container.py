@@ -7,7 +7,7 @@ shares: a file that cannot be understood, and an array that is too large to be t
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +18,14 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.limits import LIMIT_BYTES
 
 ENTRY_LIMIT: Final = 10_000
+
+_WAYS_OUT: Final = {
+    "a MATLAB struct": "save its fields as variables: save('FILE.mat', '-struct', 'NAME')",
+    "a MATLAB cell array": "save it as one array: masks = cat(3, NAME{:}); save('FILE.mat', 'meas', 'masks')",
+    "a MATLAB sparse matrix": "save it as full(NAME)",
+    "complex numbers": "save their real part or magnitude, whichever is the reading",
+    "Python objects": "if it is a dict: np.savez('FILE.npz', **np.load(PATH, allow_pickle=True).item())",
+}
 
 
 @dataclass(frozen=True)
@@ -55,12 +63,14 @@ class Container:
         entries: What it holds, by key; a format without keys has one, "".
         load_values: Loads one key; may raise anything.
         note: What was guessed on opening it, a sentence or nothing.
+        used: Keys that were loaded.
     """
 
     path: Path
     entries: dict[str, ArrayEntry]
     load_values: Callable[[str], NDArray[Any]]
     note: str = ""
+    used: set[str] = field(default_factory=set)
 
     def where(self, key: str) -> str:
         """Name a key for messages."""
@@ -75,11 +85,12 @@ class Container:
         if key not in self.entries:
             raise InputError(f"{self.path}: no key {key!r}", allowed=self.listing(), remedy="name another key")
         entry = self.entries[key]
+        self.used.add(key)
         if entry.kind != "number":
             raise InputError(
                 f"{self.where(key)}: holds {entry.kind}",
                 allowed="an array of numbers (objects are never loaded: they can run programs)",
-                remedy="save it again as a plain numeric array",
+                remedy=_WAYS_OUT.get(entry.kind, "save it again as a plain numeric array"),
             )
         with damage_as_input_error(self.where(key)):
             values = self.load_values(key)
@@ -97,11 +108,20 @@ class Container:
         Raises:
             InputError: Not a text.
         """
+        self.used.add(key)
         if self.entries[key].kind != "text":
             raise InputError(f"{self.where(key)}: holds {self.entries[key].kind}", allowed="a text")
         with damage_as_input_error(self.where(key)):
             text = np.asarray(self.load_values(key)).reshape(-1)[0]
             return (text.decode("utf-8") if isinstance(text, bytes) else str(text)).strip()
+
+    def unused(self) -> str:
+        """Write down what the file holds and nothing has asked for; empty if that is nothing."""
+        left = {key: entry for key, entry in self.entries.items() if key not in self.used}
+        # Octave writes the type of a variable beside its value.
+        left = {key: entry for key, entry in left.items() if not (key.endswith("/type") and entry.kind != "number")}
+        words = [f"{key!r} {list(entry.shape)}" for key, entry in list(left.items())[:30]]
+        return ", ".join(words)
 
     def listing(self) -> str:
         """Write down what the file holds."""

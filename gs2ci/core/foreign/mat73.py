@@ -5,6 +5,7 @@ MATLAB stores arrays column by column, and its files list the axes in that order
 is followed.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +19,10 @@ from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.limits import DEFLATE_LIMIT
 
 _CLASS: Final = "MATLAB_class"
+_OCTAVE: Final = "OCTAVE_NEW_FORMAT"
+_CELL: Final = {"cell": "cell array"}
+# Detectors write their frames two or three groups deep (NeXus: entry/data/data).
+_DEEPEST: Final = 6
 # Among programs that write no class, those that count axes from the other end cannot be told from h5py.
 _NOT_BY_SAVE: Final = (
     "an HDF5 file without MATLAB's classes, whose axes are taken as h5py shows them; MATLAB's h5write and Julia "
@@ -26,7 +31,7 @@ _NOT_BY_SAVE: Final = (
 
 
 def read_mat73(path: Path) -> Container:
-    """Open a MATLAB file of version 7.3, or another HDF5 file.
+    """Open a MATLAB file of version 7.3, or another HDF5 file; arrays in groups have keys such as entry/data/data.
 
     Raises:
         InputError: Damaged, an array larger than the file can hold, or one that lies in another file.
@@ -36,22 +41,40 @@ def read_mat73(path: Path) -> Container:
     with damage_as_input_error(str(path)), h5py.File(path, "r") as file:
         if "schema" in file.attrs:
             raise InputError(f"{path}: is no .mat file but a capture file", remedy="reconstruct from it as it is")
-        if len(file) > ENTRY_LIMIT:
-            raise InputError(f"{path}: {len(file)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
-        entries = {key: _entry73(path, file, key) for key in file if not key.startswith("#")}
-        arrays = (file[key] for key, entry in entries.items() if entry.kind == "number")
-        note = "" if all(_CLASS in array.attrs for array in arrays) else _NOT_BY_SAVE
+        entries = dict(_entries(path, file, "", 0))
+        arrays = [file[key] for key, entry in entries.items() if entry.kind == "number"]
+        note = "" if all(_is_reversed(array) for array in arrays) else _NOT_BY_SAVE
     return Container(path, entries, lambda key: _load73(path, key), note)
 
 
-def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
-    if not isinstance(file.get(key, getlink=True), h5py.HardLink):
+def _entries(path: Path, group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, ArrayEntry]]:
+    """Describe what a group holds, and what the groups in it hold."""
+    if len(group) > ENTRY_LIMIT:
+        raise InputError(f"{path}: {len(group)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
+    for name in group:
+        if name.startswith("#"):
+            continue
+        key = f"{prefix}{name}"
+        within = isinstance(group.get(name, getlink=True), h5py.HardLink) and isinstance(group[name], h5py.Group)
+        if within and depth < _DEEPEST and len(group[name]):
+            yield from _entries(path, group[name], f"{key}/", depth + 1)
+        else:
+            yield key, _entry73(path, group, name, key)
+
+
+def _is_reversed(node: h5py.Dataset) -> bool:
+    """Tell whether an array's axes stand in MATLAB's order: MATLAB says its class, Octave marks the group about it."""
+    return _CLASS in node.attrs or _OCTAVE in node.parent.attrs
+
+
+def _entry73(path: Path, group: h5py.Group, name: str, key: str) -> ArrayEntry:
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return ArrayEntry((), "a link")
-    node = file[key]
+    node = group[name]
     if not isinstance(node, h5py.Dataset):
         return ArrayEntry((), "a MATLAB struct")
     shape = tuple(node.shape or ())
-    if _CLASS in node.attrs:
+    if _is_reversed(node):
         shape = shape[::-1]
     if node.is_virtual or node.external:
         return ArrayEntry(shape, "a link")
@@ -60,7 +83,10 @@ def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
         check_bytes(f"{path}, key {key!r}", shape, node.dtype.itemsize, 2**16, expansion=1)
         return ArrayEntry(shape, "text")
     if node.dtype.kind not in "buif" or "MATLAB_empty" in node.attrs:
-        return ArrayEntry(shape, f"a MATLAB {kind.decode(errors='replace') or node.dtype}")
+        if not kind:
+            return ArrayEntry(shape, f"an array of {'texts' if node.dtype.kind in 'OS' else node.dtype}")
+        words = kind.decode(errors="replace")
+        return ArrayEntry(shape, f"a MATLAB {_CELL.get(words, words)}")
     chunk = node.chunks or (1,)
     for extent in (shape, chunk):
         check_bytes(f"{path}, key {key!r}", extent, node.dtype.itemsize, path.stat().st_size, DEFLATE_LIMIT)
@@ -69,8 +95,9 @@ def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
 
 def _load73(path: Path, key: str) -> NDArray[Any]:
     with h5py.File(path, "r") as file:
-        values, kind = np.asarray(file[key][()]), file[key].attrs.get(_CLASS)
-        values = values if kind is None else values.T
+        node = file[key]
+        values, kind = np.asarray(node[()]), node.attrs.get(_CLASS)
+        values = values.T if _is_reversed(node) else values
         if kind == b"char":
             return np.asarray("".join(map(chr, values.reshape(-1))))
     return values.astype(values.dtype.newbyteorder("="), copy=False)

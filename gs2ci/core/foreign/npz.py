@@ -2,7 +2,7 @@
 
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from numpy.typing import NDArray
 
@@ -10,6 +10,10 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import ENTRY_LIMIT, ArrayEntry, Container, damage_as_input_error
 from gs2ci.core.foreign.npy import describe, load_array
 from gs2ci.core.limits import DEFLATE_LIMIT
+
+TORCH_WAY_OUT: Final = (
+    "in Python: np.savez('FILE.npz', **{name: t.cpu().numpy() for name, t in torch.load(PATH).items()})"
+)
 
 
 def read_npz(path: Path) -> Container:
@@ -19,6 +23,12 @@ def read_npz(path: Path) -> Container:
         InputError: Damaged, or an array larger than the file can hold.
     """
     with damage_as_input_error(str(path)), zipfile.ZipFile(path) as archive:
+        if any(name.endswith(("/data.pkl", "/.data/serialization_id")) for name in archive.namelist()):
+            raise InputError(
+                f"{path}: a file of PyTorch (.pt, .pth), which can run programs and is not read",
+                allowed="a .npz of numpy",
+                remedy=TORCH_WAY_OUT,
+            )
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if len(members) > ENTRY_LIMIT or len({info.filename for info in members}) < len(members):
             raise InputError(f"{path}: {len(members)} arrays, or two of one name", remedy="save the file again")

@@ -1,5 +1,6 @@
 """Which format a file is, from its first bytes, not its name."""
 
+import struct
 from pathlib import Path
 from typing import Final
 
@@ -10,10 +11,38 @@ from gs2ci.core.foreign.container import Container, damage_as_input_error
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
-from gs2ci.core.foreign.npz import read_npz
+from gs2ci.core.foreign.npz import TORCH_WAY_OUT, read_npz
 from gs2ci.core.foreign.pictures import is_picture, read_pictures
 
 _FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3), or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"
+
+_ZARR: Final = ("zarr.json", ".zarray", ".zgroup")
+_LOSSLESS: Final = "save the camera's readings as 16-bit PNG or TIFF"
+# First bytes of formats that people have, their names, and how their numbers come into a format that is read.
+UNREAD: Final = (
+    (b"SIMPLE  =", "a FITS file", "in Python: np.save('FILE.npy', astropy.io.fits.getdata(PATH).astype(float))"),
+    (b"# Created by Octave", "a text file of Octave", "save it again there: save -v7 FILE.mat meas masks"),
+    (b"Octave-1-", "a binary file of Octave", "save it again there: save -v7 FILE.mat meas masks"),
+    (b"\x80\x02", "a file of Python objects (pickle, an old .pt)", TORCH_WAY_OUT),
+    (b"\x80\x03", "a file of Python objects (pickle)", "in Python: np.savez('FILE.npz', meas=..., masks=...)"),
+    (b"\x80\x04", "a file of Python objects (pickle)", "in Python: np.savez('FILE.npz', meas=..., masks=...)"),
+    (b"\x80\x05", "a file of Python objects (pickle)", "in Python: np.savez('FILE.npz', meas=..., masks=...)"),
+    (b"P1", "a PBM of text", "save the masks as 8-bit PNG"),
+    (b"P2", "a PGM of text", "save it as a binary PGM (P5) or PNG"),
+    (b"P3", "a PPM of text", _LOSSLESS),
+    (b"P4", "a PBM", "save the masks as 8-bit PNG"),
+    (b"P6", "a PPM", _LOSSLESS),
+    (b"P7", "a PAM", _LOSSLESS),
+    (b"PF", "a PFM", "save it as 32-bit TIFF, or as .npy"),
+    (b"Pf", "a PFM", "save it as 32-bit TIFF, or as .npy"),
+    (b"GIF8", "a GIF", _LOSSLESS),
+    (b"RIFF", "a WebP picture or an AVI film", _LOSSLESS),
+    (b"SDPX", "a DPX picture", _LOSSLESS),
+    (b"XPDS", "a DPX picture", _LOSSLESS),
+    (b"v/1\x01", "an EXR picture", "save it as 32-bit TIFF, or as .npy"),
+    (b"\xff\x0a", "a JPEG XL picture", _LOSSLESS),
+    (b"\xff\x4f\xff\x51", "a JPEG 2000 picture", _LOSSLESS),
+)
 
 
 def open_foreign(path: Path) -> Container:
@@ -23,6 +52,12 @@ def open_foreign(path: Path) -> Container:
         InputError: Missing, empty, of no known format, or damaged.
     """
     if path.is_dir():
+        if any((path / name).is_file() for name in _ZARR):
+            raise InputError(
+                f"{path}: a Zarr store, which is not read",
+                allowed=_FORMATS,
+                remedy="in Python: np.savez('FILE.npz', meas=group['meas'][:], masks=group['masks'][:])",
+            )
         return read_pictures(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file", remedy="check the name")
@@ -40,8 +75,33 @@ def open_foreign(path: Path) -> Container:
         return read_mat5(path)
     if is_picture(start):
         return read_pictures(path)
+    _refuse_by_name(path, start)
     raise InputError(
         f"{path}: {'empty' if not start else 'its content is of no known format'}",
         allowed=_FORMATS,
         remedy="save the measurement and its masks in one of these",
     )
+
+
+def _refuse_by_name(path: Path, start: bytes) -> None:
+    """Refuse a format that is known and not read, with the way out of it."""
+    found = next((way for mark, *way in UNREAD if start.startswith(mark)), None)
+    if found is None and start[4:12] in (b"jP  \r\n\x87\n", b"ftypavif", b"ftypheic"):
+        found = ["a JPEG 2000, AVIF or HEIC picture", _LOSSLESS]
+    if found is None and _is_mat4(start):
+        found = ["a .mat of version 4", "save it again in MATLAB or Octave: save -v7 FILE.mat meas masks"]
+    if found is not None:
+        raise InputError(f"{path}: {found[0]}, which is not read", allowed=_FORMATS, remedy=found[1])
+
+
+def _is_mat4(start: bytes) -> bool:
+    """Tell a .mat of version 4: whole numbers for type, rows, columns, imaginary, length of the name; and the name."""
+    for order in "<>":
+        if len(start) < 21:
+            return False
+        kind, rows, columns, imaginary, length = struct.unpack_from(order + "5i", start)
+        sizes = rows >= 0 and columns >= 0 and imaginary in (0, 1) and 1 < length < 64
+        if 0 <= kind < 5000 and kind % 10 <= 2 and kind // 10 % 10 <= 5 and sizes:
+            name = start[20 : 20 + length - 1]
+            return name.isascii() and name.decode("ascii").isidentifier()
+    return False

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy import fft, ndimage
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 
 # Correlations of the fine pattern seen on real and simulated files: 0.68 to 0.92 where masks fit, below 0.01 where
 # they do not.
@@ -81,6 +81,12 @@ class PatternTrace:
             return multiplicity
         return np.roll(TURNS[self.turn](multiplicity), (round(self.down_px), round(self.right_px)), axis=(0, 1))
 
+    def placed(self, masks: F32) -> F32:
+        """Return masks, [N, H, W], as they show in the measurement: turned, and shifted by whole pixels."""
+        if not self.shows or self.is_in_place:
+            return masks
+        return np.stack([self.moved(mask.astype(np.float64)) for mask in masks]).astype(np.float32)
+
 
 def trace(image: F64, multiplicity: F64) -> PatternTrace:
     """Find the trace of the sum of masks, [H, W], in a measurement, [H, W]."""
@@ -103,6 +109,8 @@ def trace(image: F64, multiplicity: F64) -> PatternTrace:
         highest = float(near.max())
         if best is None or highest > best[0]:
             best = highest, name, near
+        if highest >= FITS_WELL:  # by chance no other orientation comes close
+            break
     assert best is not None
     correlation, name, near = best
     at = np.unravel_index(int(near.argmax()), near.shape)

@@ -20,6 +20,8 @@ Role = Literal[
     "telemetry",
     "weights",
     "cfa",
+    "white",
+    "dark",
 ]
 
 # In order of preference; compared without regard to case.
@@ -35,8 +37,12 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "telemetry": ("telemetry_world_to_camera",),
     "weights": ("weights",),
     "cfa": ("cfa", "bayer", "bayer_pattern"),
+    "white": ("white", "whites", "white_frame", "flat", "flats", "flat_field", "flatfield", "white_field"),
+    "dark": ("dark", "darks", "dark_frame", "dark_field", "darkfield", "black", "background", "bias"),
 }
 _FLAGS: Final[dict[Role, str]] = {"measurement": "--meas-key", "masks": "--mask-key", "truth": "--truth-key"}
+# Left out by "none".
+LEFT_OUT: Final = "none"
 
 
 def key_of(container: Container, role: Role, said: str | None, guesses: list[str]) -> str | None:
@@ -57,12 +63,26 @@ def key_of(container: Container, role: Role, said: str | None, guesses: list[str
         if said not in container.entries:
             raise InputError(f"{container.path}: no key {said!r}", allowed=container.listing())
         return said
-    by_name = {key.lower(): key for key in container.entries}
+    by_name = names_of(container)
     found = [by_name[alias] for alias in ALIASES[role] if alias in by_name]
     if len(found) > 1:
         flag = f"; choose with {_FLAGS[role]}" if role in _FLAGS else ""
         guesses.append(f"{role}: key {found[0]!r}, not {', '.join(map(repr, found[1:]))}{flag}")
     return found[0] if found else None
+
+
+def names_of(container: Container) -> dict[str, str]:
+    """Return keys by their names without regard to case; arrays in groups also by their last name, where it is one's.
+
+    Octave writes a variable as a group with its type and its value.
+    """
+    last: dict[str, list[str]] = {}
+    for key in container.entries:
+        if "/" in key and not key.endswith("/type"):
+            last.setdefault(key.removesuffix("/value").rpartition("/")[2].lower(), []).append(key)
+    return {name: keys[0] for name, keys in last.items() if len(keys) == 1} | {
+        key.lower(): key for key in container.entries
+    }
 
 
 def require_key(
@@ -101,6 +121,8 @@ def require_key(
         if free[0]:
             guesses.append(f"{role}: key {free[0]!r}, the only array without a known name")
         return free[0]
+    if not any(entry.kind == "number" for entry in entries.values()) and entries:
+        container.load(next(iter(entries)))  # says what it holds instead, and the way out
     raise InputError(
         f"{container.path}: no key for the {role}; {container.listing()}",
         allowed=f"one of {', '.join(ALIASES[role])}",

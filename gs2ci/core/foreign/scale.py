@@ -31,6 +31,8 @@ FULL_SCALES: Final[dict[str, float]] = {
 OVER: Final = 1.1
 WELL_EXPOSED: Final = 0.3
 DARK: Final = 0.05
+# Of readings that fill a camera's range with the sum over the masks, where the scale is a guess in any case.
+FAIRLY_EXPOSED: Final = 0.2
 # Calibrated masks may overshoot 1 by noise; beyond this they are in another unit.
 MASK_OVERSHOOT: Final = 1.05
 _MISPLACED: Final = 6.0
@@ -208,7 +210,7 @@ def _per_exposure(ratio: float, high: float, multiplicity: F64, views: int) -> S
             return Scale(ratio, f"normalised to its own maximum, {name}; its brightest part taken for white")
         # A camera that was exposed so that the scene fills its range; the peers' convention for real data.
         filled = full / float(multiplicity.mean())
-        if WELL_EXPOSED * filled <= ratio <= 2 * filled:
+        if FAIRLY_EXPOSED * filled <= ratio <= 2 * filled:
             return Scale(filled, f"normalised per exposure: {name} range over the masks' mean multiplicity")
     return None
 

@@ -80,7 +80,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
-        PageSection("Quality against time", _curve(report), report.stopped.sentence),
+        PageSection("Quality against time", _curve(report) + _race(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
     ]
     if tradeoff is not None:
@@ -346,6 +346,38 @@ def _curve(report: Report) -> Markup:
             )
         )
     return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no curve to show.")
+
+
+def _race(report: Report) -> Markup:
+    """Show who led when, and what became of each hypothesis."""
+    colours: tuple[Colour, ...] = ("accent", "truth", "third", "fourth", "fifth", "muted")
+    raced = [entry for entry in report.race if entry.heldout]
+    if len(raced) < 2:
+        return Markup()
+    lines = [
+        Line(
+            f"{number + 1} {entry.hypothesis}",
+            [iteration for iteration, _ in entry.heldout],
+            [rms for _, rms in entry.heldout],
+            colours[number % len(colours)],
+        )
+        for number, entry in enumerate(raced)
+    ]
+    least = min(min(line.y) for line in lines)
+    drawn = pieces.chart(
+        Chart(
+            lines,
+            "iterations of each fit",
+            "held-out residual, rms",
+            f"held-out residual of {len(lines)} hypotheses against the iterations of their fits",
+            y_log=least > 0,
+        )
+    )
+    rows = [
+        (f"{number + 1} {entry.hypothesis}", entry.path, f"{entry.iterations} of {entry.schedule}", entry.outcome)
+        for number, entry in enumerate(report.race)
+    ]
+    return drawn + pieces.table(("hypothesis", "path", "iterations", "outcome"), rows)
 
 
 def _decode_psnr(report: Report) -> float | None:

@@ -42,6 +42,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
@@ -257,7 +258,7 @@ def _plane(shot: Shot) -> Geometry:
         tracks=0,
         reprojection_rms_px=0.0,
         parallax_px=0.0,
-        verdict="static",
+        verdict=Verdict.STATIC,
         notes=(),
     )
 

@@ -1,19 +1,18 @@
 """Numba kernels of the decoders, on planar float32 stacks.
 
-Every task of a parallel loop writes its own plane or row and no sum crosses tasks, so the result is bitwise the same
-for any number of threads. The readable float64 statement of the same steps is in the tests
+Every task writes its own plane or row and no sum crosses tasks, so the result is bitwise the same for any number of
+threads. The readable float64 statement of the same steps is in the tests
 (`tests/reconstruct/decode/test_gap_tv.py`), which hold these kernels to it.
 """
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.kernels import EXACT, b1, f32, f32_2, f32_3, f32_4, f64, f64_1, helper, i64, in_parts, kernel
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def project_onto_measurement(
     views: F32,
     masks: F32,
@@ -44,9 +43,28 @@ def project_onto_measurement(
     Returns:
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
     """
-    n, channels, height, width = views.shape
-    row_energy = np.zeros(channels * height)
-    for task in numba.prange(channels * height):
+    row_energy = np.zeros(views.shape[1] * views.shape[2])
+    sums = (masks, inverse_energy, measured, target, accelerated, noise, float(error_power), row_energy)
+    in_parts(_project, len(row_energy), views, *sums)
+    return row_energy
+
+
+@kernel(i64, i64, f32_4, f32_3, f32_2, f32_3, f32_3, b1, f32_3, f64, f64_1, fastmath=EXACT)
+def _project(
+    from_task,
+    to_task,
+    views,
+    masks,
+    inverse_energy,
+    measured,
+    target,
+    accelerated,
+    noise,
+    error_power,
+    row_energy,
+):
+    n, _, height, width = views.shape
+    for task in range(from_task, to_task):
         c, r = task // height, task % height
         change = np.zeros(width, np.float32)
         for i in range(n):
@@ -70,34 +88,16 @@ def project_onto_measurement(
         for i in range(n):
             for col in range(width):
                 views[i, c, r, col] += masks[i, r, col] * change[col]
-    return row_energy
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def copy(source: F32, target: F32) -> None:
-    """Copy a stack, [N, C, H, W], into another; each may be laid out in any way."""
-    count, channels, height, width = target.shape
-    for task in numba.prange(count * height):
-        i, r = task // height, task % height
-        for c in range(channels):
-            for col in range(width):
-                target[i, c, r, col] = source[i, c, r, col]
-
-
-@numba.njit(cache=True, nogil=True, parallel=True)
 def are_finite(stack: F32) -> Bool:
     """Tell of each view of a stack, [N, C, H, W], whether all its numbers are finite, [N]."""
-    found = np.empty(len(stack), np.bool_)
-    for i in numba.prange(len(stack)):
-        # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
-        total = 0.0
-        for value in stack[i].flat:
-            total += value
-        found[i] = np.isfinite(total)
+    # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
+    found: Bool = np.isfinite(stack.sum(axis=tuple(range(1, stack.ndim)), dtype=np.float64))
     return found
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _primal_row(image: F32, dual_y: F32, dual_x: F32, weight: float, r: int, out: F32) -> None:
     """Write row r of image + weight * div(dual) to `out`."""
     width = image.shape[1]
@@ -110,7 +110,7 @@ def _primal_row(image: F32, dual_y: F32, dual_x: F32, weight: float, r: int, out
             out[col] -= weight * dual_y[r - 1, col]
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _ascend_row(dual_y: F32, dual_x: F32, step: float, r: int, row: F32, below: F32) -> None:
     """Move the dual field of row r up the gradient of the image rows r and r + 1, then back into the unit disc."""
     last = row.shape[0] - 1
@@ -125,7 +125,7 @@ def _ascend_row(dual_y: F32, dual_x: F32, step: float, r: int, row: F32, below: 
     dual_y[r, last] = dy / max(_ONE, abs(dy))
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _denoise_plane(image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: float, step: float, inner: int) -> None:
     height = image.shape[0]
     dual_y[:] = 0
@@ -133,19 +133,20 @@ def _denoise_plane(image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: floa
     # One sweep per inner iteration: primal row r needs the old dual rows r − 1 and r; once it is known, dual row
     # r − 1 is free to move. So the primal image never exists as a whole and everything stays in the cache.
     for _ in range(inner):
-        _primal_row(image, dual_y, dual_x, weight, 0, rows[0])
-        for r in range(1, height):
+        for r in range(height):
             _primal_row(image, dual_y, dual_x, weight, r, rows[r % 2])
+            if r == 0:
+                continue
             _ascend_row(dual_y, dual_x, step, r - 1, rows[(r - 1) % 2], rows[r % 2])
         # The last row has no row below: against itself its vertical difference is 0, and its dual_y stays 0.
         last = (height - 1) % 2
         _ascend_row(dual_y, dual_x, step, height - 1, rows[last], rows[last])
     for r in range(height):
         _primal_row(image, dual_y, dual_x, weight, r, rows[0])
-        image[r] = rows[0]
+        for col in range(image.shape[1]):
+            image[r, col] = rows[0, col]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def denoise_planes(planes: F32, weight: float, inner: int) -> None:
     """Lower the total variation of each plane, in place, by `inner` steps of projected gradient on the dual.
 
@@ -154,18 +155,30 @@ def denoise_planes(planes: F32, weight: float, inner: int) -> None:
         weight: λ of ½‖u − x‖² + λ TV(u), in units of the image.
         inner: Gradient steps of length 1 / (8 λ), each from a dual field that starts at 0 (Chambolle 2004).
     """
-    count, height, width = planes.shape
-    weight32, step32 = np.float32(weight), np.float32(1.0 / (8.0 * weight))
-    for p in numba.prange(count):
+    in_parts(_denoise_planes, len(planes), planes, np.float32(weight), np.float32(1.0 / (8.0 * weight)), inner)
+
+
+@kernel(i64, i64, f32_3, f32, f32, i64, fastmath=EXACT)
+def _denoise_planes(from_plane, to_plane, planes, weight, step, inner):
+    _, height, width = planes.shape
+    for p in range(from_plane, to_plane):
         dual_y = np.empty((height, width), np.float32)
         dual_x = np.empty((height, width), np.float32)
         rows = np.empty((2, width), np.float32)
-        _denoise_plane(planes[p], dual_y, dual_x, rows, weight32, step32, inner)
+        _denoise_plane(planes[p], dual_y, dual_x, rows, weight, step, inner)
 
 
-@numba.njit(cache=True)
+@kernel(i64, i64, f32_3, f32_4, f32, f32, f32_3, fastmath=EXACT)
+def _coupled_primal(from_row, to_row, views, dual, weight, coupling, image):
+    """Write views + weight * div(dual) to `image`; rows are those of all views."""
+    height = views.shape[1]
+    for row in range(from_row, to_row):
+        i, r = row // height, row % height
+        _coupled_primal_row(views, dual, weight, coupling, i, r, image[i, r])
+
+
+@helper(fastmath=EXACT)
 def _coupled_primal_row(views: F32, dual: F32, weight: float, coupling: float, i: int, r: int, out: F32) -> None:
-    """Write row r of view i of views + weight * div(dual) to `out`."""
     width = views.shape[2]
     for col in range(width):
         divergence = dual[0, i, r, col] + dual[1, i, r, col] + coupling * dual[2, i, r, col]
@@ -178,9 +191,16 @@ def _coupled_primal_row(views: F32, dual: F32, weight: float, coupling: float, i
         out[col] = views[i, r, col] + weight * divergence
 
 
-@numba.njit(cache=True)
+@kernel(i64, i64, f32_4, f32_3, f32, f32, fastmath=EXACT)
+def _coupled_ascend(from_row, to_row, dual, image, step, coupling):
+    """Move the dual field up the gradient of the image, then back into the unit ball; rows are those of all views."""
+    height = image.shape[1]
+    for row in range(from_row, to_row):
+        _coupled_ascend_row(dual, image, step, coupling, row // height, row % height)
+
+
+@helper(fastmath=EXACT)
 def _coupled_ascend_row(dual: F32, image: F32, step: float, coupling: float, i: int, r: int) -> None:
-    """Move the dual field of row r of view i up the gradient of the image, then back into the unit ball."""
     views, height, width = image.shape
     for col in range(width):
         here = image[i, r, col]
@@ -193,7 +213,6 @@ def _coupled_ascend_row(dual: F32, image: F32, step: float, coupling: float, i: 
         dual[2, i, r, col] = dt * scale
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def denoise_coupled(views: F32, weight: float, coupling: float, inner: int) -> None:
     """Lower the total variation of a stack of planes, differences between consecutive planes included, in place.
 
@@ -209,10 +228,7 @@ def denoise_coupled(views: F32, weight: float, coupling: float, inner: int) -> N
     weight32, coupling32 = np.float32(weight), np.float32(coupling)
     step32 = np.float32(1.0 / ((8.0 + 4.0 * coupling * coupling) * weight))
     for iteration in range(inner + 1):
-        for task in numba.prange(count * height):
-            i, r = task // height, task % height
-            _coupled_primal_row(views, dual, weight32, coupling32, i, r, image[i, r])
+        in_parts(_coupled_primal, count * height, views, dual, weight32, coupling32, image)
         if iteration < inner:
-            for task in numba.prange(count * height):
-                _coupled_ascend_row(dual, image, step32, coupling32, task // height, task % height)
+            in_parts(_coupled_ascend, count * height, dual, image, step32, coupling32)
     views[:] = image

@@ -55,7 +55,9 @@ class Adam:
             *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
         )
         moments = (self._mean.view(-1).numpy(), self._square.view(-1).numpy())
-        adam_step(values.reshape(-1), gradient.reshape(-1), *moments, np.array(constants, values.dtype))
+        # The Gaussians' are many, and in float32; what is in float64 has a few hundred numbers.
+        step = adam_step if values.dtype == np.float32 else _adam_step
+        step(values.reshape(-1), gradient.reshape(-1), *moments, np.array(constants, values.dtype))
 
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""
@@ -72,6 +74,17 @@ class Adam:
         kept = source >= 0
         if self._mean is not None and self._square is not None:
             self._mean, self._square = (_rows(one, source, kept, forget) for one in (self._mean, self._square))
+
+
+def _adam_step(
+    parameter: NDArray[Any], gradient: NDArray[Any], mean: NDArray[Any], square: NDArray[Any], constants: NDArray[Any]
+) -> None:
+    """As `adam_step`, without being compiled."""
+    taken, decay, fresh, scale, least, step = constants
+    mean += taken * (gradient - mean)
+    square *= decay
+    square += fresh * gradient * gradient
+    parameter -= step * mean / (np.sqrt(square) * scale + least)
 
 
 def _columns(moment: Tensor, columns: int) -> Tensor:

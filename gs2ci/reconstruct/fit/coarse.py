@@ -1,9 +1,12 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
+A fit can be paused and continued: a race compares several before it lets any of them end (`hypotheses.race`).
+
 Here: the loop, its bookkeeping, and the return to the last good state. Not here: what an iteration changes
 (`coarse_state.py`), the settings (`coarse_settings.py`), the initial scene (`reconstruct.geometry`).
 """
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -12,13 +15,14 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.looks import Looks, Monitoring
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import Rival, Watch
+from gs2ci.reconstruct.fit.stopping import Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
@@ -37,7 +41,7 @@ class CoarseFit:
         notes: Other findings: each time that the fit diverged and was set back.
         intrinsics: The camera matrix of the fit, [3, 3].
         outside: Which Gaussians continue the scene beyond the borders of all views, [G] bool; None: none (`margin.py`).
-        beside: Whether its views only count in the mean with others, because its order of depth is the wrong one.
+        beside: Whether its views only count in the mean with others, because its path or order of depth is another.
     """
 
     scene: Gaussians
@@ -61,19 +65,8 @@ EXPLODED = 3.0
 EXPLODED_SHARE_OF_FIRST = 0.3
 
 
-def fit_coarse(
-    holdout: Holdout,
-    renderer: ShotRenderer,
-    start: Gaussians,
-    geometry: Geometry,
-    settings: CoarseSettings,
-    seed: int,
-    monitoring: Monitoring,
-    pace: Pace | None = None,
-    rival: Rival | None = None,
-    outside: Tensor | None = None,
-) -> CoarseFit:
-    """Fit Gaussians and poses to the measurement.
+class CoarseRun:
+    """A fit of Gaussians and poses to the measurement that can be paused after any share of its schedule.
 
     Args:
         holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
@@ -84,42 +77,121 @@ def fit_coarse(
         seed: For the density rule's draws.
         monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
-        rival: Another fit; this one ends at the first look at which it is far behind.
         outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
-
-    Returns:
-        The state with the smallest held-out residual.
 
     Raises:
         InputError: The settings make no sense.
-        NumericsError: The very first iteration is not finite.
-        ResourceError: The population exceeds the memory guard.
     """
-    settings.check()
-    fit = FitState(holdout, renderer, start, geometry, settings, seed, outside)
-    looks = Looks(holdout, monitoring)
-    pace = pace or Fixed(settings.iterations)
-    loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(holdout.pixels.any()))
-    stopped = loop.run()
-    fit.restore(loop.best)
-    return CoarseFit(
-        scene=loop.best.scene,
-        world_to_camera=fit.poses.world_to_camera().detach().double().numpy(),
-        views=fit.views(),
-        curve=tuple(looks.curve),
-        stopped=stopped,
-        notes=tuple(loop.notes),
-        intrinsics=geometry.intrinsics,
-        outside=loop.best.outside,
-    )
+
+    def __init__(
+        self,
+        holdout: Holdout,
+        renderer: ShotRenderer,
+        start: Gaussians,
+        geometry: Geometry,
+        settings: CoarseSettings,
+        seed: int,
+        monitoring: Monitoring,
+        pace: Pace | None = None,
+        outside: Tensor | None = None,
+    ) -> None:
+        settings.check()
+        self._fit = FitState(holdout, renderer, start, geometry, settings, seed, outside)
+        self._looks = Looks(holdout, monitoring)
+        self._intrinsics, self._halt = geometry.intrinsics, monitoring.halt
+        self._result: CoarseFit | None = None
+        pace = pace or Fixed(settings.iterations)
+        self._loop = _Loop(self._fit, self._looks, monitoring, pace, judged=bool(holdout.pixels.any()))
+
+    @property
+    def curve(self) -> tuple[CurvePoint, ...]:
+        """Get the looks so far."""
+        return tuple(self._looks.curve)
+
+    @property
+    def iterations(self) -> int:
+        """Get how many iterations are done."""
+        return self._loop.iteration
+
+    @property
+    def has_ended(self) -> bool:
+        """Get whether there is nothing to continue."""
+        return self._loop.stopped is not None
+
+    def advance(self, share: float = 1.0, progress: Progress | None = None) -> None:
+        """Go on until this share of the schedule is done, or until the fit ends.
+
+        Args:
+            share: From 0 to 1.
+            progress: Receives the iterations from now on; None: whatever did so far.
+
+        Raises:
+            NumericsError: The very first iteration is not finite.
+            ResourceError: The population exceeds the memory guard.
+        """
+        if not self.has_ended:
+            self._loop.run(share, progress)
+
+    def views(self) -> F32:
+        """Render the scene as it is now, as each mask saw it, [N, H, W, C] float32, not clamped."""
+        return self._fit.views()
+
+    @property
+    def scene(self) -> Gaussians:
+        """Get the Gaussians as they are now."""
+        return self._fit.optimiser.scene
+
+    def result(self) -> CoarseFit:
+        """Return the state with the smallest held-out residual; a fit that was paused ends here."""
+        if self._result is None:
+            self._result = self._ended()
+        return self._result
+
+    def _ended(self) -> CoarseFit:
+        loop = self._loop
+        code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
+        stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
+        loop.stopped = stopped
+        self._fit.restore(loop.best)
+        return CoarseFit(
+            scene=loop.best.scene,
+            world_to_camera=self._fit.poses.world_to_camera().detach().double().numpy(),
+            views=self._fit.views(),
+            curve=self.curve,
+            stopped=stopped,
+            notes=tuple(loop.notes),
+            intrinsics=self._intrinsics,
+            outside=loop.best.outside,
+        )
+
+
+def fit_coarse(
+    holdout: Holdout,
+    renderer: ShotRenderer,
+    start: Gaussians,
+    geometry: Geometry,
+    settings: CoarseSettings,
+    seed: int,
+    monitoring: Monitoring,
+    pace: Pace | None = None,
+    outside: Tensor | None = None,
+) -> CoarseFit:
+    """Fit Gaussians and poses to the measurement without a pause; arguments and errors as for `CoarseRun`.
+
+    Returns:
+        The state with the smallest held-out residual.
+    """
+    run = CoarseRun(holdout, renderer, start, geometry, settings, seed, monitoring, pace, outside)
+    run.advance()
+    return run.result()
 
 
 class _Loop:
     """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
 
-    def __init__(
-        self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, rival: Rival | None, *, judged: bool
-    ) -> None:
+    def __init__(self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, *, judged: bool) -> None:
+        self.iteration = 0
+        self.stopped: Finding | None = None
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
@@ -127,7 +199,6 @@ class _Loop:
         self._looks = looks
         self._progress, self._halt = monitoring.progress, monitoring.halt
         self._pace = pace
-        self._rival = rival
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
@@ -136,50 +207,55 @@ class _Loop:
         self._first_loss: float | None = None
         self._least_loss = float("inf")
 
-    def run(self) -> Finding:
-        """Iterate until the fit ends; return why it ended."""
-        total = self._pace.total(0)
-        self._progress.stage("fit", total)
-        iteration = 0
-        while iteration < total:
-            self.fit.split_masks(iteration / total)
-            if self.fit.find_surfaces(iteration / total, self._looks.decode):
-                # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
-                # one may predict the held-out pixels as well, but its depth is worse.
-                self._watch.begin_again(iteration)
-                # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
-                self._least_loss = float("inf")
-            loss = self.fit.backward(iteration / total, iteration)
-            ran_away = self._how_it_ran_away(iteration, loss)
-            if ran_away is not None:
-                if not self._roll_back(iteration, ran_away):
-                    return finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
-                continue
-            self._step(iteration, total)
-            iteration += 1
-            before, total = total, self._pace.total(iteration)
+    def run(self, share: float, progress: Progress | None) -> None:
+        """Iterate until this share of the schedule is done or the fit ends, and note why it ended."""
+        self._progress = progress or self._progress
+        total = self._pace.total(self.iteration)
+        if self.iteration == 0:
+            self._progress.stage("fit", total)
+        while self.stopped is None and self.iteration < min(total, math.ceil(share * total)):
+            before, total = total, self._iterate(total)
             if total != before:
                 self._progress.expect(total)
-            halted = self._halt.asked
-            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
-            if looks:
-                self._look(iteration, loss)
-            self._progress.step(iteration, loss=loss, **self._figures())
-            if halted:
-                return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
-            if looks and self._is_behind(iteration):
-                return finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
-            if looks and self._stalled(iteration):
-                return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
-        late = self._pace.is_late(iteration)
-        if not self._judged:
-            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=iteration)
-        code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
-        return finding(code, iterations=iteration, best=self._watch.best_iteration)
+        if self.stopped is None and self.iteration >= total:
+            self.stopped = self._all_done()
 
-    def _is_behind(self, iteration: int) -> bool:
-        """Tell whether another fit is so far ahead at the last look that this one should stop."""
-        return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
+    def _iterate(self, total: int) -> int:
+        """Make one iteration, or return to the best state if it must not be used; return the schedule's length."""
+        iteration = self.iteration
+        self.fit.split_masks(iteration / total)
+        if self.fit.find_surfaces(iteration / total, self._looks.decode):
+            # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
+            # one may predict the held-out pixels as well, but its depth is worse.
+            self._watch.begin_again(iteration)
+            # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
+            self._least_loss = float("inf")
+        loss = self.fit.backward(iteration / total, iteration)
+        ran_away = self._how_it_ran_away(iteration, loss)
+        if ran_away is not None:
+            if not self._roll_back(iteration, ran_away):
+                self.stopped = finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
+            return total
+        self._step(iteration, total)
+        self.iteration = iteration = iteration + 1
+        total = self._pace.total(iteration)
+        halted = self._halt.asked
+        looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
+        if looks:
+            self._look(iteration, loss)
+        self._progress.step(iteration, loss=loss, **self._figures())
+        if halted:
+            self.stopped = finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+        elif looks and self._stalled(iteration):
+            self.stopped = finding(Code.FIT_STALLED, best=self._watch.best_iteration)
+        return total
+
+    def _all_done(self) -> Finding:
+        late = self._pace.is_late(self.iteration)
+        if not self._judged:
+            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=self.iteration)
+        code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
+        return finding(code, iterations=self.iteration, best=self._watch.best_iteration)
 
     def _stalled(self, iteration: int) -> bool:
         """Tell whether the residual has not improved for long, or has risen clearly, and nothing to come helps."""

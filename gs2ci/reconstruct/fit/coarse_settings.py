@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
 
 STANDARD_ITERATIONS: Final = 400
 """Of the default schedule. Half as many take 0.7 of the time and lose up to 1 dB
-(docs/decisions/0051-shorter-schedule.md)."""
+(docs/decisions/schedule.md)."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,6 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces, pixel_rays
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.plane_evidence import Readings
-from gs2ci.reconstruct.geometry.sources import GIVEN
-from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians, joined
 
@@ -75,7 +72,7 @@ class FitState:
         self._seed = seed
         self._holdout = holdout
         # Without parallax, views show no depth.
-        moved = settings.surfaces is not None and geometry.verdict == "full"
+        moved = settings.surfaces is not None and geometry.has_path
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self._outside = outside
@@ -83,7 +80,7 @@ class FitState:
         self._field_step: FieldStep | None = None
         self._exchange: Exchange | None = None
         # Not if a stage or a file gave the camera's turns, and not with moving things, whose motion looks like depth.
-        free = geometry.verdict == "full" and geometry.source not in GIVEN and start.motion is None
+        free = geometry.has_path and not geometry.is_given and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._with_moments = renderer
@@ -172,7 +169,7 @@ class FitState:
         """Search for surfaces if a search is due, and tell whether some were found now.
 
         The plane sweep uses the views as they would be delivered, with their residual added: its depth is nearer the
-        truth than that of the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
+        truth than that of the scene that they were rendered from (docs/decisions/surfaces.md).
         """
         settings = self.settings.surfaces
         if settings is None or not self._searches or share < self._searches[0].begins:
@@ -183,8 +180,7 @@ class FitState:
         added = decode(self._holdout.coded(views))
         if added is not None:
             views += added
-        readings = self._readings() if search.asks_measurement else None
-        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search, readings)
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search)
         self._surfaces = found or self._surfaces
         if found is not None and not self._searches and settings.margin is not None:
             source = MarginSource(found.views, views, found.inverse_depth)
@@ -201,22 +197,6 @@ class FitState:
         self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
         self._outside = torch.cat([present < 0, new < 0])
         self._meet_others()
-
-    def _readings(self) -> Readings | None:
-        """Return the measurement in the form that finds the depth of plain areas; None for shots that it cannot use."""
-        shot, renderer = self._holdout.shot, self._renderer
-        if renderer.lens is not None or self.optimiser.scene.motion is not None:
-            return None
-        usable = shot.usable & ~self._holdout.pixels
-        channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
-        return Readings(
-            light=shot.measurement.mean(axis=2),
-            open_share=renderer.split_transmissions.numpy(),
-            world_to_camera=renderer.moment_poses(self.poses.world_to_camera().detach()).double().numpy(),
-            usable=usable,
-            rays=pixel_rays(renderer),
-            channels=channels,
-        )
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""
@@ -325,7 +305,7 @@ def _depth_field(settings: CoarseSettings, geometry: Geometry, renderer: ShotRen
 
 def _reference_view(geometry: Geometry) -> ReferenceView | None:
     """Return the view in whose coordinates positions step; None without a path, when nothing tells depth."""
-    if geometry.verdict != "full":
+    if not geometry.has_path:
         return None
     poses = geometry.world_to_camera
     return ReferenceView(poses[geometry.reference], float(geometry.intrinsics[0, 0]), path_extent(poses))

@@ -32,7 +32,7 @@ errors cancel along the views, and the held-out residual is smaller than these e
 1 − 11ᵀ/N along the views, r² measures |M|² − (Σ M)²/N instead of |M|²: half of it behind masks that are half open. The
 residuals of such candidates are therefore scaled by √(|M|²/(|M|² − (Σ M)²/N)), without scaling the noise in them.
 
-Here: these products, the weights (called shares) and the sum. Not here: the candidates (`reconstruct.handing_over`).
+Here: these products, the weights (called shares) and the sum. Not here: the candidates (`reconstruct.fusion`).
 """
 
 from collections.abc import Mapping, Sequence

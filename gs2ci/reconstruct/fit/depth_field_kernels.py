@@ -8,18 +8,17 @@ thread, so that sums have one order. Here: the kernels. Not here: steps and sett
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import f32_1, f32_2, f64, f64_1, f64_2, f64_3, helper, i64_1, kernel
 from gs2ci.reconstruct.fit.distances import bounded
-from gs2ci.reconstruct.fit.jit import JIT
 from gs2ci.reconstruct.fit.relief_kernels import seen_from
 
 Numbers = NDArray[Any]
 
 
-@njit(**JIT)
+@helper()
 def _place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
     """Return the knot below a position and the fraction of the way to the next."""
     along = min(max((at - low) / step, 0.0), count - 1.0)
@@ -27,7 +26,7 @@ def _place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
     return knot, along - knot
 
 
-@njit(**JIT)
+@helper()
 def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> float:
     """Return the field, [A, B, C], at a position."""
     i, a = _place(u, low[0], step[0], field.shape[0])
@@ -42,7 +41,7 @@ def _value(field: F64, u: float, v: float, w: float, low: F64, step: F64) -> flo
     return found
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2, f32_2, f64_2, f64, f64_1, f64_1, f64_3)
 def gather_gradient(
     means: Numbers,
     by_means: Numbers,
@@ -88,7 +87,7 @@ def gather_gradient(
                     gradient[i + di, j + dj, k + dk] += share * total
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2, f64_2, f64, f64_1, f64_1, f64_3)
 def move_gaussians(
     means: Numbers, log_scales: Numbers, pose: F64, near: float, low: F64, step: F64, field: F64
 ) -> None:
@@ -103,7 +102,7 @@ def move_gaussians(
             log_scales[g, j] += growth
 
 
-@njit(**JIT)
+@kernel(f32_1, i64_1, f32_2, f64_2, f64_1, f64_1, f64_3)
 def move_map(
     inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, to_reference: F64, low: F64, step: F64, field: F64
 ) -> None:

@@ -6,9 +6,7 @@ depth field and of the exchange of turning for travel (`relief.py`). Not here: t
 
 from typing import Final
 
-from numba import njit
-
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import helper
 
 MOST_GROWTH: Final = 0.25
 """The largest relative change of a distance in one step of a fit, whatever makes the step: far away, where inverse
@@ -21,13 +19,13 @@ left float32 after 391 iterations, and the squares on which the exchange of turn
 sees them by then, since their sizes are cut from 6.6e7 scene units on (`LOG_SCALE_MAX` of the renderer)."""
 
 
-@njit(**JIT)
+@helper()
 def most_growth(distance: float) -> float:
     """Return the largest relative growth of a distance (scene units, positive) in one step."""
     return min(MOST_GROWTH, max(FARTHEST / distance - 1, 0.0))
 
 
-@njit(**JIT)
+@helper()
 def bounded(growth: float, distance: float) -> float:
     """Return a relative growth of a distance (scene units, positive), cut to what one step may do."""
     allowed: float = min(max(growth, -MOST_GROWTH), most_growth(distance))

@@ -10,7 +10,7 @@ Here: how fits are made to differ, how they run at the same time, and how their 
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -27,9 +27,8 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
@@ -63,9 +62,6 @@ class Member:
     outside: torch.Tensor | None = None
 
 
-FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
-
-
 def member_seed(seed: int, number: int) -> int:
     """Return the seed of a member of an ensemble that is given this seed: the first has it, all others their own."""
     if number == 0:
@@ -95,52 +91,55 @@ def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: in
     return tuple(found)
 
 
-def fit_together(
-    fit_one: FitOne,
-    beginnings: tuple[Member, ...],
+def advance_together(
+    runs: Sequence[CoarseRun],
+    share: float,
     progress: Progress,
-    pace: Pace | None,
     halt: Halt | None = None,
-) -> tuple[CoarseFit, ...]:
-    """Run all fits at the same time, each on its share of the threads; the first one is the leader.
+    *,
+    leader_alone: bool = False,
+) -> tuple[CoarseRun, ...]:
+    """Continue fits at the same time, each on its share of the threads, until a share of their schedules is done.
 
     Several fits use the processors better than one fit on all threads, and no fit depends on another.
 
     Args:
-        fit_one: Runs one.
-        beginnings: One for each.
+        runs: At least one; the first one is the leader.
+        share: Of each one's schedule.
         progress: Receives the leader's steps.
-        pace: Of the leader; each companion gets one derived from it.
         halt: A request to end early, which the fits heed; if they run in turn, none starts after it was made.
+        leader_alone: Whether only the leader runs if fits cannot run at the same time, as within a budget.
 
     Returns:
-        The leader's fit, then those of its companions in their order, without any whose numbers were not finite.
+        The leader, then the others in their order, without any whose numbers were not finite.
 
     Raises:
         NumericsError: The leader is not finite from its first iteration on.
         Gs2ciError: Whatever else a fit raises.
     """
-    leader, *others = beginnings
+    leader, *others = runs
     if not others:
-        return (fit_one(leader, progress, pace),)
+        leader.advance(share, progress)
+        return (leader,)
     if not _kernels_run_in_threads():
-        return _one_after_another(fit_one, beginnings, progress, pace, halt or Halt())
+        return _one_after_another(runs, share, progress, halt or Halt(), leader_alone=leader_alone)
     threads = numba.get_num_threads()
-    share = max(1, threads // len(beginnings))
+    each = max(1, threads // len(runs))
     stop = threading.Event()
 
-    def accompany(member: Member) -> CoarseFit:
+    def accompany(run: CoarseRun) -> None:
         torch.set_num_threads(1)
-        numba.set_num_threads(share)
-        return fit_one(member, _Until(stop), None if pace is None else pace.beside())
+        numba.set_num_threads(each)
+        run.advance(share, _Until(stop))
 
     with ThreadPoolExecutor(len(others), "companion fit") as pool:
-        running = [pool.submit(accompany, member) for member in others]
+        running = [pool.submit(accompany, run) for run in others]
         try:
-            numba.set_num_threads(max(1, threads - share * len(others)))
-            led = fit_one(leader, progress, pace)
+            numba.set_num_threads(max(1, threads - each * len(others)))
+            leader.advance(share, progress)
             progress.stage("other fits")
-            return (led, *_sound([future.result for future in running], progress))
+            ended = [(run, future.result) for run, future in zip(others, running, strict=True)]
+            return (leader, *_sound(ended, progress))
         finally:
             stop.set()
             numba.set_num_threads(threads)
@@ -155,32 +154,27 @@ def _kernels_run_in_threads() -> bool:
 
 
 def _one_after_another(
-    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None, halt: Halt
-) -> tuple[CoarseFit, ...]:
-    """Run the fits in turn; with a deadline only the leader, which uses all the time."""
-    if pace is not None:
-        beginnings = beginnings[:1]
+    runs: Sequence[CoarseRun], share: float, progress: Progress, halt: Halt, *, leader_alone: bool
+) -> tuple[CoarseRun, ...]:
+    """Continue the fits in turn."""
+    if leader_alone:
+        runs = runs[:1]
         progress.say("Without OpenMP, fits cannot run side by side: a budget allows only one.")
-    led = fit_one(beginnings[0], progress, pace)
-    return (
-        led,
-        *_sound((partial(fit_one, member, progress, None) for member in _until(halt, beginnings[1:])), progress),
-    )
+    runs[0].advance(share, progress)
+    others = ((run, partial(run.advance, share, Silent())) for run in runs[1:])
+    return (runs[0], *_sound(takewhile(lambda _: not halt.asked, others), progress))
 
 
-def _until(halt: Halt, beginnings: Iterable[Member]) -> Iterator[Member]:
-    """Yield them one by one until a halt is requested."""
-    return takewhile(lambda _: not halt.asked, beginnings)
-
-
-def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) -> list[CoarseFit]:
-    """Return the fits of companions, run here or waited for, without those whose numbers were not finite."""
+def _sound(companions: Iterable[tuple[CoarseRun, Callable[[], None]]], progress: Progress) -> list[CoarseRun]:
+    """Return companions, run here or waited for, without those whose numbers were not finite."""
     found = []
-    for companion in companions:
+    for companion, wait in companions:
         try:
-            found.append(companion())
+            wait()
         except NumericsError as error:
             progress.say(f"One of the further fits failed and is left out: {error.problem}.")
+        else:
+            found.append(companion)
     return found
 
 

@@ -8,15 +8,14 @@ do not depend on the number of threads. Here: the kernels. Not here: rates and m
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import f32_1, f64, kernel
 from gs2ci.reconstruct.fit.lane_sum import sum_in_lanes
 
 
-@njit(**JIT)
+@kernel(f32_1, f32_1, f32_1, f32_1, f32_1)
 def adam_step(
     parameter: NDArray[Any],
     gradient: NDArray[Any],
@@ -27,7 +26,7 @@ def adam_step(
     """Update the moments by a gradient, and step, in place; all but the last argument have the same length.
 
     Args:
-        parameter: float32 or float64, as all of them.
+        parameter: [P].
         gradient: By it.
         mean: First moment.
         square: Second moment.
@@ -45,7 +44,7 @@ def adam_step(
         parameter[i] -= step * m / (np.sqrt(v) * scale + least)
 
 
-@njit(**JIT)
+@kernel(f32_1, f64, f32_1)
 def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
     """Return the mean of sigmoid(logits), [G], and add `weight` times its gradient to `gradient`, [G]."""
     count = len(logits)
@@ -61,7 +60,7 @@ def add_opacity_gradient(logits: F32, weight: float, gradient: F32) -> float:
     return total / count
 
 
-@njit(**JIT)
+@kernel(f32_1, f64, f32_1)
 def add_size_gradient(log_scales: F32, weight: float, gradient: F32) -> float:
     """Return the mean of exp(log_scales), [3 G], and add `weight` times its gradient to `gradient`, [3 G]."""
     count = len(log_scales)

@@ -6,15 +6,14 @@ Not here: what is added.
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import helper
 
 _LANES: Final = 16
 
 
-@njit(**JIT)
+@helper()
 def sum_in_lanes(values: F32) -> float:
     """Add up in float64, sixteen sums side by side and then those in order."""
     lanes = np.zeros(_LANES)

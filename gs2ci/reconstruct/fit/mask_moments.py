@@ -61,7 +61,7 @@ class MaskMomentSettings(Bounded):
         within_mask: "still": one pose for each mask, for a camera that stands still during each mask, or a measurement
             coded in software from still pictures; "moving": the camera moves on, and masks get the moments that they
             need; None: as the shot states, and "still" if it states nothing. The readings tell the two apart only if
-            the motion is large (docs/decisions/0065-moments-within-masks.md), so this is not guessed.
+            the motion is large (docs/decisions/sub-exposure-samples.md), so this is not guessed.
         tolerance: Largest blur of a view by motion within a mask, in full scales, root mean square over its pixels
             (`bounds`).
         most: Most moments of one mask.

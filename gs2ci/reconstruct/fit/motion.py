@@ -6,7 +6,7 @@ centres. Each row costs something in proportion to its length, so that only Gaus
 that moves by a pixel has to explain that much more of the measurement. In dark and uniform areas nothing moves.
 
 Here: the settings, the start, and the share that moves. Not here: the step (`optimiser.py`), when moving scenes are
-fitted (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
+fitted (`hypotheses.moving`), the flow (`geometry.flow`).
 """
 
 from dataclasses import dataclass, replace

@@ -32,7 +32,7 @@ class StepSizes:
 
     Adam moves a parameter by at most its step in an iteration, so a schedule of 600 iterations instead of 30,000 needs
     longer steps: eighty times the literature's for positions, five to nine times for shapes, one and a half times for
-    opacities and colours (docs/decisions/0019-long-steps-for-short-schedules.md).
+    opacities and colours (docs/decisions/steps.md).
 
     Args:
         means: In `unit`, at the start. Not used where positions step in the coordinates of a view, but for the noise

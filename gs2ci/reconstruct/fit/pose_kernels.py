@@ -8,16 +8,15 @@ picture's projection; tests compare these kernels with it. In float64 throughout
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import f32_1, f32_2, f32_3, helper, kernel
 
 _SERIES_BELOW_ANGLE2: Final = 0.25  # as in `se3`: the closed forms lose less than three digits above it
 _TERMS: Final = 10
 
 
-@njit(**JIT)
+@helper()
 def _series(angle2: float, first: int) -> tuple[float, float]:
     """Return sum_k (-x^2)^k / (2k + first)! and its derivative by x, divided by x; x^2 = `angle2`."""
     value, slope, term, factorial = 0.0, 0.0, 1.0, 1.0
@@ -32,13 +31,13 @@ def _series(angle2: float, first: int) -> tuple[float, float]:
     return value, slope
 
 
-@njit(**JIT)
+@helper()
 def _coefficients(angle2: float) -> tuple[float, float, float, float, float]:
     """Return a = sin x / x, b = (1 - cos x) / x^2, c = (x - sin x) / x^3, and b' / x and c' / x."""
     if angle2 < _SERIES_BELOW_ANGLE2:
-        a, _ = _series(angle2, 1)
-        b, b_slope = _series(angle2, 2)
-        c, c_slope = _series(angle2, 3)
+        a, _ = _series(angle2, np.int64(1))
+        b, b_slope = _series(angle2, np.int64(2))
+        c, c_slope = _series(angle2, np.int64(3))
         return a, b, c, b_slope, c_slope
     angle = np.sqrt(angle2)
     sine, half = np.sin(angle), np.sin(angle / 2)
@@ -46,7 +45,7 @@ def _coefficients(angle2: float) -> tuple[float, float, float, float, float]:
     return a, b, c, (a - 2 * b) / angle2, (b - 3 * c) / angle2
 
 
-@njit(**JIT)
+@helper()
 def _turned(phi: F64, b: float, c: float, sign: float, x: F64, out: F64) -> None:
     """Store (I + sign b [phi] + c [phi]^2) x: V x, and V^T x where the sign is -1."""
     p0, p1, p2 = phi[1] * x[2] - phi[2] * x[1], phi[2] * x[0] - phi[0] * x[2], phi[0] * x[1] - phi[1] * x[0]
@@ -56,7 +55,7 @@ def _turned(phi: F64, b: float, c: float, sign: float, x: F64, out: F64) -> None
     out[2] = x[2] + sign * b * p2 + c * q2
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_1, f32_3, f32_3)
 def correct_poses(twists: F32, units: F32, initial: F32, out: F32) -> None:
     """Store exp(units * twists) @ initial.
 
@@ -85,7 +84,7 @@ def correct_poses(twists: F32, units: F32, initial: F32, out: F32) -> None:
             out[n, 3, j] = initial[n, 3, j]
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_1, f32_3, f32_3, f32_2)
 def twist_gradient(twists: F32, units: F32, poses: F32, gradient: F32, out: F32) -> None:
     """Add the gradient by the twists to `out`, [N, 6].
 

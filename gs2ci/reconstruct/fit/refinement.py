@@ -1,7 +1,7 @@
 """Refinement: the residual of a scene is decoded into views, and a share of them is added to the scene's views.
 
 Here: the share. Not here: the decode (`decode.residual`), the choice between the refined views, the scene's and the
-decode's (`handing_over`).
+decode's (`fusion`).
 
 Without noise the residual is mostly detail that the scene lacks; in a noisy measurement it is mostly noise. How much of
 the decoded residual is added is one number, found by least squares at the held-out pixels. That estimate is too small

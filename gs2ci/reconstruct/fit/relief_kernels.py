@@ -7,17 +7,15 @@ bounds on a step (`distances.py`).
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.kernels import f32, f32_1, f32_2, f64, f64_1, f64_2, helper, kernel
 from gs2ci.reconstruct.fit.distances import bounded
-from gs2ci.reconstruct.fit.jit import JIT
 
 Numbers = NDArray[Any]
 
 
-@njit(**JIT)
 def step_of_gaussians(
     means: Numbers, pose: F64, bend: F64, near: float, widest: float, by_means: Numbers, by_sizes: Numbers
 ) -> float:
@@ -32,25 +30,35 @@ def step_of_gaussians(
         by_means: [G, 3].
         by_sizes: [G].
     """
-    count = len(means)
-    nearer = np.empty_like(by_sizes)
-    for g in range(count):
+    _find_distances(means, pose, bend, near, widest, by_sizes)
+    # The lower of the two middle values, as in torch.
+    middle = (len(means) - 1) // 2
+    shrink = np.partition(by_sizes, middle)[middle]
+    _differentiate_step(means, pose, shrink, by_means, by_sizes)
+    return float(shrink)
+
+
+@kernel(f32_2, f64_2, f64_1, f64, f64, f32_1)
+def _find_distances(means, pose, bend, near, widest, nearer):
+    for g in range(len(means)):
         x, y, z = seen_from(means, pose, g)
         depth = max(z, near)
         slant = min(max((x * bend[0] + y * bend[1]) / depth, -widest), widest)
         nearer[g] = depth * (1 + slant * slant)
-    # The lower of the two middle values, as in torch.
-    shrink: float = np.partition(nearer, (count - 1) // 2)[(count - 1) // 2]
-    for g in range(count):
-        growth = shrink - nearer[g]
+
+
+@kernel(f32_2, f64_2, f32, f32_2, f32_1)
+def _differentiate_step(means, pose, shrink, by_means, by_sizes):
+    """Turn distances in `by_sizes` into derivatives."""
+    for g in range(len(means)):
+        growth = shrink - by_sizes[g]
         x, y, z = seen_from(means, pose, g)
         for j in range(3):
             by_means[g, j] = growth * (x * pose[0, j] + y * pose[1, j] + z * pose[2, j])
         by_sizes[g] = growth
-    return shrink
 
 
-@njit(**JIT)
+@helper()
 def seen_from(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
     """Return the camera coordinates of a Gaussian's centre; means: [G, 3], pose: [4, 4]."""
     x, y, z = means[g, 0], means[g, 1], means[g, 2]
@@ -61,7 +69,7 @@ def seen_from(means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
     )
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2)
 def derivative_along(gradient: Numbers, step: Numbers) -> float:
     """Return the sum over products of gradients and steps, [G, K]; a step [G, 1] counts for every column."""
     total = 0.0
@@ -74,7 +82,7 @@ def derivative_along(gradient: Numbers, step: Numbers) -> float:
     return total
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2, f32_2, f32_1, f64)
 def take_step(means: Numbers, log_scales: Numbers, by_means: Numbers, by_sizes: Numbers, beta: float) -> None:
     """Move Gaussians by `beta`, in place, within the bounds of `distances`.
 

@@ -78,10 +78,6 @@ class ShotRenderer:
             return self.transmissions.sum(dim=0, keepdim=True)
         return self.transmissions if self._mask_moments is None else self._mask_moments.split(self.transmissions)
 
-    def moment_poses(self, world_to_camera: Tensor) -> Tensor:
-        """Return the poses of all moments, or of the one picture, [V, 4, 4], from those of the masks, [N, 4, 4]."""
-        return self._moments(world_to_camera)[0]
-
     def with_one_moment(self) -> "ShotRenderer":
         """Return a renderer of the same shot that gives each mask one moment."""
         if self._mask_moments is None:

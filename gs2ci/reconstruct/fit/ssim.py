@@ -16,11 +16,11 @@ the losses around it (`losses`, `perceptual`).
 
 from typing import Final
 
+import cv2
 import numpy as np
-from numba import njit, prange
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import f32, f32_1, f32_2, f32_3, f64_1, helper, i64, in_parts, kernel
 from gs2ci.reconstruct.fit.lane_sum import sum_in_lanes
 
 WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
@@ -48,26 +48,26 @@ def _gaussian_taps(window_px: int) -> F64:
     return np.pad(taps, (0, -len(taps) % _TAPS_AT_ONCE))
 
 
-@njit(**JIT)
+@helper()
 def _row(image: F32, y: int, zeros: F32) -> F32:
     return image[y] if 0 <= y < image.shape[0] else zeros
 
 
-@njit(**JIT)
+@helper()
 def _begin(out: F32, taps: F32, centre: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
     """Set a row to the sum of the window's inner taps."""
     for x in range(len(out)):
         out[x] = taps[0] * centre[x] + taps[1] * (a1[x] + b1[x]) + taps[2] * (a2[x] + b2[x])
 
 
-@njit(**JIT)
+@helper()
 def _add(out: F32, taps: F32, k: int, a0: F32, b0: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
     """Add three further taps on either side."""
     for x in range(len(out)):
         out[x] += taps[k] * (a0[x] + b0[x]) + taps[k + 1] * (a1[x] + b1[x]) + taps[k + 2] * (a2[x] + b2[x])
 
 
-@njit(**JIT)
+@helper()
 def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, zeros: F32, out: F32) -> None:
     """Gaussian-filter row y of [H, W * C] into out [W * C]; pixels outside the image count as zero.
 
@@ -120,15 +120,7 @@ def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, zer
         )
 
 
-@njit(**JIT)
-def _filter_rows(source: F64, taps: F64, channels: int, out: F64) -> None:
-    """Filter a whole image."""
-    scratch, zeros = np.zeros(source.shape[1] + 2 * (len(taps) - 1) * channels), np.zeros(source.shape[1])
-    for y in range(source.shape[0]):
-        _filter_row(source, y, taps, channels, scratch, zeros, out[y])
-
-
-@njit(**JIT)
+@helper()
 def _compare_row(
     e: F32, ee: F32, eb: F32, mean: F32, centred: F32, variance: F32, by_e: F32, by_ee: F32, apart: F32
 ) -> None:
@@ -152,10 +144,13 @@ def _compare_row(
         eb[x] = _TWO * slope * unlike
 
 
-@njit(parallel=True, **JIT)
+@kernel(i64, i64, f32_2, f32_2, f32_2, f32_2, f32_2, f32_2, f32_1, i64, f32_3, f32_2, f64_1)
 def _compare(
+    from_row: int,
+    to_row: int,
     error: F32,
-    target: F32,
+    squares: F32,
+    products: F32,
     mean: F32,
     centred: F32,
     variance: F32,
@@ -166,14 +161,8 @@ def _compare(
     sums: F64,
 ) -> None:
     """Store 1 - similarity, its sums per row, and its derivatives by filtered e, e² and eb, [3, H, W * C]."""
-    height, width = error.shape
-    squares = np.empty_like(error)
-    products = np.empty_like(error)
-    for y in prange(height):
-        for x in range(width):
-            squares[y, x] = error[y, x] * error[y, x]
-            products[y, x] = error[y, x] * target[y, x]
-    for y in prange(height):
+    width = error.shape[1]
+    for y in range(from_row, to_row):
         scratch = np.zeros(width + 2 * (len(taps) - 1) * channels, np.float32)
         zeros = np.zeros(width, np.float32)
         e, ee = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -184,17 +173,27 @@ def _compare(
         sums[y] = sum_in_lanes(apart[y])
 
 
-@njit(**JIT)
+@helper()
 def _chain_row(e: F32, b: F32, by_e: F32, by_ee: F32, by_eb: F32, scale: float, out: F32) -> None:
     for x in range(len(out)):
         out[x] = scale * (by_e[x] + _TWO * e[x] * by_ee[x] + b[x] * by_eb[x])
 
 
-@njit(parallel=True, **JIT)
-def _gradient(error: F32, target: F32, partial: F32, taps: F32, channels: int, scale: float, out: F32) -> None:
+@kernel(i64, i64, f32_2, f32_2, f32_3, f32_1, i64, f32, f32_2)
+def _gradient(
+    from_row: int,
+    to_row: int,
+    error: F32,
+    target: F32,
+    partial: F32,
+    taps: F32,
+    channels: int,
+    scale: float,
+    out: F32,
+) -> None:
     """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
-    height, width = error.shape
-    for y in prange(height):
+    width = error.shape[1]
+    for y in range(from_row, to_row):
         scratch = np.zeros(width + 2 * (len(taps) - 1) * channels, np.float32)
         zeros = np.zeros(width, np.float32)
         by_e, by_ee = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -223,9 +222,13 @@ class SimilarityTo:
         self._target = np.ascontiguousarray(target, np.float32).reshape(target.shape[0], -1)
         exact = self._target.astype(np.float64)
         middle = np.tile(exact.reshape(-1, target.shape[2]).mean(axis=0), target.shape[1])
-        mean, mean_square = np.empty_like(exact), np.empty_like(exact)
-        _filter_rows(exact, taps, target.shape[2], mean)
-        _filter_rows(exact * exact, taps, target.shape[2], mean_square)
+        window = np.concatenate([taps[:0:-1], taps])
+        mean, mean_square = (
+            cv2.sepFilter2D(
+                each.reshape(target.shape), cv2.CV_64F, window, window, borderType=cv2.BORDER_CONSTANT
+            ).reshape(exact.shape)
+            for each in (exact, exact * exact)
+        )
         self._mean, self._centred_mean = mean.astype(np.float32), (mean - middle).astype(np.float32)
         self._centred = (exact - middle).astype(np.float32)
         self._variance = (mean_square - mean * mean).astype(np.float32)
@@ -244,8 +247,9 @@ class SimilarityTo:
     def _compare(self, error: F32) -> float:
         """Compare as `_compare` does; return the sum of 1 − SSIM."""
         sums = np.empty(error.shape[0], np.float64)
-        statistics = (self._centred, self._mean, self._centred_mean, self._variance)
-        _compare(error, *statistics, self._taps, self._shape[2], self._partial, self._apart, sums)
+        of_target = (self._mean, self._centred_mean, self._variance)
+        given = (error, error * error, error * self._centred, *of_target, self._taps, self._shape[2])
+        in_parts(_compare, len(error), *given, self._partial, self._apart, sums)
         return float(sums.sum())
 
     def __call__(self, image: F32) -> tuple[float, F32]:
@@ -261,5 +265,6 @@ class SimilarityTo:
         error = error.reshape(self._target.shape)
         apart = self._compare(error)
         scale = np.float32(1.0 / error.size)
-        _gradient(error, self._centred, self._partial, self._taps, self._shape[2], scale, self._gradient)
+        given = (error, self._centred, self._partial, self._taps, self._shape[2], scale)
+        in_parts(_gradient, len(error), *given, self._gradient)
         return 1.0 - apart / error.size, self._gradient.reshape(self._shape)

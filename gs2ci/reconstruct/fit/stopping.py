@@ -1,10 +1,9 @@
 """When a fit ends: how long it waits for the held-out residual to improve.
 
-Here: the settings, the watch that follows the residual, and the rival with which a fit is compared. Not here: the
-held-out pixels and their residual (`gs2ci.reconstruct.measurement.holdout`), the loop (`coarse.py`).
+Here: the settings, and the watch that follows the residual. Not here: the held-out pixels and their residual
+(`gs2ci.reconstruct.measurement.holdout`), the loop (`coarse.py`), fits that compete (`hypotheses.race`).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Final
 
@@ -37,33 +36,6 @@ class HoldOut(Bounded):
         """Return the settings with looks every so many iterations, and patience for as many looks as by default."""
         looks, growth_looks = HoldOut.patience // HoldOut.look_every, HoldOut.growth_patience // HoldOut.look_every
         return replace(self, look_every=every, patience=looks * every, growth_patience=growth_looks * every)
-
-
-# After a quarter of the schedule the residual of a fit predicts its final one well enough. On the real fan the residual
-# of fits from rest was 1.38 times that of fits along a path, and 1.4 times in the end; on two others it was 0.99 times
-# in both, and 0.6 and 0.97 times in the end. Before that quarter it had been up to 1.2 times on these two.
-_FAIR_SHARE: Final = 0.25
-_BEHIND: Final = 1.2
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another fit of the same schedule to the same measurement; a fit that falls far behind it is stopped.
-
-    Args:
-        heldout: Its held-out residuals, by the number of iterations.
-        iterations: Of the schedule.
-    """
-
-    heldout: Mapping[int, float]
-    iterations: int
-
-    def is_out_of_reach(self, residual_rms: float | None, iteration: int) -> bool:
-        """Tell whether a fit with this held-out residual after so many iterations should stop."""
-        other = self.heldout.get(iteration)
-        if residual_rms is None or other is None or iteration < _FAIR_SHARE * self.iterations:
-            return False
-        return residual_rms > _BEHIND * other
 
 
 # A rise of the held-out residual by this factor does not pass: on the real fan it had risen by 9 % after 250 iterations

@@ -5,14 +5,13 @@ sums have one order. Here: the kernels. Not here: the rendering between them, th
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.fit.jit import JIT
+from gs2ci.core.kernels import f32_1, f32_2, f32_3, f64, i64_1, kernel
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_1, f64, f64, f64, f32_2)
 def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, middle: float, out: F32) -> None:
     """Store 1, p and p^2 of each Gaussian's parallax less the middle, [G, 3].
 
@@ -33,7 +32,7 @@ def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, midd
         out[g, 2] = parallax * parallax
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_1, f64, f64, f32_2, f32_2, f32_2)
 def add_mean_gradient(
     means: F32, ray: F32, near: float, parallax_px: float, moments: F32, by_moments: F32, out: F32
 ) -> None:
@@ -49,7 +48,7 @@ def add_mean_gradient(
             out[g, 2] += by_depth * ray[2]
 
 
-@njit(**JIT)
+@kernel(f32_2, i64_1, f32_1, f32_1, f64, f64, f64, f64, f32_2)
 def distance_to_surface(
     image: F32,
     pixels: NDArray[np.int64],
@@ -95,7 +94,7 @@ def distance_to_surface(
     return total / max(all_trust, 1.0)
 
 
-@njit(**JIT)
+@kernel(f32_3, f32_3, f32_1, f64, f64, f64, f32_3)
 def exchange_inverse_depth(
     inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, widest: float, out: F32
 ) -> None:

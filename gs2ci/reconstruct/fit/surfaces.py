@@ -36,7 +36,6 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     parallax_moments,
 )
 from gs2ci.reconstruct.geometry.map_agreement import agreement
-from gs2ci.reconstruct.geometry.plane_evidence import Readings, found_planes, with_plane
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -61,13 +60,11 @@ class Search(Bounded):
         weight: Weight of the term (the mean distance in px of parallax along the whole path) when the search starts, in
             the iterations in which the term counts.
         final_weight: At the end of the schedule; exponential in between.
-        asks_measurement: Whether the depth of plain areas is estimated from the measurement itself.
     """
 
     begins: Annotated[float, Field(gt=0, le=1)]
     weight: Positive
     final_weight: Positive
-    asks_measurement: bool = False
 
     def weight_at(self, share: float) -> float:
         """Return the weight after a share of the schedule."""
@@ -91,7 +88,7 @@ class SurfaceSettings(Bounded):
         margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
 
-    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3, asks_measurement=True))
+    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
     every: PositiveInt = 2
     views: Annotated[int, Field(ge=2)] = 4
     others: Annotated[int, Field(ge=2)] = 4
@@ -235,7 +232,6 @@ def find_surfaces(
     settings: SurfaceSettings,
     seed: int,
     search: Search | None = None,
-    readings: Readings | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep the depth on which the sweeps agree; None if they agree nowhere.
 
@@ -249,7 +245,6 @@ def find_surfaces(
         settings: How many views, how finely.
         seed: Of the choice of pixels.
         search: One of the settings' searches; the first if None.
-        readings: The measurement, from which the depth of plain areas is estimated; None leaves them to the sweeps.
     """
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
@@ -261,16 +256,13 @@ def find_surfaces(
     straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32, copy=False)
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen = _spread(count, settings.views)
-    maps, swept = [], []
+    maps = []
     for view in chosen:
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
-        swept.append(order)
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep, edges=True))
+        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep))
     parallax_px = float(intrinsics[0, 0]) * extent
-    if readings is not None:
-        maps = _with_planes(readings, maps, straight, world_to_camera, intrinsics, swept, (span, parallax_px))
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))
     draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5F]))
@@ -292,38 +284,6 @@ def find_surfaces(
         pixel_rays(renderer),
         pixels,
     )
-
-
-def _with_planes(
-    readings: Readings,
-    maps: list[F32],
-    views: F32,
-    world_to_camera: F64,
-    intrinsics: F64,
-    swept: list[list[int]],
-    range_of: tuple[tuple[float, float], float],
-) -> list[F32]:
-    """Return maps with their plain areas at the depth that the measurement prefers.
-
-    Args:
-        readings: The measurement.
-        maps: Inverse depth of the first view of each list in `swept`, [H, W] each.
-        views: [N, H, W, C].
-        world_to_camera: Poses, [N, 4, 4].
-        intrinsics: [3, 3], px.
-        swept: The views from which each map was estimated.
-        range_of: Farthest and nearest inverse depth, and parallax along the path at an inverse depth of 1, px.
-    """
-    middle = len(swept) // 2
-    reference = swept[middle][0]
-    from_reference = world_to_camera @ np.linalg.inv(world_to_camera[reference])
-    pose = world_to_camera[reference]
-    for found in found_planes(readings, views, pose, intrinsics, reference, maps[middle], *range_of):
-        for k, order in enumerate(swept):
-            from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[order[0]])
-            to_reference = np.linalg.inv(from_reference[order[0]])
-            maps[k] = with_plane(maps[k], views[order], found, from_view, to_reference, intrinsics)
-    return maps
 
 
 def _span(depth: F32) -> tuple[float, float] | None:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
@@ -23,9 +22,9 @@ from torch import Tensor
 from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
+from gs2ci.core.kernels import f32_2, f64, f64_2, helper, kernel
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
-from gs2ci.reconstruct.fit.jit import JIT
 from gs2ci.reconstruct.fit.relief_kernels import seen_from
 from gs2ci.render.conventions import NEAR
 
@@ -107,7 +106,7 @@ class ViewAdam:
         move_in_view(places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2, f32_2, f64_2, f64, f32_2)
 def gradient_in_view(
     means: Numbers, by_means: Numbers, by_log_scales: Numbers, pose: F64, near: float, gradient: Numbers
 ) -> None:
@@ -134,7 +133,7 @@ def gradient_in_view(
         gradient[g, 2] = -z * (x * dx + y * dy + z * dz + sizes)
 
 
-@njit(**JIT)
+@kernel(f32_2, f32_2, f32_2, f64_2, f64, f64, f64)
 def move_in_view(
     means: Numbers,
     log_scales: Numbers,
@@ -177,7 +176,7 @@ def move_in_view(
             means[g, j] += moved[0] * pose[0, j] + moved[1] * pose[1, j] + moved[2] * pose[2, j]
 
 
-@njit(**JIT)
+@helper()
 def _turned(by_means: Numbers, pose: F64, g: int) -> tuple[float, float, float]:
     """Return a Gaussian's gradient, a row of [G, 3], in the axes of a camera."""
     x, y, z = by_means[g, 0], by_means[g, 1], by_means[g, 2]

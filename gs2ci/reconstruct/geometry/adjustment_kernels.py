@@ -4,17 +4,17 @@ One thread, float64, sums in the order of views and points: the same input gives
 blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
 """
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.kernels import EXACT, b1_2, f64, f64_1, f64_2, f64_3, helper, kernel
 
 # Depth, relative to that in the reference view, at or below which a point counts as behind a camera; the cost goes on
 # from there as if the depth did not fall further.
 LEAST_RELATIVE_DEPTH = 1e-3
 
 
-@numba.njit(cache=True)
+@kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
 def huber_cost(
     rotations: F64, translations: F64, inverse_depth: F64, rays: F64, seen_at: F64, seen: Bool, focal: F64, huber: float
 ) -> float:
@@ -45,7 +45,7 @@ def huber_cost(
     return total
 
 
-@numba.njit(cache=True)
+@kernel(f64_3, f64_2, f64_1, f64_2, f64_3, b1_2, f64_1, f64, fastmath=EXACT)
 def normal_blocks(
     rotations: F64, translations: F64, inverse_depth: F64, rays: F64, seen_at: F64, seen: Bool, focal: F64, huber: float
 ) -> tuple[F64, F64, F64, F64, F64]:
@@ -79,7 +79,7 @@ def normal_blocks(
     return A, b, C, d, E
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _linearise(
     R: F64, t: F64, ray: F64, rho: float, seen_at: F64, focal: F64, by_pose: F64, by_depth: F64, error: F64
 ) -> None:
@@ -101,13 +101,19 @@ def _linearise(
 
 
 # Here rather than in numpy, whose threads cost more than they give on matrices this small.
-@numba.njit(cache=True)
 def eliminate_depths(A: F64, b: F64, C: F64, d: F64, E: F64) -> tuple[F64, F64]:
     """Reduce damped normal equations to the poses: A − E C⁻¹ Eᵀ and b − E C⁻¹ d, [6 N, 6 N] and [6 N]."""
-    views, unknowns = A.shape[0], E.shape[1]
-    system, right = np.zeros((unknowns, unknowns)), b.copy().reshape(unknowns)
-    for i in range(views):
-        system[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = A[i]
+    unknowns = E.shape[1]
+    system, right = np.zeros((unknowns, unknowns)), np.array(b, np.float64).reshape(unknowns)
+    for i, block in enumerate(A):
+        system[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = block
+    _eliminate(C, d, E, system, right)
+    return system, right
+
+
+@kernel(f64_1, f64_1, f64_2, f64_2, f64_1, fastmath=EXACT)
+def _eliminate(C, d, E, system, right):
+    unknowns = E.shape[1]
     for p in range(C.shape[0]):
         row = E[p]
         for m in range(unknowns):
@@ -120,10 +126,9 @@ def eliminate_depths(A: F64, b: F64, C: F64, d: F64, E: F64) -> tuple[F64, F64]:
     for m in range(unknowns):
         for n in range(m):
             system[n, m] = system[m, n]
-    return system, right
 
 
-@numba.njit(cache=True)
+@kernel(f64_1, f64_1, f64_2, f64_1, fastmath=EXACT)
 def depth_steps(C: F64, d: F64, E: F64, pose_step: F64) -> F64:
     """Solve for the inverse depths once the poses are known: C⁻¹ (d − Eᵀ step), [P]."""
     steps = np.empty_like(d)

@@ -4,10 +4,9 @@ Here: reading them, as world-to-camera matrices with OpenCV axes in the order of
 (`gs2ci.evaluate.cameras`), the geometry from them (`sources`).
 
 Both formats list pictures by name in any order; a coded measurement numbers its views. So views are taken in the
-natural order of the names: view_2 before view_10.
+natural order of the names: view_2 before view_10, z_-1 before z_0.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ from gs2ci.core.colmap import pycolmap
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.core.natural_order import natural_order
 from gs2ci.core.records import are_rigid, check_intrinsics
 
 _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -29,6 +29,13 @@ _MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
 # Those models of a transforms.json that nerfstudio treats as a perspective with the lens of its coefficients
 # (`CAMERA_MODEL_TO_TYPE` in nerfstudio/cameras/cameras.py).
 _PERSPECTIVES: Final = (*_PINHOLES, "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_OF_THE_CAMERA: Final = (
+    *("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x"),
+    *COEFFICIENTS,
+    *_MORE_COEFFICIENTS,
+)
+# Focal lengths written for each frame of one camera agree as closely as this; a phone's focus moves them by more.
+_CAMERA_TOLERANCE: Final = 1e-4
 # The coefficients of one lens agree up to the digits that a text file keeps.
 _COEFFICIENT_TOLERANCE: Final = 1e-5
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
@@ -105,9 +112,8 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     except Exception as error:
         # pycolmap raises whatever its C++ side threw.
         raise InputError(f"{folder} is not a COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda image: _natural(image.name)
-    )
+    stored = [image for image in model.images.values() if image.has_pose]
+    images = [stored[index] for index in _order(folder, [image.name for image in stored])]
     cameras = {image.camera_id for image in images}
     if len(cameras) != 1:
         raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
@@ -132,27 +138,85 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
 def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
     try:
         held = parse_json(path.read_text())
-        frames = sorted(held["frames"], key=lambda frame: _natural(frame["file_path"]))
-        camera_to_world = np.array([frame["transform_matrix"] for frame in frames], np.float64).reshape(-1, 4, 4)
-        width, height = int(held.get("w", size[1])), int(held.get("h", size[0]))
-        fx = float(held["fl_x"]) if "fl_x" in held else 0.5 * width / np.tan(0.5 * float(held["camera_angle_x"]))
+        stored = list(held["frames"])
+        frames = [stored[index] for index in _order(path, [str(frame["file_path"]) for frame in stored])]
+        camera_to_world = np.array([_whole(frame["transform_matrix"]) for frame in frames]).reshape(-1, 4, 4)
+        common = _common(path, held, frames)
+        width, height = int(common.get("w", size[1])), int(common.get("h", size[0]))
+        fx = float(common["fl_x"]) if "fl_x" in common else 0.5 * width / np.tan(0.5 * float(common["camera_angle_x"]))
         matrix = np.array(
             [
-                [fx, 0, float(held.get("cx", width / 2))],
-                [0, float(held.get("fl_y", fx)), float(held.get("cy", height / 2))],
+                [fx, 0, float(common.get("cx", width / 2))],
+                [0, float(common.get("fl_y", fx)), float(common.get("cy", height / 2))],
                 [0, 0, 1],
             ]
         )
-        lens = np.array([float(held.get(key, 0)) for key in (*COEFFICIENTS, *_MORE_COEFFICIENTS)])
+        lens = np.array([float(common.get(key, 0)) for key in (*COEFFICIENTS, *_MORE_COEFFICIENTS)])
         poses = OPENCV_FROM_OPENGL @ np.linalg.inv(camera_to_world)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"{path} is not a transforms.json: {type(error).__name__}: {error}",
-            allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
+            allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x for all or for each",
         ) from error
-    _require_model(path, held.get("camera_model", _PERSPECTIVES[0]), _PERSPECTIVES)
+    _require_model(path, common.get("camera_model", _PERSPECTIVES[0]), _PERSPECTIVES)
+    if common.get("is_fisheye", False):
+        _require_model(path, "fisheye", _PERSPECTIVES)
     names = tuple(str(frame["file_path"]) for frame in frames)
     return CameraFile(poses, _scaled(matrix, (height, width), size, path), lens, np.empty((0, 3)), names)
+
+
+def _whole(matrix: Any) -> F64:
+    """Return a pose as [4, 4]; its last row may be left out."""
+    values = np.array(matrix, np.float64)
+    if values.shape == (3, 4):
+        values = np.vstack([values, (0, 0, 0, 1)])
+    return values.reshape(4, 4)
+
+
+def _common(path: Path, held: dict[str, Any], frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the camera that all frames share, whether it is written once or in each of them.
+
+    Raises:
+        InputError: Frames have different cameras.
+    """
+    common = {}
+    for key in _OF_THE_CAMERA:
+        values = [frame.get(key, held.get(key)) for frame in frames or [held]]
+        known = [value for value in values if value is not None]
+        if not known:
+            continue
+        if len(known) < len(values) or not all(_alike(value, known[0]) for value in known):
+            raise InputError(
+                f"{path}: frames of different cameras ({key}: {known[0]!r} and others)",
+                allowed="one camera for all views",
+                remedy="scale and crop pictures and cameras to a common one, or leave the camera file out",
+            )
+        common[key] = known[0]
+    return common
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Tell whether two values agree up to the digits that a text file keeps and no more."""
+    if isinstance(one, str | bool) or isinstance(other, str | bool):
+        return bool(one == other)
+    return bool(np.isclose(float(one), float(other), rtol=_CAMERA_TOLERANCE, atol=_COEFFICIENT_TOLERANCE))
+
+
+def _order(path: Path, names: list[str]) -> tuple[int, ...]:
+    """Return the order of exposure: that of the numbers in the names.
+
+    Raises:
+        InputError: Whole numbers and decimal ones give different orders.
+    """
+    order = natural_order(names)
+    if order.is_doubtful:
+        raise InputError(
+            f"{path}: the order of its pictures is doubtful: is {names[order.indices[0]]!r} before "
+            f"{names[order.indices[-1]]!r}, by whole numbers or by decimal ones?",
+            allowed="names whose numbers are whole, signed, or followed by a unit",
+            remedy="rename the pictures in the order of exposure: 000.png, 001.png, ...",
+        )
+    return order.indices
 
 
 def _require_model(path: Path, model: str, allowed: tuple[str, ...]) -> None:
@@ -175,8 +239,3 @@ def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Pat
         )
     scaled: F64 = np.diag([columns, rows, 1.0]) @ np.asarray(matrix, np.float64)
     return scaled
-
-
-def _natural(name: str) -> list[Any]:
-    """Split a name so that its numbers compare as numbers."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

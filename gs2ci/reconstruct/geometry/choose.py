@@ -4,9 +4,9 @@ Here: the names, and `auto`. Not here: the sources themselves.
 
 `auto` takes the camera to be at rest if the measurement shows so and no stage reported poses: behind masks that are one
 displaced pattern, what a decode leaves of it is tracked as a motion, and halves of these tracks agree
-(docs/decisions/0126-a-camera-at-rest-from-the-measurement.md). Where tracks show no path, or a doubtful one, the motion
+(docs/decisions/small-motions.md). Where tracks show no path, or a doubtful one, the motion
 that explains displacements of blocks of the measurement takes their place, if it is expected to err less
-(docs/decisions/0127-a-path-from-displacements.md). It uses every source available for this shot on this machine: the
+(docs/decisions/small-motions.md). It uses every source available for this shot on this machine: the
 stage if it reported poses, the tracks always, VGGT if the user has added it. The measurement chooses (`evidence`) among
 those that the tracks do not contradict: a source is replaced by a later one only if the later one's residual is clearly
 smaller, and a stage's poses that tracks bear out are not replaced. The stage comes first, since blur and noise of the
@@ -24,16 +24,18 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.errors import Gs2ciError, InputError
-from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.displaced import DISPLACEMENTS, displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
-from gs2ci.reconstruct.geometry.initialise import REST, Geometry
+from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.reversal import turned
 from gs2ci.reconstruct.geometry.sources import (
     FromDisplacements,
     FromFile,
@@ -52,10 +54,6 @@ from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 
 GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
-_TRACKS: Final = "tracks"
-_STAGE: Final = "stage"
-_UNIFORM: Final = "uniform"
-_WIDE: Final = "wide"
 _AUTO: Final = "auto"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
@@ -80,12 +78,12 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         StorageError: The list of added models cannot be read.
     """
     by_name: dict[str, Callable[[], GeometryPrior]] = {
-        _TRACKS: FromTracks,
-        _STAGE: FromStage,
-        _WIDE: FromWide,
-        DISPLACEMENTS: FromDisplacements,
-        _UNIFORM: FromUniform,
-        REST: FromRest,
+        PathSource.TRACKS: FromTracks,
+        PathSource.STAGE: FromStage,
+        PathSource.MATCHES: FromWide,
+        PathSource.DISPLACEMENTS: FromDisplacements,
+        PathSource.UNIFORM: FromUniform,
+        PathSource.REST: FromRest,
         _AUTO: Auto,
     }
     if name in by_name:
@@ -95,7 +93,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         if not path.exists():
             raise InputError(f"no camera file {path}", allowed="a COLMAP model's folder or a transforms.json")
         return FromFile(path)
-    if name == "vggt":
+    if name == PathSource.VGGT:
         return FromVggt(find_model("vggt"))
     if name.startswith(_VGGT):
         return FromVggt(Path(name.removeprefix(_VGGT)))
@@ -114,7 +112,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 class TracksForVggt:
     """The tracks as the substitute for the paper's VGGT if no model has been added; a note says so."""
 
-    name: str = _TRACKS
+    name: str = PathSource.TRACKS
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
@@ -132,13 +130,13 @@ class _Answer:
         geometry: Its geometry; None if it failed.
         left: Its residual of the measurement (`unexplained`); infinite if it failed.
         said: The same in words.
-        notes: Findings that hold although the source failed.
+        joined: How many views matched features joined, if not all.
     """
 
     geometry: Geometry | None
     left: float
     said: str
-    notes: tuple[Finding, ...] = ()
+    joined: int = 0
 
 
 @dataclass(frozen=True)
@@ -149,40 +147,43 @@ class Auto:
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Estimate the geometry; see `GeometryPrior`."""
-        still = share_at_rest(request.shot) if request.shot.telemetry_world_to_camera is None else 0.0
+        left_out = request.settings.left_out
+        may_rest = request.shot.telemetry_world_to_camera is None and LeftOut.REST_FROM_THE_MEASUREMENT not in left_out
+        still = share_at_rest(request.shot) if may_rest else 0.0
         if still > 0:
             return FromRest().known_by(request, progress, finding(Code.CAMERA_AT_REST, share=still))
         tracks = _tracks_or_displacements(request, FromTracks()(request, progress))
         say_how_found(tracks, progress)
         names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
-        if names == (_TRACKS,) and not doubtful:
+        if names == (PathSource.TRACKS,) and not doubtful:
             return tracks
         answers = [
-            _judged(request, tracks.source, tracks) if name == _TRACKS else _asked(request, name, progress)
+            _judged(request, tracks.source, tracks) if name == PathSource.TRACKS else _asked(request, name, progress)
             for name in names
         ]
         standing = _standing(answers)
-        if standing is None:
+        if standing is None and LeftOut.WIDE_MATCHES not in left_out:
             answers.append(_matched(request, tracks))
             standing = _standing(answers)
-        if doubtful and (standing is None or standing is tracks):
+        first = standing is None or standing.source == tracks.source
+        if doubtful and first and LeftOut.UNIFORM_MOTION not in left_out:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
-        if _STAGE in names and chosen is tracks:
+        if PathSource.STAGE in names and chosen.source == tracks.source:
             chosen = _in_the_order_of(answers[0].geometry, chosen)
         answered = ", ".join(answer.said for answer in answers)
         notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
-        notes += [note for answer in answers for note in answer.notes]
-        if _STAGE in names and standing is not None and standing.source != _STAGE:
-            refused = answers[0].geometry is None or answers[0].geometry.verdict != "full"
+        if PathSource.STAGE in names and standing is not None and standing.source != PathSource.STAGE:
+            refused = answers[0].geometry is None or not answers[0].geometry.has_path
             lies = refused and _lies_in_its_sign(request)
             notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
-        elif chosen.source == _STAGE and tracks.verdict == "static":
+        elif chosen.source == PathSource.STAGE and tracks.verdict == Verdict.STATIC:
             notes.append(finding(Code.STAGE_MOTION_UNSEEN))
         for note in notes:
             progress.say(note.sentence)
-        return replace(chosen, notes=(*notes, *chosen.notes))
+        joined = max(answer.joined for answer in answers)
+        return replace(chosen, notes=(*notes, *chosen.notes), joined=joined)
 
 
 def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
@@ -191,12 +192,14 @@ def _tracks_or_displacements(request: Request, tracks: Geometry) -> Geometry:
     Tracks are measured in decoded views: small motions drown in their errors, and behind one displaced pattern they
     follow what the decode leaves of it.
     """
-    if tracks.verdict == "full" and not is_doubtful(tracks, request.settings.criteria):
+    if tracks.has_path and not is_doubtful(tracks, request.settings.criteria):
+        return tracks
+    if LeftOut.DISPLACEMENTS in request.settings.left_out:
         return tracks
     displaced = displaced_motion(request, tracks)
-    if displaced.verdict != "full":
+    if not displaced.has_path:
         return tracks
-    if tracks.verdict != "full":
+    if not tracks.has_path:
         return displaced
     expected = tracks.path_error_expected
     # A path from displacements always has an expected error.
@@ -212,9 +215,9 @@ def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
 
     A stage whose positions are too inaccurate to be used still reports the right direction of travel.
     """
-    if stage is None or not stage.order_given or chosen.verdict != "full":
+    if stage is None or not stage.order_given or not chosen.has_path:
         return chosen
-    return replace(_with_order_of(stage, chosen), order_given=True, reverse=None)
+    return replace(_with_order_of(stage, chosen), order_given=True, other_order=None)
 
 
 def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
@@ -223,8 +226,7 @@ def _with_order_of(other: Geometry, chosen: Geometry) -> Geometry:
         alike = float(np.corrcoef(other.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1])
     if not alike < -_CLEARLY_REVERSED:  # not a number for a map of one depth, which has no order
         return chosen
-    there = chosen.reverse or reversed_geometry(chosen)
-    return replace(there, reverse=replace(chosen, reverse=None))
+    return replace(turned(chosen), other_order=OtherOrder.of(chosen))
 
 
 def _lies_in_its_sign(request: Request) -> bool:
@@ -233,15 +235,15 @@ def _lies_in_its_sign(request: Request) -> bool:
     back = poses @ np.linalg.inv(poses[len(poses) // 2])
     back[:, :3, 3] *= -1
     shot = replace(request.shot, telemetry_world_to_camera=back)
-    turned = _asked(replace(request, shot=shot), _STAGE, Silent()).geometry
-    return turned is not None and turned.verdict == "full"
+    back_again = _asked(replace(request, shot=shot), PathSource.STAGE, Silent()).geometry
+    return back_again is not None and back_again.has_path
 
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
     """Tell whether nothing confirms a path: there is none, halves of the tracks disagree, or it is without tracks."""
     return (
-        geometry.verdict == "unsupported"
-        or geometry.source == _UNIFORM
+        geometry.verdict == Verdict.UNSUPPORTED
+        or geometry.is_uniform
         or bool(doubts_about_path(geometry.path_error_expected, criteria))
     )
 
@@ -254,7 +256,7 @@ def _standing(answers: Sequence[_Answer]) -> Geometry | None:
     """
     standing, least = None, float("inf")
     for answer in answers:
-        supported = answer.geometry is not None and answer.geometry.verdict != "unsupported"
+        supported = answer.geometry is not None and answer.geometry.verdict != Verdict.UNSUPPORTED
         if supported and (standing is None or answer.left < _CLEARLY * least):
             standing, least = answer.geometry, answer.left
         if standing is not None and standing.tracks and _are_borne_out(standing.pose_errors):
@@ -269,19 +271,20 @@ def _are_borne_out(errors: PoseErrors | None) -> bool:
 def _sources(request: Request) -> Iterator[str]:
     """Yield the names of the available sources, the preferred one first."""
     if request.shot.telemetry_world_to_camera is not None:
-        yield _STAGE
-    yield _TRACKS
+        yield PathSource.STAGE
+    yield PathSource.TRACKS
     if known_model("vggt") is not None:
-        yield "vggt"
+        yield PathSource.VGGT
 
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:
     """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
     found = matched_motion(request, tracks)
-    if found.verdict != "full":
-        partly = tuple(note for note in found.notes if note.code == Code.VIEWS_JOIN_IN_PART)
-        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (no scene that all views join)", partly)
-    answer = _judged(request, _WIDE, found)
+    if not found.has_path:
+        return _Answer(
+            None, float("inf"), f"the {PathSource.MATCHES} matches failed (no scene that all views join)", found.joined
+        )
+    answer = _judged(request, PathSource.MATCHES, found)
     return answer if answer.left < _CLEARLY * _left_at_rest(request, found) else replace(answer, geometry=None)
 
 
@@ -304,5 +307,5 @@ def _asked(request: Request, name: str, progress: Progress) -> _Answer:
 
 def _judged(request: Request, name: str, geometry: Geometry) -> _Answer:
     left = unexplained(request.shot, request.views, geometry, request.lens)
-    verdict = "" if geometry.verdict == "full" else f" ({geometry.verdict.replace('_', ' ')})"
+    verdict = "" if geometry.has_path else f" ({geometry.verdict.replace('_', ' ')})"
     return _Answer(geometry, left, f"{left:.4f} by the {name}{verdict}")

@@ -22,6 +22,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import reduced, sweep
@@ -107,10 +108,10 @@ class Direct:
         motion, left = self._refined(np.array(way), near)
         if there < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
             found = self._swept(motion, self._best(motion, _NEAREST)[1])
-            return replace(found, notes=(*found.notes, finding(Code.UNIFORM_MOTION, share=left / self._still)))
+            return replace(found, path_notes=(finding(Code.UNIFORM_MOTION, share=left / self._still),))
         if turned < _CLEARLY * self._still:
             only_turned = replace(
-                self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
+                self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict=Verdict.ROTATION_ONLY
             )
             return replace(only_turned, notes=(*only_turned.notes, finding(Code.UNIFORM_TURN), PLANE_NOTE))
         return still
@@ -185,11 +186,11 @@ class Direct:
         """Sweep depth finely, and scale its median to 1, as with tracks."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
-        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings, edges=False)
+        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median
-        return replace(still, world_to_camera=scaled, inverse_depth=depth / np.float32(median), verdict="full")
+        return replace(still, world_to_camera=scaled, inverse_depth=depth / np.float32(median), verdict=Verdict.FULL)
 
     def _span(self, near: float) -> tuple[float, float]:
         return self._request.settings.sweep.far_share * near, near
@@ -204,12 +205,14 @@ def at_rest(found: Geometry) -> Geometry:
         tracks=0,
         reprojection_rms_px=0.0,
         parallax_px=0.0,
-        verdict="unsupported",
+        verdict=Verdict.UNSUPPORTED,
         notes=tuple(note for note in found.notes if note != PLANE_NOTE),
         path_error_expected=None,
         unit=None,
         order_errors=None,
-        reverse=None,
+        other_order=None,
+        joined=0,
+        path_notes=(),
         pose_errors=None,
         order_given=False,
         view_depths=(),

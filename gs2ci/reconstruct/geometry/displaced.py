@@ -30,7 +30,8 @@ from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.halves import LEAST_VIEWS, error_from_halves
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, OtherOrder
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.motion import in_standard_errors
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
@@ -53,7 +54,7 @@ _SMOOTH_BLOCKS: Final = 0.7
 # A block whose displacement is off by more standard errors than this counts less (pseudo-Huber).
 _OUTLIER: Final = 3.0
 # Blocks of a still scene are off by this at most, in the mean over the blocks: 2 to 3.6 for cameras that move, 4 to 18
-# where something else moves (docs/decisions/0127-a-path-from-displacements.md).
+# where something else moves (docs/decisions/small-motions.md).
 _MOST_OFF: Final = 3.6
 # A camera that turns must leave so many times more: one that turns by a degree left up to 1.7 times more than with a
 # parallax of its own, motions with a parallax of a pixel and more 1.8 times and more.
@@ -61,7 +62,6 @@ _LEAST_PARALLAX: Final = 1.75
 # Standard deviation of the camera's turn, as the displacement of the picture: it only keeps the search bounded.
 _TURN_PX: Final = 100.0
 _MOST_TRIALS: Final = 100
-DISPLACEMENTS: Final = "displacements"
 # What tracks say of the motion no longer holds.
 _OVERRULED: Final = (Code.CAMERA_STOOD_STILL, Code.CAMERA_ONLY_TURNED, Code.PARALLAX_MAY_DROWN, Code.PATH_UNCERTAIN)
 
@@ -221,7 +221,7 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         only turned nearly does, or halves of them disagree.
     """
     still, criteria = at_rest(tracks), request.settings.criteria
-    without = replace(still, source=DISPLACEMENTS, notes=(*still.notes, PLANE_NOTE))
+    without = replace(still, source=PathSource.DISPLACEMENTS, notes=(*still.notes, PLANE_NOTE))
     blocks = blocks_of(request, tracks)
     if blocks is None or len(blocks) < criteria.tracks or len(request.views) < LEAST_VIEWS:
         return without
@@ -236,14 +236,16 @@ def displaced_motion(request: Request, tracks: Geometry) -> Geometry:
         finding(Code.PATH_BY_DISPLACEMENTS, blocks=len(blocks), share=expected),
         *doubts_about_path(expected, criteria),
     )
-    found = _seen_along(request, replace(without, verdict="full", path_error_expected=expected), blocks, here)
+    found = _seen_along(request, replace(without, verdict=Verdict.FULL, path_error_expected=expected), blocks, here)
     kept = tuple(note for note in still.notes if note.code not in _OVERRULED)
     found = replace(found, notes=(*kept, *notes))
     if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
         return found
     errors = _preference(here, there)
     reverse = replace(_seen_along(request, found, blocks, there), order_errors=-errors)
-    return replace(found, order_errors=errors, reverse=reverse if errors < criteria.order_errors else None)
+    return replace(
+        found, order_errors=errors, other_order=OtherOrder.of(reverse) if errors < criteria.order_errors else None
+    )
 
 
 def say_how_found(found: Geometry, progress: Progress) -> None:
@@ -299,12 +301,12 @@ def _seen_along(request: Request, geometry: Geometry, blocks: DisplacedBlocks, m
     The depth is the mean of two maps: that at which the decoded views agree, fine where the parallax is several pixels
     and noise where it is one, and that of the blocks, coarse and never noise. Of 27 small motions the mean's rank
     correlation with the true depth was that of the better map or more in 21
-    (docs/decisions/0127-a-path-from-displacements.md).
+    (docs/decisions/small-motions.md).
     """
     settings = request.settings.sweep
     poses = _poses(motion.moves, blocks.displaced.over_time, geometry.reference)
     span = inverse_depth_range(motion.inverse_depth, settings)
-    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings, edges=False)
+    swept = surface_map(request.views, poses, geometry.intrinsics, geometry.reference, span, settings)
     coarse = straightened(blocks.depth_map(motion, request.shot.size)[None, ..., None], request.lens)[0, ..., 0]
     depth = 0.5 * (swept + coarse)
     median = float(np.median(depth))

@@ -90,7 +90,7 @@ def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
     intrinsics = np.ascontiguousarray(geometry.intrinsics, np.float64)
     pose = np.ascontiguousarray(geometry.world_to_camera[view], np.float64)
     depth = np.ascontiguousarray(geometry.inverse_depth)
-    wanted = carried_places(places, depth, pose, intrinsics, np.linalg.inv(intrinsics))
+    wanted = carried_places(places, depth, pose, intrinsics, np.asarray(np.linalg.inv(intrinsics), np.float64))
     pieces = [
         cv2.remap(
             reference, wanted[i : i + _MOST_AT_ONCE, None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE

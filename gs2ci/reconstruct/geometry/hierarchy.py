@@ -25,6 +25,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, predict_positions
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
@@ -191,7 +192,7 @@ def _supported(
             reasons = shortcomings(tracks, poses, intrinsics, camera, step, request.size, request.settings)
             if not reasons:
                 found = initialise(request.views, intrinsics, request.settings, progress, poses, request.seen)
-                reasons = () if found.verdict == "full" else found.notes
+                reasons = () if found.has_path else found.notes
             why = _in_a_row(reasons)
         except GeometryError as error:
             why = error.problem
@@ -199,7 +200,7 @@ def _supported(
             note = finding(Code.VGGT_POSES_TAKEN, step=step, order=order, before=_after(said))
             notes = (note, *camera.notes, *found.notes)
             # A model's lengths have no unit.
-            return replace(found, source="vggt", focal_source=camera.source, unit=None, notes=notes)
+            return replace(found, source=PathSource.VGGT, focal_source=camera.source, unit=None, notes=notes)
         said.append(f"{order}, {step}: {why}")
     return None
 
@@ -226,7 +227,7 @@ def shortcomings(
     verdict, reasons = classify_motion(
         len(tracks), explained, motion, fit_rotations(explained, intrinsics, settings.motion), criteria
     )
-    said = list(reasons) if verdict != "full" else []
+    said = list(reasons) if verdict != Verdict.FULL else []
     said.extend(doubts_about_tracks(explained, size, criteria))
     registered = float(supported_views(explained, criteria).mean())
     least = criteria.registered if step == "after adjustment" else criteria.registered_before
@@ -274,9 +275,9 @@ def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tra
         tracks=0,
         reprojection_rms_px=0.0,
         parallax_px=0.0,
-        verdict="full",
+        verdict=Verdict.FULL,
         notes=(note, *camera.notes),
-        source="vggt",
+        source=PathSource.VGGT,
     )
 
 

@@ -17,9 +17,11 @@ from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
+from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
 from gs2ci.reconstruct.geometry.halves import expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
 from gs2ci.reconstruct.geometry.motion import (
     CameraMotion,
     MotionSettings,
@@ -36,7 +38,6 @@ from gs2ci.reconstruct.geometry.telemetry import PoseErrors, errors_of_given, pl
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
-    Verdict,
     classify_motion,
     contradictions,
     doubts_about_path,
@@ -57,20 +58,28 @@ _LEAST_SHARE_OF_VIEWS = 0.6
 # draws of 72 x 96 px exact poses had 0.88 to 1.06, and 1.18 to 1.24 in three whose cameras shake by a pixel from view
 # to view, which a decode blurs. Positions off by 5 % of the path had more than 1.05 in 21.
 _CONTRADICTED = 1.05
-# The source of a camera that is known to be at rest.
-REST = "rest"
 PLANE_NOTE = finding(Code.DEPTH_STARTS_AS_PLANE)
 
 
 @dataclass(frozen=True)
 class GeometrySettings(Bounded):
-    """Settings of every step."""
+    """Settings of every step.
+
+    Args:
+        tracks: Of the tracks.
+        motion: Of the motion.
+        focal: Of the focal length.
+        criteria: Which motions and tracks are trusted.
+        sweep: How finely to sweep.
+        left_out: Parts that `auto` leaves out, by the names of `gs2ci.reconstruct.mechanisms`.
+    """
 
     tracks: TrackSettings = field(default_factory=TrackSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     focal: FocalSettings = field(default_factory=FocalSettings)
     criteria: Criteria = field(default_factory=Criteria)
     sweep: SweepSettings = field(default_factory=SweepSettings)
+    left_out: tuple[LeftOut, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,11 +103,13 @@ class Geometry:
         unit: A length of 1 in the unit of the given poses; None if none were given, or they were not used.
         order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
             (`motion.preference`); None without tracks, or if they have no second solution.
-        reverse: The tracks' solution in the reverse order of depth; None if there is none, or poses were given.
+        other_order: The tracks' solution in the reverse order of depth; None if there is none, or poses were given.
         pose_errors: Standard errors of the poses, for a prior on them; None if they were not given, or the tracks
             contradict them.
         order_given: Whether a stage settles the order of depth: tracked points lie in front of its cameras, not behind.
         view_depths: Depths of the reference view and of others, if the path turns far; otherwise none.
+        joined: How many views matched features joined to one scene, if not all of them.
+        path_notes: Findings about the path, which do not hold for a camera at rest.
     """
 
     world_to_camera: F64
@@ -111,19 +122,71 @@ class Geometry:
     parallax_px: float
     verdict: Verdict
     notes: tuple[Finding, ...]
-    source: str = "tracks"
+    source: str = PathSource.TRACKS
     path_error_expected: float | None = None
     unit: float | None = None
     order_errors: float | None = None
-    reverse: "Geometry | None" = None
+    other_order: "OtherOrder | None" = None
     pose_errors: PoseErrors | None = None
     order_given: bool = False
     view_depths: tuple[ViewDepth, ...] = ()
+    joined: int = 0
+    path_notes: tuple[Finding, ...] = ()
 
     @property
     def known_at_rest(self) -> bool:
         """Get whether the camera is known to be at rest: its poses are held, and a still scene is one picture."""
-        return self.source == REST
+        return self.source == PathSource.REST
+
+    @property
+    def has_path(self) -> bool:
+        """Get whether there is a path, and depths along it."""
+        return self.verdict == Verdict.FULL
+
+    @property
+    def is_given(self) -> bool:
+        """Get whether a stage or a file gave the poses."""
+        return self.source in GIVEN
+
+    @property
+    def is_estimated(self) -> bool:
+        """Get whether the path is estimated from this measurement alone."""
+        return self.source in ESTIMATED
+
+    @property
+    def is_uniform(self) -> bool:
+        """Get whether it is a uniform motion, which no tracks confirm."""
+        return self.source == PathSource.UNIFORM
+
+    @property
+    def is_matched(self) -> bool:
+        """Get whether it comes from features matched between all pairs of views."""
+        return self.source == PathSource.MATCHES
+
+    @property
+    def lacks_path(self) -> bool:
+        """Get whether no path was found, so that a scene is a plane before a camera that at most turned."""
+        return self.is_estimated and not self.has_path
+
+
+@dataclass(frozen=True)
+class OtherOrder:
+    """A solution in which near and far are exchanged.
+
+    Args:
+        world_to_camera: Its poses, [N, 4, 4].
+        inverse_depth: Of the reference view, [H, W] float32.
+        reprojection_rms_px: Of the tracks that it explains.
+    """
+
+    world_to_camera: F64
+    inverse_depth: F32
+    reprojection_rms_px: float
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> "OtherOrder":
+        """Return the path and the depths of a geometry."""
+        return cls(geometry.world_to_camera, geometry.inverse_depth, geometry.reprojection_rms_px)
 
 
 def initialise(
@@ -163,12 +226,12 @@ def initialise(
     if not doubts:
         again = partial(_second_look, views=views, corners=corners, settings=settings, seen=seen)
         found = _found_twice(flat, tracks, known_poses, settings, again, moved=known_poses is not None)
-        if found.geometry.verdict in ("rotation_only", "static"):
+        if found.geometry.verdict in (Verdict.ROTATION_ONLY, Verdict.STATIC):
             moved = _found_twice(flat, tracks, None, settings, again, moved=True)
             found = moved if _halves_agree(moved, settings) else found
         geometry = found.geometry
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
-        if geometry.verdict == "full":
+        if geometry.has_path:
             geometry = _doubted(found, settings) if known_poses is None else measured(geometry, known_poses)
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
             geometry = _with_reverse(replace(found, geometry=geometry), views, settings, posed=known_poses is not None)
@@ -195,7 +258,7 @@ def before_camera_at_rest(
         flat = _flat(views, size, (assumed.intrinsics, assumed.source, (note,)), ())
     else:
         flat = _flat(views, size, (intrinsics.astype(np.float64), "file", (note,)), ())
-    return replace(flat, verdict="static", source=REST)
+    return replace(flat, verdict=Verdict.STATIC, source=PathSource.REST)
 
 
 def usable_tracks(views: F32, settings: GeometrySettings, seen: Bool | None = None) -> Tracks:
@@ -236,10 +299,10 @@ def _found_twice(
         moved: Whether the camera is known to have moved; otherwise the tracks must show it.
     """
     first = _found(flat, tracks, known_poses, settings, moved=moved)
-    if first.geometry.verdict != "full":
+    if not first.geometry.has_path or LeftOut.TRACKS_SOUGHT_TWICE in settings.left_out:
         return first
     second = _found(flat, again(first, tracks), known_poses, settings, moved=moved)
-    return second if second.geometry.verdict == "full" else first
+    return second if second.geometry.has_path else first
 
 
 def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
@@ -248,7 +311,7 @@ def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
     If a path comes from the tracks' errors, each half gives a different one.
     """
     geometry, criteria = found.geometry, settings.criteria
-    if geometry.verdict != "full" or geometry.parallax_px < criteria.parallax_px:
+    if not geometry.has_path or geometry.parallax_px < criteria.parallax_px:
         return False
     error = _expected_error(found, settings)
     return halves_agree(error, criteria)
@@ -264,7 +327,9 @@ def _found(
         return _Found(_moved(flat, candidates, kept, motion, settings, moved=True, posed=True), motion, kept)
     motion, kept = estimate_motion(tracks, flat.intrinsics, how)
     first = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    return _freed(first, flat, candidates, settings, moved=moved) if first.geometry.verdict == "full" else first
+    if not first.geometry.has_path or LeftOut.ADJUSTMENT_OF_POINTS in settings.left_out:
+        return first
+    return _freed(first, flat, candidates, settings, moved=moved)
 
 
 def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings, *, moved: bool) -> _Found:
@@ -284,7 +349,7 @@ def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySet
     except GeometryError:
         return found
     freed = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
-    return freed if freed.geometry.verdict == "full" else found
+    return freed if freed.geometry.has_path else found
 
 
 def _second_look(
@@ -314,9 +379,7 @@ def _second_look(
 
 def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
     span = inverse_depth_range(motion.inverse_depth, settings)
-    return surface_map(
-        views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings, edges=False
-    )
+    return surface_map(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:
@@ -365,7 +428,7 @@ def _flat(
         tracks=0,
         reprojection_rms_px=0.0,
         parallax_px=0.0,
-        verdict="unsupported",
+        verdict=Verdict.UNSUPPORTED,
         notes=(*notes, *doubts, *((PLANE_NOTE,) if doubts else ())),
     )
 
@@ -388,17 +451,17 @@ def _moved(
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
     if moved:
         reasons = contradictions(candidates, tracks, motion, settings.criteria)
-        verdict: Verdict = "unsupported" if reasons else "full"
+        verdict: Verdict = Verdict.UNSUPPORTED if reasons else Verdict.FULL
     else:
         verdict, reasons = classify_motion(candidates, tracks, motion, rotations, settings.criteria)
-    notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (PLANE_NOTE,)))
+    notes = (*geometry.notes, *reasons, *(() if verdict == Verdict.FULL else (PLANE_NOTE,)))
     poses = geometry.world_to_camera.copy()
-    if verdict == "full":
+    if verdict == Verdict.FULL:
         poses = motion.world_to_camera
-    elif verdict == "rotation_only":
+    elif verdict == Verdict.ROTATION_ONLY:
         poses[:, :3, :3] = rotations.rotations
     missing = np.flatnonzero(~tracks.seen.any(0))
-    if len(missing) and (verdict == "rotation_only" or (verdict == "full" and not posed)):
+    if len(missing) and (verdict == Verdict.ROTATION_ONLY or (verdict == Verdict.FULL and not posed)):
         poses = _with_missing_poses(poses, missing)
         notes = (*notes, finding(Code.POSES_INTERPOLATED, views=missing.tolist()))
     return replace(
@@ -448,7 +511,7 @@ def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, pose
     poses = _with_missing_poses(there.world_to_camera, missing) if len(missing) else there.world_to_camera
     reverse = replace(geometry, world_to_camera=poses, reprojection_rms_px=there.rms_px)
     reverse = replace(reverse, inverse_depth=_depth(reverse, there, views, settings.sweep), order_errors=-errors)
-    return replace(known, reverse=reverse)
+    return replace(known, other_order=OtherOrder.of(reverse))
 
 
 def _borne_out(found: _Found, adjusted: CameraMotion, settings: GeometrySettings) -> bool:

@@ -5,10 +5,10 @@ any number of threads. The readable statement of the same steps, in numpy float6
 (`tests/reconstruct/geometry/test_sweep.py`), which hold these kernels to it.
 """
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, I32
+from gs2ci.core.kernels import EXACT, f32, f32_2, f32_3, f64_4, helper, i64, in_parts, kernel
 from gs2ci.reconstruct.geometry.eight import FEATURES, differ
 
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
@@ -30,11 +30,22 @@ _FAR = np.float32(1e9)
 _LEAST_BEND = np.float32(1e-9)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def describe(view: F32, right: F32, down: F32, colour: np.float32, gradient: np.float32, features: F32) -> None:
+@kernel(i64, i64, f32_3, f32_2, f32_2, f32, f32, f32_3, fastmath=EXACT)
+def describe(
+    from_task: int,
+    to_task: int,
+    view: F32,
+    right: F32,
+    down: F32,
+    colour: np.float32,
+    gradient: np.float32,
+    features: F32,
+) -> None:
     """Write the features of a view's pixels, [H, W, 8]: weighted colours and derivatives, then zeros.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         view: [H, W, C] with C <= 6.
         right: Its derivative along rows, [H, W].
         down: Its derivative along columns, [H, W].
@@ -42,8 +53,8 @@ def describe(view: F32, right: F32, down: F32, colour: np.float32, gradient: np.
         gradient: Weight of each derivative.
         features: Written.
     """
-    height, width, channels = view.shape
-    for r in numba.prange(height):
+    _, width, channels = view.shape
+    for r in range(from_task, to_task):
         for c in range(width):
             for k in range(channels):
                 features[r, c, k] = colour * view[r, c, k]
@@ -53,7 +64,7 @@ def describe(view: F32, right: F32, down: F32, colour: np.float32, gradient: np.
                 features[r, c, k] = _ZERO
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})
+@helper(fastmath=frozenset({"contract", "nsz"}))
 def _aim_pixel(
     u: np.float32, v: np.float32, z: np.float32, size: tuple[int, int], c: int, corner: I32, aim: F32
 ) -> None:
@@ -72,7 +83,7 @@ def _aim_pixel(
     aim[4, c] = _ONE if lost else _ZERO
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})
+@helper(fastmath=frozenset({"contract", "nsz"}))
 def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
     """Find where a plane sends row r of the reference view in another view.
 
@@ -92,7 +103,7 @@ def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: I32, aim: F
         _aim_pixel(u0 + du * at, v0 + dv * at, z0 + dz * at, size, c, corner, aim)
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})
+@helper(fastmath=frozenset({"contract", "nsz"}))
 def _aim_row_at_depths(projection: F64, depths: F32, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
     """Find where row r of the reference view is seen in another view, each pixel at an inverse depth of its own.
 
@@ -113,7 +124,7 @@ def _aim_row_at_depths(projection: F64, depths: F32, r: int, size: tuple[int, in
         _aim_pixel(u0 + du * at + ut * deep, v0 + dv * at + vt * deep, z0 + dz * at + zt * deep, size, c, corner, aim)
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})
+@helper(fastmath=frozenset({"contract", "nsz"}))
 def _difference_row(reference: F32, view: F32, corner: I32, aim: F32, out: F32) -> None:
     """Compare a row of reference features, [W, 8], with features [H * W, 8] at interpolated places; [W] costs."""
     width = reference.shape[0]
@@ -124,23 +135,24 @@ def _difference_row(reference: F32, view: F32, corner: I32, aim: F32, out: F32) 
         out[c] = np.float32(UNSEEN_COST) if unseen[c] > 0 else min(out[c], np.float32(TRUNCATED_AT))
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _add(values: F32, out: F32) -> None:
     for c in range(out.shape[0]):
         out[c] += values[c]
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _box_row(values: F32, reach: int, out: F32) -> None:
     """Sum over `reach` neighbours to each side in a row, the window cut off at the ends."""
     width = values.shape[0]
-    out[:] = values
+    for c in range(width):
+        out[c] = values[c]
     for shift in range(1, min(reach, width - 1) + 1):
         _add(values[shift:], out[: width - shift])
         _add(values[: width - shift], out[shift:])
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _order(low: F32, high: F32) -> None:
     """Put the smaller of each pair into `low` and the larger into `high`."""
     for c in range(low.shape[0]):
@@ -148,7 +160,7 @@ def _order(low: F32, high: F32) -> None:
         low[c], high[c] = min(a, b), max(a, b)
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _sum_smallest(costs: F32, count: int, out: F32) -> None:
     """Sum the `count` smallest of V costs per pixel; costs [V, W] are reordered."""
     out[:] = 0
@@ -159,7 +171,7 @@ def _sum_smallest(costs: F32, count: int, out: F32) -> None:
         _add(costs[j], out)
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, total: F32, out: F32) -> None:
     """Average a window's rows of each view, ring [V, window, W], over the best views, to a row of the cost, out [W].
 
@@ -178,22 +190,12 @@ def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, 
         out[c] = total[c] / np.float32(across * (high - low + 1) * best)
 
 
-@numba.njit(cache=True)
-def _cost_of_strip(
-    reference: F32,
-    views: F32,
-    aims: F64,
-    inverse_depth: F32 | None,
-    best: int,
-    top: int,
-    bottom: int,
-    ring: F32,
-    out: F32,
-) -> None:
+@helper(fastmath=EXACT)
+def _cost_of_strip(reference, views, aims, inverse_depth, best, top, bottom, ring, out):
     """Fill out[top:bottom, :] (any strides) with the cost of one plane, or of a map; ring, [V, window, W], is scratch.
 
-    The plane is that of the homographies `aims`, [V, 3, 3]; of a map they are projections, [V, 3, 4]. The compiler
-    makes one function of each: without a map it removes that branch.
+    The plane is that of the homographies `aims`, [V, 3, 3]; of a map they are projections, [V, 3, 4]. Without a map
+    `inverse_depth` is empty.
     """
     height, width = reference.shape[:2]
     count, window = ring.shape[:2]
@@ -204,17 +206,28 @@ def _cost_of_strip(
     for r in range(max(top - reach, 0), bottom + reach):
         if r < min(bottom + reach, height):
             for i in range(count):
-                if inverse_depth is None:
-                    _aim_row(aims[i], r, (height, width), corner, aim)
-                else:
+                if inverse_depth.shape[0]:
                     _aim_row_at_depths(aims[i], inverse_depth[r], r, (height, width), corner, aim)
+                else:
+                    _aim_row(aims[i], r, (height, width), corner, aim)
                 _difference_row(reference[r], views[i], corner, aim, row_costs)
                 _box_row(row_costs, reach, ring[i, r % window])
         if r - reach >= top:
             _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@kernel(i64, i64, f32_3, f32_3, f64_4, f32_2, i64, i64, f32_3, fastmath=EXACT)
+def _cost(from_strip, to_strip, reference, views, aims, inverse_depth, best, window, cost):
+    """Fill strips of rows of the cost, [H, W, D], of D planes, or of a map; for the latter D is 1."""
+    height, width = reference.shape[:2]
+    planes, count = aims.shape[:2]
+    for strip in range(from_strip, to_strip):
+        top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
+        ring = np.empty((count, window, width), np.float32)
+        for d in range(planes):
+            _cost_of_strip(reference, views, aims[d], inverse_depth, best, top, bottom, ring, cost[:, :, d])
+
+
 def matching_cost(reference: F32, views: F32, homographies: F64, best: int, window: int) -> F32:
     """Compare every pixel of the reference view with the others, on every plane.
 
@@ -233,16 +246,11 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
     planes, count = homographies.shape[:2]
     cost = np.empty((height, width, planes), np.float32)
     flat = views.reshape(count, height * width, FEATURES)
-    strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
-    for strip in numba.prange(strips):
-        top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
-        ring = np.empty((count, window, width), np.float32)
-        for d in range(planes):
-            _cost_of_strip(reference, flat, homographies[d], None, best, top, bottom, ring, cost[:, :, d])
+    no_map = np.empty((0, width), np.float32)
+    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, homographies, no_map, best, window, cost)
     return cost
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64, best: int, window: int) -> F32:
     """Compare every pixel of the reference view with the others at its own inverse depth.
 
@@ -259,18 +267,14 @@ def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64
         Mean truncated absolute difference in the window, [H, W].
     """
     height, width = reference.shape[:2]
-    count = len(projections)
-    cost = np.empty((height, width), np.float32)
-    flat = views.reshape(count, height * width, FEATURES)
-    strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
-    for strip in numba.prange(strips):
-        top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
-        ring = np.empty((count, window, width), np.float32)
-        _cost_of_strip(reference, flat, projections, inverse_depth, best, top, bottom, ring, cost)
-    return cost
+    cost = np.empty((height, width, 1), np.float32)
+    flat = views.reshape(len(projections), height * width, FEATURES)
+    aims = (projections[None], inverse_depth)
+    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, *aims, best, window, cost)
+    return cost[:, :, 0]
 
 
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})
+@helper(fastmath=frozenset({"nnan", "nsz"}))
 def _walk(cost: F32, before: F32, after: F32, total: F32) -> None:
     """One step of a path: add the cheapest way to each plane of this pixel from the pixel before to the total, [D].
 
@@ -291,7 +295,7 @@ def _walk(cost: F32, before: F32, after: F32, total: F32) -> None:
         total[d] += after[d + 1]
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _start(cost: F32, after: F32, total: F32) -> None:
     """Begin a path at its first pixel, and add its costs to the total, [D]."""
     planes = cost.shape[0]
@@ -303,13 +307,17 @@ def _start(cost: F32, after: F32, total: F32) -> None:
         total[d] += cost[d]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def sum_along_rows(cost: F32) -> F32:
     """Sum the path costs from the left and from the right, [H, W, D]."""
-    height, width, planes = cost.shape
-    total = np.empty_like(cost)
-    for r in numba.prange(height):
-        total[r] = 0
+    total = np.zeros_like(cost)
+    in_parts(_sum_along_rows, len(cost), cost, total)
+    return total
+
+
+@kernel(i64, i64, f32_3, f32_3, fastmath=EXACT)
+def _sum_along_rows(from_row, to_row, cost, total):
+    _, width, planes = cost.shape
+    for r in range(from_row, to_row):
         paths = np.empty((2, planes + 2), np.float32)
         for i in range(width):
             if i == 0:
@@ -322,10 +330,9 @@ def sum_along_rows(cost: F32) -> F32:
                 _start(cost[r, c], paths[0], total[r, c])
             else:
                 _walk(cost[r, c], paths[(i - 1) % 2], paths[i % 2], total[r, c])
-    return total
 
 
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})
+@helper(fastmath=frozenset({"nnan", "nsz"}))
 def _lowest(total: F32) -> float:
     """Find the first plane of least cost, to a fraction of a step by a parabola through its neighbours."""
     planes = total.shape[0]
@@ -342,7 +349,6 @@ def _lowest(total: F32) -> float:
     return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def best_plane(cost: F32, along_rows: F32) -> F32:
     """Add the path costs from above and from below and find the best plane of each pixel.
 
@@ -353,10 +359,15 @@ def best_plane(cost: F32, along_rows: F32) -> F32:
     Returns:
         Plane index with its fraction, [H, W].
     """
+    index = np.empty(cost.shape[:2], np.float32)
+    in_parts(_best_plane, -(-cost.shape[1] // _STRIP_COLUMNS), cost, along_rows, index)
+    return index
+
+
+@kernel(i64, i64, f32_3, f32_3, f32_2, fastmath=EXACT)
+def _best_plane(from_strip, to_strip, cost, along_rows, index):
     height, width, planes = cost.shape
-    index = np.empty((height, width), np.float32)
-    strips = (width + _STRIP_COLUMNS - 1) // _STRIP_COLUMNS
-    for strip in numba.prange(strips):
+    for strip in range(from_strip, to_strip):
         left, right = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, width)
         paths = np.empty((2, right - left, planes + 2), np.float32)
         for r in range(height):
@@ -375,4 +386,3 @@ def best_plane(cost: F32, along_rows: F32) -> F32:
                 else:
                     _walk(cost[r, c], paths[(i - 1) % 2, c - left], after, along_rows[r, c])
                 index[r, c] = _lowest(along_rows[r, c])
-    return index

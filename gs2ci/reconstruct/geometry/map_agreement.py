@@ -6,10 +6,10 @@ the result is the same for any number of them. Not here: the maps (`surface_map`
 
 from typing import Final
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import EXACT, f32_3, f64, f64_3, f64_4, i64, in_parts, kernel
 from gs2ci.render.conventions import NEAR
 
 # Maps that differ by at most so much parallax along the whole path, px, show the same surface.
@@ -35,14 +35,15 @@ def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, paralla
     turned = intrinsics @ moved[..., :3, :3] @ np.linalg.inv(intrinsics)
     shift = (intrinsics @ moved[..., :3, 3:])[..., 0]
     trust = np.empty_like(inverse_depth)
-    _agree(inverse_depth, turned, shift, parallax_px, trust)
+    tasks = inverse_depth.shape[0] * inverse_depth.shape[1]
+    in_parts(_agree, tasks, inverse_depth, turned, shift, float(parallax_px), trust)
     return trust
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _agree(inverse_depth, turned, shift, parallax_px, trust):
+@kernel(i64, i64, f32_3, f64_4, f64_3, f64, f32_3, fastmath=EXACT)
+def _agree(from_task, to_task, inverse_depth, turned, shift, parallax_px, trust):
     count, height, width = inverse_depth.shape
-    for task in numba.prange(count * height):
+    for task in range(from_task, to_task):
         k, row = task // height, task % height
         y = row + 0.5
         for column in range(width):

@@ -6,7 +6,7 @@ A scene grows from one pair of views, one view at a time (Schönberger and Frahm
 view a pair often allows two orders of depth, and a scene that began with the wrong one keeps it: of ten scenes of the
 same matches, all joined by every view, six had a wrong path. They explain fewer matches. So scenes are grown from the
 pairs with the most confirmed matches, and the one that explains most is the best
-(docs/decisions/0116-scenes-grown-from-many-pairs.md).
+(docs/decisions/wide-baseline.md).
 
 Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
 """

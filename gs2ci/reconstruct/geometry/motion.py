@@ -355,7 +355,7 @@ def _with_cost(motion: CameraMotion, sightings: Sightings, huber_px: float) -> C
 def _arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
     """Return the arguments in the order of the kernels."""
     return (
-        motion.rotations,
+        np.ascontiguousarray(motion.rotations),
         motion.translations,
         motion.inverse_depth,
         sightings.rays,

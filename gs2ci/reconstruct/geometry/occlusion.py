@@ -4,10 +4,10 @@ A scene and its depth reversal move alike (`reversal`), and a fit to either expl
 where two of its surfaces meet on one line of sight, the views show one of them: the nearer one. In a scene whose order
 of depth is reversed they show the farther one, unless its fit has moved the edges until there is nothing left to hide.
 So of two fits, one of each order, the right one hides more that the views confirm
-(docs/decisions/0139-what-hides-what.md).
+(docs/decisions/depth-order.md).
 
 Here: this evidence in one fit, and the comparison of two. Not here: the fits and when they are made
-(`attempts/both_orders.py`).
+(`hypotheses/turned.py`).
 """
 
 from dataclasses import dataclass

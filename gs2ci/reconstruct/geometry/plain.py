@@ -6,17 +6,16 @@ picture. Here each plain pixel gets votes on its depth from pixels of similar co
 extended as planes. If the median of the votes is another surface, and the views agree there nearly as well, the pixel
 is moved to it.
 
-Here: slopes, votes, and the comparison of the views. Not here: edges within a few pixels (`snapping`), the sweep
-(`sweep`).
+Here: slopes, votes, and the comparison of the views. Not here: the sweep (`sweep`).
 """
 
 from typing import Final
 
 import cv2
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.kernels import EXACT, b1_2, f32, f32_2, f32_3, helper, i64, in_parts, kernel
 from gs2ci.reconstruct.geometry.sweep import LEAST_SIDE_OF_MAP, difference, features_of
 
 # How far from a pixel others vote, as a share of the picture's longer side, and how many at most in each direction.
@@ -125,14 +124,7 @@ def plain_pixels(view: F32) -> Bool:
     return plain
 
 
-def rays_through(size: tuple[int, int], intrinsics: F64) -> F64:
-    """Return the rays of the pixels of a picture of this height and width, at z = 1, [H, W, 3]."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-    rays: F64 = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
-    return rays
-
-
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _likeness(view, r, c, i, j, sigma):
     """Return the similarity of the colours of two pixels of a view, [H, W, C]: 1 if equal, towards 0 if different."""
     total = np.float32(0)
@@ -154,17 +146,17 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
         plain: Pixels to fit around, [H, W]; the result is 0 elsewhere.
         gate: Pixels whose inverse depth differs by more lie on another surface.
     """
-    found: F32 = _slopes(inverse_depth, view, plain, gate)
+    found = np.zeros((2, *inverse_depth.shape), np.float32)
+    in_parts(_slopes, len(inverse_depth), inverse_depth, view, plain, gate, found)
     return found
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _slopes(inverse_depth, view, plain, gate):
+@kernel(i64, i64, f32_2, f32_3, b1_2, f32, f32_3, fastmath=EXACT)
+def _slopes(from_task, to_task, inverse_depth, view, plain, gate, found):
     """Weight by similarity of colour, and solve the two normal equations."""
     height, width = inverse_depth.shape
-    found = np.zeros((2, height, width), np.float32)
     sigma = np.float32(_SLOPE_SIGMA)
-    for r in numba.prange(height):
+    for r in range(from_task, to_task):
         for c in range(width):
             if not plain[r, c]:
                 continue
@@ -192,7 +184,6 @@ def _slopes(inverse_depth, view, plain, gate):
             p, q = xd - x1 * d1 / n, yd - y1 * d1 / n
             det = a * b - m * m
             found[0, r, c], found[1, r, c] = (b * p - m * q) / det, (a * q - m * p) / det
-    return found
 
 
 def plane_votes(
@@ -209,17 +200,17 @@ def plane_votes(
         span: Farthest and nearest inverse depth, to which votes are limited.
     """
     low, step = np.float32(span[0]), np.float32((span[1] - span[0]) / (_LEVELS - 1))
-    found: F32 = np.clip(_votes(inverse_depth, slopes, view, *where, reach, max(1, reach // _VOTERS), low, step), *span)
-    return found
+    found, every = inverse_depth.copy(), max(1, reach // _VOTERS)
+    in_parts(_votes, len(found), inverse_depth, slopes, view, *where, reach, every, low, step, found)
+    return np.clip(found, *span)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
+@kernel(i64, i64, f32_2, f32_3, f32_3, b1_2, b1_2, i64, i64, f32, f32, f32_2, fastmath=EXACT)
+def _votes(from_task, to_task, inverse_depth, slopes, view, voting, asked, reach, every, low, step, found):
     """Find the weighted median by a histogram, and return the mean of the votes in its cell."""
     height, width = inverse_depth.shape
-    found = inverse_depth.copy()
     sigma, least = np.float32(_SIGMA), np.float32(_LEAST_LIKENESS)
-    for r in numba.prange(height):
+    for r in range(from_task, to_task):
         weights, sums = np.empty(_LEVELS, np.float32), np.empty(_LEVELS, np.float32)
         top, bottom = r - min(reach, r) // every * every, min(r + reach + 1, height)
         for c in range(width):
@@ -248,4 +239,3 @@ def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
                 reached += weights[median]
             if weights[median] > 0:
                 found[r, c] = sums[median] / weights[median]
-    return found

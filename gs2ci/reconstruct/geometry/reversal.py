@@ -10,7 +10,7 @@ camera model right. Occlusion, which only pixels show. And the turn: a camera th
 turns, and the picture moves against its travel everywhere; in the reversed order, the same picture would move with the
 travel, because the turn would move it more than the parallax of the nearest point. Here: the reversal of a geometry,
 and how much of the picture's motion its travel explains. Not here: the reversal of a motion, and how much tracks prefer
-it (`motion`), the comparison by pixels (`attempts/order.py`).
+it (`motion`), the comparison by pixels (`hypotheses/order.py`).
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
-from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 
 # Reflected inverse depths stay above this share of their median; otherwise points with more than twice the median would
 # lie behind the camera.
@@ -39,7 +39,25 @@ def reversed_geometry(geometry: Geometry) -> Geometry:
     c = 2 * float(np.median(depth))
     reflected = np.maximum(c - depth, FARTHEST * c / 2).astype(np.float32)
     poses = reversed_poses(geometry.world_to_camera, c)
-    return replace(geometry, world_to_camera=poses, inverse_depth=reflected, view_depths=(), pose_errors=None)
+    return replace(
+        geometry, world_to_camera=poses, inverse_depth=reflected, view_depths=(), pose_errors=None, other_order=None
+    )
+
+
+def turned(geometry: Geometry) -> Geometry:
+    """Return the tracks' solution in the other order of depth, or if there is none the reversed geometry."""
+    other = geometry.other_order
+    if other is None:
+        return reversed_geometry(geometry)
+    return replace(
+        geometry,
+        world_to_camera=other.world_to_camera,
+        inverse_depth=other.inverse_depth,
+        reprojection_rms_px=other.reprojection_rms_px,
+        order_errors=None if geometry.order_errors is None else -geometry.order_errors,
+        other_order=OtherOrder.of(geometry),
+        view_depths=(),
+    )
 
 
 def reversed_poses(world_to_camera: F64, c: float) -> F64:

@@ -16,8 +16,9 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
-from gs2ci.reconstruct.geometry.displaced import DISPLACEMENTS, displaced_motion, say_how_found
-from gs2ci.reconstruct.geometry.initialise import REST, Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
@@ -32,7 +33,7 @@ _FOCAL_DOUBT: Final = 0.05
 class FromTracks:
     """Corners followed through the views, and the motion that explains them."""
 
-    name: str = "tracks"
+    name: str = PathSource.TRACKS
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -43,7 +44,7 @@ class FromTracks:
 class FromStage:
     """The poses that the stage reported."""
 
-    name: str = "stage"
+    name: str = PathSource.STAGE
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -60,7 +61,7 @@ def _with_errors(found: Geometry, error: float | None) -> Geometry:
     Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
     the reversal requires.
     """
-    return replace(_held(found, error), order_given=True) if found.verdict == "full" else found
+    return replace(_held(found, error), order_given=True) if found.has_path else found
 
 
 def _held(found: Geometry, error: float | None = None) -> Geometry:
@@ -72,7 +73,7 @@ def _held(found: Geometry, error: float | None = None) -> Geometry:
         found: With given poses.
         error: Standard error of positions in their unit; None if it is not stated.
     """
-    if found.verdict != "full":
+    if not found.has_path:
         return found
     if found.tracks > 0 and found.pose_errors is None:
         # If tracks contradict the poses, they contradict the stated error too.
@@ -85,7 +86,7 @@ def _held(found: Geometry, error: float | None = None) -> Geometry:
 class FromUniform:
     """The uniform motion that explains the measurement best, without tracks."""
 
-    name: str = "uniform"
+    name: str = PathSource.UNIFORM
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -96,7 +97,7 @@ class FromUniform:
 class FromDisplacements:
     """The motion that explains the displacements of blocks of the measurement."""
 
-    name: str = DISPLACEMENTS
+    name: str = PathSource.DISPLACEMENTS
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -109,7 +110,7 @@ class FromDisplacements:
 class FromRest:
     """A camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth."""
 
-    name: str = REST
+    name: str = PathSource.REST
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
@@ -129,7 +130,7 @@ class FromRest:
 class FromWide:
     """Features matched between all pairs of views, which may lie far apart and in no order."""
 
-    name: str = "wide"
+    name: str = PathSource.MATCHES
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`.
@@ -138,7 +139,7 @@ class FromWide:
             GeometryError: The views do not all join one scene, or their depths along its path do not agree.
         """
         found = matched_motion(request, from_tracks(request, progress))
-        if found.verdict != "full":
+        if not found.has_path:
             raise GeometryError(
                 "features matched between all pairs of views do not join them into one scene, or their depths disagree",
                 remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
@@ -155,7 +156,7 @@ class FromFile:
     """
 
     path: Path
-    name: str = "file"
+    name: str = PathSource.FILE
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`.
@@ -170,27 +171,21 @@ class FromFile:
         poses = cameras.world_to_camera
         found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
         # One view shows no depth, even within a known range.
-        if found.verdict != "full" and len(cameras.points) and len(poses) > 1:
+        if not found.has_path and len(cameras.points) and len(poses) > 1:
             found = swept_between_points(request, cameras, found)
         elif not found.tracks:
             found = _without_tracks(request, poses, found)
         return replace(_held(found), source=self.name, notes=(*notes, *found.notes))
 
 
-GIVEN: Final = (FromStage.name, FromFile.name)
-"""Sources that give the turns of the camera, which pictures of a small motion determine poorly."""
-ESTIMATED: Final = (FromTracks.name, FromWide.name, FromUniform.name, FromDisplacements.name)
-"""Sources that estimate the path from this measurement alone."""
-
-
 def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
     """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none."""
-    return replace(wide_motion(request, tracks, tilted=tilted), source=FromWide.name)
+    return replace(wide_motion(request, tracks, tilted=tilted), source=PathSource.MATCHES)
 
 
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
     """Estimate the uniform motion; of the tracks' geometry only the camera matrix and the middle view are used."""
-    return replace(Direct(request, tracks).uniform(), source=FromUniform.name)
+    return replace(Direct(request, tracks).uniform(), source=PathSource.UNIFORM)
 
 
 def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
@@ -228,10 +223,8 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         without,
         world_to_camera=poses,
         intrinsics=cameras.intrinsics,
-        inverse_depth=surface_map(
-            request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep, edges=False
-        ),
-        verdict="full",
+        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        verdict=Verdict.FULL,
         unit=1 / unit,
         notes=(*without.notes, finding(Code.POSES_UNCHECKED)),
     )

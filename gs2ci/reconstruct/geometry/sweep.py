@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
+from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.eight import FEATURES
 from gs2ci.reconstruct.geometry.kernels import best_plane, cost_of_map, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
@@ -42,6 +43,7 @@ class SweepSettings(Bounded):
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
         window_px: Side of the window over which views are compared.
         blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
+        plain: Whether plain areas are moved to the surface that they belong to (`plain`).
     """
 
     planes: Annotated[int, Field(ge=LEAST_PLANES)] = 96
@@ -50,6 +52,7 @@ class SweepSettings(Bounded):
     most_pixels: int = 500_000
     window_px: Annotated[int, Field(ge=1, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 7
     blur_px: Positive = RESIDUE_BLUR_PX
+    plain: bool = True
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
@@ -142,7 +145,8 @@ def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
         grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
         # A Sobel operator of size 3 returns eight times the derivative of a ramp.
         right, down = (cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
-        describe(blurred, right, down, np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8), described)
+        weights = np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8)
+        in_parts(describe, len(blurred), blurred, right, down, *weights, described)
     return features
 
 

@@ -4,18 +4,16 @@ Here: the criteria and the verdict on tracks and motion. Not here: estimating ei
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import Bool
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.motion import CameraMotion, wander_px
 from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-Verdict = Literal["full", "rotation_only", "static", "unsupported"]
 
 
 @dataclass(frozen=True)
@@ -151,13 +149,13 @@ def classify_motion(
     """
     if not has_parallax(motion, rotations, criteria):
         if rotations.displacement_px < criteria.displacement_px:
-            return "static", (finding(Code.CAMERA_STOOD_STILL, displacement_px=rotations.displacement_px),)
+            return Verdict.STATIC, (finding(Code.CAMERA_STOOD_STILL, displacement_px=rotations.displacement_px),)
         if rotations.rms_px > criteria.parallax_px:  # a parallax that matters may hide in errors of this size
             apart = finding(Code.PARALLAX_MAY_DROWN, rotations_px=rotations.rms_px, motion_px=motion.rms_px)
-            return "rotation_only", (apart,)
-        return "rotation_only", (finding(Code.CAMERA_ONLY_TURNED, rotations_px=rotations.rms_px),)
+            return Verdict.ROTATION_ONLY, (apart,)
+        return Verdict.ROTATION_ONLY, (finding(Code.CAMERA_ONLY_TURNED, rotations_px=rotations.rms_px),)
     doubts = contradictions(candidates, tracks, motion, criteria)
-    return ("unsupported" if doubts else "full"), doubts
+    return (Verdict.UNSUPPORTED if doubts else Verdict.FULL), doubts
 
 
 def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> tuple[Finding, ...]:

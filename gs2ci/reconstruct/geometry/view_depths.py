@@ -3,10 +3,10 @@
 A plane sweep compares the reference view with all others. Around an object, most of them see other surfaces, and a
 scene that begins with what the reference view sees has nothing on its other sides: from decoded photographs, 77° from
 the first view to the last, scenes along the right path ended 2 to 4 dB lower than from several views' depths, each
-swept with the views nearest to it (docs/decisions/0117-first-points-from-several-views.md).
+swept with the views nearest to it (docs/decisions/wide-baseline.md).
 
 Along a path that is wrong the depths of the views contradict each other: along one that matches on a real turning fan
-gave, they agreed no better than depths at random (docs/decisions/0124-depths-of-views-agree.md).
+gave, they agreed no better than depths at random (docs/decisions/wide-baseline.md).
 
 Here: when a path turns far, which views are swept, their depths, how far these agree, and where views show points. Not
 here: the sweep (`surface_map`), the points that follow (`points`).
@@ -90,7 +90,7 @@ def view_depths(
         order = np.argsort(turns[view], kind="stable")
         order = np.concatenate([[view], order[order != view][:_NEIGHBOURS]])
         poses = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found.append(ViewDepth(view, surface_map(views[order], poses, intrinsics, 0, span, settings, edges=False)))
+        found.append(ViewDepth(view, surface_map(views[order], poses, intrinsics, 0, span, settings)))
     return tuple(found)
 
 

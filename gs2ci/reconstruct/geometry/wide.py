@@ -4,7 +4,8 @@ Corners can be tracked from view to view as long as patches look alike, over a f
 separate positions in no order, scale-invariant features (SIFT, Lowe 2004) still match between views that see the same
 things, and are joined to one scene (`mapper`). From about 15° on, surfaces look foreshortened: features are then also
 found in tilted pictures (ASIFT, Morel and Yu 2009), at ten times the time. Here: the features, the pairs, and the
-geometry of their scene. Not here: the scene itself (`mapper`), when it is used (`choose`, `far_apart`), the sweep
+geometry of their scene. Not here: the scene itself (`mapper`), when it is used (`choose`,
+`hypotheses.matches`), the sweep
 (`sweep`).
 """
 
@@ -21,6 +22,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.brightened import brightened
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.mapper import LEAST_MATCHES, MappedScene, grown_scene
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.surface_map import surface_map
@@ -59,14 +61,13 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
 
     Returns:
         A geometry with the verdict "full"; one at rest, "unsupported", if not every view joins one scene, if too few
-        points confirm it, or if it turns far and the depths of the views along it do not agree. A finding says how many
+        points confirm it, or if it turns far and the depths of the views along it do not agree. It says how many
         views joined, if any did.
     """
     scene, joined = _grown(request.views, found.intrinsics, tilted=tilted)
     still = at_rest(found)
     if scene is None:
-        partly = (finding(Code.VIEWS_JOIN_IN_PART, joined=joined, views=len(request.views)),) if joined else ()
-        return replace(still, notes=(*still.notes, *partly))
+        return replace(still, joined=joined)
     relative = scene.world_to_camera @ np.linalg.inv(scene.world_to_camera[found.reference])
     to_reference = scene.world_to_camera[found.reference]
     depths = scene.points @ to_reference[2, :3] + to_reference[2, 3]
@@ -84,9 +85,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         depth = depths[0].inverse_depth
     else:
         span, depths = inverse_depth_range(ahead / unit, settings.sweep), ()
-        depth = surface_map(
-            request.views, relative, still.intrinsics, still.reference, span, settings.sweep, edges=False
-        )
+        depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings.sweep)
     doubts = doubts_about_path(scene.error_expected, settings.criteria)
     return replace(
         still,
@@ -94,7 +93,7 @@ def wide_motion(request: Request, found: Geometry, *, tilted: bool = False) -> G
         inverse_depth=depth,
         tracks=len(scene.points),
         reprojection_rms_px=scene.rms_px,
-        verdict="full",
+        verdict=Verdict.FULL,
         path_error_expected=scene.error_expected,
         # A path that turns far has no exact reversal, and the scene with the reverse order explains fewer matches.
         order_errors=settings.criteria.order_errors if far else None,

@@ -9,9 +9,9 @@ of motion is tested.
 
 A residual is larger where the picture has detail, and the channels of a pixel err together. So standard errors are
 those of a sandwich estimator with each pixel as a cluster (White 1980; Liang and Zeger 1986): as if all numbers were
-independent and of one variance, many still photographs seem to move (decision 0133).
+independent and of one variance, many still photographs seem to move (docs/decisions/moving-scenes.md).
 
-Here: the regression and its significance. Not here: what follows from it (`gs2ci.reconstruct.moving`).
+Here: the regression and its significance. Not here: what follows from it (`hypotheses.moving`).
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ Errors that all views have in common are not looked for, nor those of whole view
 weights cause.
 
 Here: the test, and the soft picture of where one set of views fails it and another does not. Not here: what follows
-from it (`gs2ci.reconstruct.moving`, `handing_over`).
+from it (`hypotheses.moving`, `fusion`).
 """
 
 from dataclasses import dataclass

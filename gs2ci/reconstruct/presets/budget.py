@@ -37,8 +37,8 @@ class Rung:
 
 
 # Costliest first. In the time of fewer than 180 iterations of `standard`, `draft` makes 1.7 times as many and ends up
-# to 2 dB better (decision 0134). `paper` is not among them: it reproduces the paper, and holds out no pixels by which
-# to judge it.
+# to 2 dB better (docs/decisions/time-budget.md). `paper` is not among them: it reproduces the paper, and holds out no
+# pixels by which to judge it.
 LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
@@ -52,7 +52,7 @@ _REPORT_LOOKS: Final = 4
 # with as many iterations more are as good (`python -m tests.benchmarks budgets`).
 _MOST_FOR_POLISH: Final = 0.3
 # The number of Gaussians grows during a fit; its last iterations cost more than the first by this share.
-_GROWS_BY: Final = 1.0
+GROWS_BY: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Budget:
 
         def costs(share: float) -> float:
             moments = 1.0 if share < chosen.fit.mask_moments_from else timed.moments_per_mask
-            return timed.iteration_s * dearer * (1 + _GROWS_BY * share) * moments / timed.moments_per_mask
+            return timed.iteration_s * dearer * (1 + GROWS_BY * share) * moments / timed.moments_per_mask
 
         return Deadline(
             most=most,

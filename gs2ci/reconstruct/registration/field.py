@@ -16,12 +16,11 @@ from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.coarse import Tile
 from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_weights
-from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, HIGHER, LOW, NAMES, Misfit
-from gs2ci.reconstruct.registration.placement import FIELD_AT_PX, Placement
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.parameters import AFFINE, BENT, BY_NAME, FIELD, FIELD_AT_PX, HIGHER, LOW, NAMES
+from gs2ci.reconstruct.registration.placement import Placement
 
-# A term is accepted from so many of its standard errors on, as other parameters are, and if the field moves masks
-# somewhere by so much relative to the best affine: smaller displacements cost less than 0.05 dB.
-SIGNIFICANT: Final = 5.0
+# The field has to move masks somewhere by so much relative to the best affine: less costs less than 0.05 dB.
 MATTERS_PX: Final = 0.05
 _ROUNDS: Final = 8
 _STEP_PX: Final = 0.1
@@ -61,7 +60,7 @@ class FieldEstimate:
 
     def is_sure(self, name: str) -> bool:
         """Tell whether a term is significant."""
-        return abs(self.value(name)) >= SIGNIFICANT * self.errors[name] > 0
+        return abs(self.value(name)) >= BY_NAME[name].errors * self.errors[name] > 0
 
 
 def find_field(

@@ -15,31 +15,15 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.registration.local_scene import Seen
-from gs2ci.reconstruct.registration.misfit import BENT, NAMES, Misfit
-from gs2ci.reconstruct.registration.placement import FIELD_AT_PX
-from gs2ci.reconstruct.registration.widening import MOST_PX, MaskSum
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.parameters import BY_NAME, NAMES, PARAMETERS
+from gs2ci.reconstruct.registration.widening import MaskSum
 
 _ROUNDS: Final = 12
 _BLOCK_PX: Final = 16
 # Fewer blocks are not enough to estimate the scatter of scores.
 LEAST_BLOCKS: Final = 12
-# Steps of the numerical derivatives: this displacement at the picture's corner, and these steps of the others.
-_STEP_PX: Final = 0.1
-_STEPS: Final = {"blur_px2": 0.05, "leak": 0.01, "black": 0.01, "widening_px": 0.02}
-_LIMITS: Final = {
-    "rotation_deg": (-5.0, 5.0),
-    "scale": (-0.06, 0.06),
-    "stretch": (-0.06, 0.06),
-    "shear": (-0.06, 0.06),
-    "blur_px2": (-4.0, 16.0),
-    "leak": (-0.2, 0.9),
-    "widening_px": (-MOST_PX, MOST_PX),
-}
 _SETTLED: Final = 1e-2
-# A real scene is not constant. Texture finer than the windows biases the parameters of light (blur is estimated too
-# small) by about their standard error. So these standard errors are multiplied by factors that give |z| the expected
-# distribution for shots with right masks (`tests.benchmarks.right_shots`, first hundred draws; positions need none).
-_LEANING: Final = {"blur_px2": 1.6, "leak": 1.3, "black": 1.3, "widening_px": 1.3}
 
 
 @dataclass(frozen=True)
@@ -86,12 +70,8 @@ class Problem:
 
     def steps(self) -> F64:
         """Return a small step of each parameter."""
-        arm = max(1.0, float(np.hypot(*self.size)) / 2)
-        along = _STEP_PX / arm
-        affine = [_STEP_PX, _STEP_PX, np.rad2deg(along), along, along, along]
-        field = [_STEP_PX * (FIELD_AT_PX / arm) ** power for power in (3, *[2] * len(BENT), 5)]
-        light = [_STEPS["blur_px2"], _STEPS["leak"], _STEPS["black"] * self.unit]
-        return np.array([*affine, *field, *light, _STEPS["widening_px"]])
+        corner_px = max(1.0, float(np.hypot(*self.size)) / 2)
+        return np.array([one.step_at(corner_px, self.unit) for one in PARAMETERS])
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:
@@ -140,15 +120,13 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...]) -> MisfitEst
             if damping > 1e4 or np.abs(step).max() < _SETTLED:
                 break
     deviations = deviations_of(jacobian, errors, weights) * scale
-    deviations *= [_LEANING.get(name, 1.0) for name in names]
+    deviations *= [BY_NAME[name].inflation for name in names]
     return MisfitEstimate(Misfit.from_vector(vector), dict(zip(names, deviations.tolist(), strict=True)))
 
 
 def _within(vector: F64) -> F64:
-    limited = vector.copy()
-    for name, (low, high) in _LIMITS.items():
-        k = NAMES.index(name)
-        limited[k] = min(max(limited[k], low), high)
+    low, high = np.array([one.limits for one in PARAMETERS]).T
+    limited: F64 = np.clip(vector, low, high)
     return limited
 
 

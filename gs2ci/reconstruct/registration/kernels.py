@@ -1,16 +1,14 @@
 """Numba kernels of the registration: sampling pictures at other places, and undoing an interpolation.
 
-Every task of a parallel loop writes its own row and no sum crosses tasks, so the result is bitwise the same for any
-number of threads.
+Every task is a row and no sum crosses tasks, so the result is bitwise the same for any number of threads.
 """
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.kernels import EXACT, b1, f64, f64_1, f64_2, f64_3, f64_4, helper, i64, in_parts, kernel
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F64:
     """Interpolate each picture at c + A⁻¹ (p − c − t − f(p − c)), with coordinates clamped to it or wrapped around.
 
@@ -22,10 +20,17 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
             outwards by the fifth power of the distance.
         wrapped: Whether a picture is continued periodically.
     """
-    count, height, width = stack.shape
+    stack = np.ascontiguousarray(stack, np.float64)
     out = np.empty_like(stack)
+    in_parts(_sample, stack.shape[1], stack, inverse, shift, field, wrapped, out)
+    return out
+
+
+@kernel(i64, i64, f64_3, f64_2, f64_1, f64_1, b1, f64_3, fastmath=EXACT)
+def _sample(from_row, to_row, stack, inverse, shift, field, wrapped, out):
+    count, height, width = stack.shape
     middle_row, middle_column = (height - 1) / 2, (width - 1) / 2
-    for r in numba.prange(height):
+    for r in range(from_row, to_row):
         for c in range(width):
             y, x = r - middle_row, c - middle_column
             squared = y * y + x * x
@@ -50,27 +55,21 @@ def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F
                 upper = (1 - u) * stack[n, top, left] + u * stack[n, top, beside]
                 lower = (1 - u) * stack[n, below, left] + u * stack[n, below, beside]
                 out[n, r, c] = (1 - v) * upper + v * lower
-    return out
 
 
-@numba.njit(cache=True)
 def undo(masks: F64, fraction: float) -> F64:
     """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end from which values were shifted."""
-    count, height, width = masks.shape
     f = min(abs(fraction), 0.5)
-    out = np.empty_like(masks)
-    for n in range(count):
-        for k in range(height):
-            here = k if fraction >= 0 else height - 1 - k
-            before = here - 1 if fraction >= 0 else here + 1
-            for c in range(width):
-                last = out[n, before, c] if k else masks[n, here, c]
-                # Transmissions outside [0, 1] are rounding errors, which would propagate.
-                out[n, here, c] = min(max((masks[n, here, c] - f * last) / (1 - f), 0.0), 1.0)
+    out = np.empty(masks.shape)
+    given, found = (masks, out) if fraction >= 0 else (masks[:, ::-1], out[:, ::-1])
+    for k in range(masks.shape[1]):
+        last = found[:, k - 1] if k else given[:, 0]
+        # Transmissions outside [0, 1] are rounding errors, which would propagate.
+        found[:, k] = np.clip((given[:, k] - f * last) / (1 - f), 0.0, 1.0)
     return out
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, float]:
     """Return the areas of a pixel that its open neighbours open: strips along its sides, and corners outside these.
 
@@ -92,31 +91,39 @@ def _opened(masks: F64, n: int, r: int, c: int, sign: float) -> tuple[float, flo
     return strips, corners - 2 * strips
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def widen(masks: F64, px: float) -> F64:
     """Return the open share of each pixel, [N, H, W], if open elements reach so far beyond their edges."""
-    count, height, width = masks.shape
     out = np.empty_like(masks)
+    in_parts(_widen, masks.shape[1], masks, float(px), out)
+    return out
+
+
+@kernel(i64, i64, f64_3, f64, f64_3, fastmath=EXACT)
+def _widen(from_row, to_row, masks, px, out):
+    count, _, width = masks.shape
     sign = 1.0 if px > 0 else -1.0
-    for r in numba.prange(height):
+    for r in range(from_row, to_row):
         for n in range(count):
             for c in range(width):
                 strips, corners = _opened(masks, n, r, c, sign)
                 other = 1 - masks[n, r, c] if px > 0 else masks[n, r, c]
                 out[n, r, c] = masks[n, r, c] + sign * other * (abs(px) * strips + px * px * corners)
+
+
+def edge_bands(masks: F64, weights: F64) -> F64:
+    """Return the factors of |px| and px² in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
+    out = np.zeros((2, 2, *masks.shape[1:]))
+    in_parts(_edge_bands, masks.shape[1], masks, np.ascontiguousarray(weights, np.float64), out)
     return out
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def edge_bands(masks: F64, weights: F64) -> F64:
-    """Return the factors of |px| and px² in the sum of `widen`'s masks, [2, 2, H, W]: wider, then narrower."""
-    count, height, width = masks.shape
-    out = np.zeros((2, 2, height, width))
-    for r in numba.prange(height):
+@kernel(i64, i64, f64_3, f64_1, f64_4, fastmath=EXACT)
+def _edge_bands(from_row, to_row, masks, weights, out):
+    count, _, width = masks.shape
+    for r in range(from_row, to_row):
         for c in range(width):
             for n in range(count):
                 opened, closed = _opened(masks, n, r, c, 1.0), _opened(masks, n, r, c, -1.0)
                 for k in range(2):
                     out[0, k, r, c] += weights[n] * (1 - masks[n, r, c]) * opened[k]
                     out[1, k, r, c] -= weights[n] * masks[n, r, c] * closed[k]
-    return out

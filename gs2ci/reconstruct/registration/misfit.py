@@ -2,8 +2,8 @@
 
     y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(widening, placement) ](p) + leak) · Xᵢ(p)
 
-Here: the parameters, and how they change masks and their sum. Not here: their estimation (`fine`, `light`), orientation
-and order of the masks (`coarse`, `sequence`).
+Here: how the parameters change masks and their sum. Not here: their list (`parameters`), their estimation (`fine`,
+`light`), orientation and order of the masks (`coarse`, `sequence`).
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.registration.parameters import GEOMETRY, NAMES
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.widening import MaskSum, widened
 
@@ -72,6 +73,10 @@ class Misfit:
         """Return the parameters in the order of `NAMES`."""
         return np.array([*asdict(self.placement).values(), self.blur_px2, self.leak, self.black, self.widening_px])
 
+    def values(self) -> dict[str, float]:
+        """Return the parameters by name, and the blur as a standard deviation."""
+        return dict(zip(NAMES, self.vector().tolist(), strict=True)) | {"blur_sigma_px": self.blur_sigma_px}
+
     @classmethod
     def from_vector(cls, vector: F64) -> "Misfit":
         """Take the parameters in the order of `NAMES`."""
@@ -84,17 +89,6 @@ class Misfit:
             self.placement, down_px=self.placement.down_px + down_px, right_px=self.placement.right_px + right_px
         )
         return replace(self, placement=placement)
-
-
-AFFINE: Final = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear")
-BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
-LOW: Final = ("radial_px", *BENT)
-HIGHER: Final = ("radial5_px",)
-FIELD: Final = (*LOW, *HIGHER)
-LIGHT: Final = ("blur_px2", "leak", "black")
-EDGES: Final = ("widening_px",)
-GEOMETRY: Final = (*AFFINE, *FIELD)
-NAMES: Final = (*GEOMETRY, *LIGHT, *EDGES)
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:

@@ -15,11 +15,10 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.registration.kernels import sample
+from gs2ci.reconstruct.registration.parameters import FIELD_AT_PX
 
 # A pixel up to this far beyond the outermost centre still sees more of that element than of the unknown area.
 _ON_THE_RIM_PX: Final = 0.5
-# Coefficients of the field are displacements at this distance, so that they do not depend on the picture's size.
-FIELD_AT_PX: Final = 100.0
 # Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
 _INVERSIONS: Final = 6
 
@@ -126,8 +125,7 @@ class Placement:
         """
         inverse = np.linalg.inv(self.matrix)
         field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6, FIELD_AT_PX**5])
-        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, field, wrapped)
-        return sampled
+        return sample(stack, np.asarray(inverse, np.float64), self.shift_px, field, wrapped)
 
     @classmethod
     def from_affine(cls, matrix: F64, shift_px: F64) -> "Placement":

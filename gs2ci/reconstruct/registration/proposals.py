@@ -14,6 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.registration.bent import bent_growth
 from gs2ci.reconstruct.registration.coarse import (
     Peak,
     element_px,
@@ -26,21 +27,21 @@ from gs2ci.reconstruct.registration.coarse import (
 from gs2ci.reconstruct.registration.field import FieldEstimate, find_closer, find_field
 from gs2ci.reconstruct.registration.fine import LEAST_BLOCKS, MisfitEstimate, Problem, pixel_weights, refine
 from gs2ci.reconstruct.registration.local_scene import Seen
-from gs2ci.reconstruct.registration.misfit import AFFINE, EDGES, GEOMETRY, LIGHT, LOW, NAMES, Misfit
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.parameters import (
+    AFFINE,
+    EDGES,
+    GEOMETRY,
+    GROUPS,
+    LIGHT,
+    LOW,
+    NAMES,
+    Parameter,
+)
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.sharpen import CRISP, one_of, softness
 from gs2ci.reconstruct.registration.widening import MaskSum
 
-# A parameter is accepted if it differs from its default by so many standard errors, and if it matters: the rest of the
-# model is not exact, and smaller displacements of the masks cost less than 0.05 dB.
-SIGNIFICANT: Final = 5.0
-# Fewer for the parameters of light, whose standard errors already include the bias by the scene.
-_SIGNIFICANT_LIGHT: Final = 4.0
-_MATTERS_PX: Final = 0.02
-_MATTERS_BLUR_PX2: Final = 0.02
-_MATTERS_LEAK: Final = 0.005
-_MATTERS_BLACK: Final = 0.01
-_MATTERS_WIDENING_PX: Final = 0.02
 # The displacements of tiles are used if they deviate this far from a common shift.
 _UNEVEN_PX: Final = 0.7
 # Above this share of clipped readings, which bias blur, leak and black level if they are left out, these are not
@@ -52,15 +53,6 @@ _TILE_REACH: Final = 8
 _LOOKED_AT_PX: Final = 256
 # How often a field and the light along with it are estimated in turn.
 _TURNS: Final = 3
-_GROUPS: Final = (
-    ("down_px", "right_px"),
-    ("rotation_deg", "scale"),
-    ("stretch", "shear"),
-    ("blur_px2",),
-    ("leak",),
-    ("black",),
-    ("widening_px",),
-)
 # A darker leak and a lighter black level are told apart by the scene alone.
 _ALIKE: Final = ("leak", "black")
 
@@ -87,7 +79,8 @@ def propose(
     if start is None:
         return [], {}
     problem = _problem(shot, element)
-    sought = (*AFFINE, *LIGHT) if _clipped_share(shot) < _MOST_CLIPPED else AFFINE
+    tells_light = _clipped_share(shot) < _MOST_CLIPPED and bent_growth(shot) is None
+    sought = (*AFFINE, *LIGHT) if tells_light else AFFINE
     estimate = refine(problem, start, sought)
     names = _let_in(estimate, problem)
     tried = beside(estimate, names)
@@ -246,30 +239,21 @@ def _clipped_share(shot: Shot) -> float:
     return 0.0 if shot.saturated is None else float(shot.saturated.mean())
 
 
-def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
-    """Return each parameter in units of the smallest value that matters."""
-    vector = estimate.misfit.vector()
-    arm = float(np.hypot(*problem.size)) / 2
-    matters = {
-        "down_px": _MATTERS_PX,
-        "right_px": _MATTERS_PX,
-        "rotation_deg": float(np.rad2deg(_MATTERS_PX / arm)),
-        **dict.fromkeys(("scale", "stretch", "shear"), _MATTERS_PX / arm),
-        "blur_px2": _MATTERS_BLUR_PX2,
-        "leak": _MATTERS_LEAK,
-        "black": _MATTERS_BLACK * problem.unit,
-        "widening_px": _MATTERS_WIDENING_PX,
-    }
-    return {name: abs(float(vector[NAMES.index(name)])) / least for name, least in matters.items()}
-
-
 def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
     """Return the significant parameters that matter; those of one group are accepted together."""
-    matters = _matters(estimate, problem)
-    least = {name: _SIGNIFICANT_LIGHT if name in (*LIGHT, *EDGES) else SIGNIFICANT for name in estimate.errors}
-    sure = {name for name in least if matters[name] >= 1 and estimate.significance(name) >= least[name]}
+    values, corner_px = estimate.misfit.values(), float(np.hypot(*problem.size)) / 2
+
+    def is_sure(one: Parameter) -> bool:
+        if one.name not in estimate.errors:
+            return False
+        matters = abs(values[one.name]) >= one.least_at(corner_px, problem.unit)
+        return matters and estimate.significance(one.name) >= one.errors
+
     return tuple(
-        name for group in _GROUPS for name in group if name in estimate.errors and any(one in sure for one in group)
+        name
+        for group in GROUPS
+        for name in group.names
+        if name in estimate.errors and any(is_sure(one) for one in group.parameters)
     )
 
 

@@ -21,6 +21,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.registration.admission import brief_views, level_of
+from gs2ci.reconstruct.registration.bent import bent_growth
 from gs2ci.reconstruct.registration.coarse import (
     ORIENTATIONS,
     SURE_PEAK,
@@ -285,6 +286,9 @@ class _Registration:
 
     def _geometry_and_light(self, peak: Peak) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
         """Estimate placement, blur, leak and black level, and correct the shot by what is accepted."""
+        bent = bent_growth(self.shot)
+        if bent is not None:
+            self.notes.append(finding(Code.READINGS_BEND, slope=bent.slope, curvature=bent.curvature))
         proposed, tried = propose(self.shot, peak)
         for estimate in proposed:
             tried |= beside(estimate, ())

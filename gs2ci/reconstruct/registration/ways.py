@@ -16,7 +16,8 @@ from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.registration.admission import Corner, Trial, counted, level_of
 from gs2ci.reconstruct.registration.field import bent_px
 from gs2ci.reconstruct.registration.fine import MisfitEstimate
-from gs2ci.reconstruct.registration.misfit import FIELD, Misfit
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.parameters import in_words
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sharpen import Source, candidates
 
@@ -44,7 +45,7 @@ class Way:
 def ways_of(shot: Shot, estimate: MisfitEstimate) -> list[Way]:
     """Return the shot corrected by an estimate; if that requires sharpening, once for each way to sharpen."""
     misfit, errors = estimate.misfit, dict(estimate.errors)
-    found = _in_words(misfit, errors)
+    found = in_words(misfit.values(), errors)
     stated = shot.masks.astype(np.float64)
     ways = []
     for one in candidates(stated, misfit) or [None]:
@@ -71,7 +72,7 @@ def from_source(shot: Shot, estimate: MisfitEstimate, source: Source) -> list[Wa
         misfit = replace(moved, blur_px2=moved.blur_px2 - source.blur_px2)
         alike = abs(misfit.blur_px2) < _SAME_BLUR_PX2
         errors = {name: error for name, error in way.errors.items() if not (alike and name == "blur_px2")}
-        said = "; ".join(filter(None, (how, _in_words(misfit, errors))))
+        said = "; ".join(filter(None, (how, in_words(misfit.values(), errors))))
         found.append(replace(way, is_filtered=False, misfit=misfit, errors=errors, found=said))
     return found
 
@@ -116,45 +117,3 @@ def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim
     readings = shot.measurement - np.float32(misfit.black)
     black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
     return complete(black, misfit, masks)
-
-
-def _terms(misfit: Misfit) -> list[tuple[str, float]]:
-    return list(zip(FIELD, misfit.placement.field.tolist(), strict=True))
-
-
-def _in_words(misfit: Misfit, errors: dict[str, float]) -> str:
-    """Describe a misfit, with standard errors."""
-    place, parts = misfit.placement, []
-    if "down_px" in errors:
-        parts.append(
-            f"they lie {place.down_px:+.3f} ± {errors['down_px']:.3f} px down and {place.right_px:+.3f} ± "
-            f"{errors['right_px']:.3f} px to the right of where they are stated"
-        )
-    if "rotation_deg" in errors:
-        parts.append(
-            f"turned by {place.rotation_deg:+.4f} ± {errors['rotation_deg']:.4f}° and scaled by "
-            f"{1 + place.scale:.5f} ± {errors['scale']:.5f}"
-        )
-    if "stretch" in errors:
-        parts.append(
-            f"stretched by {place.stretch:+.5f} ± {errors['stretch']:.5f} and sheared by {place.shear:+.5f} ± "
-            f"{errors['shear']:.5f}"
-        )
-    if any(name in errors for name in FIELD):
-        terms = ", ".join(
-            f"{name} {value:+.3f} ± {errors[name]:.3f}" for name, value in _terms(misfit) if name in errors
-        )
-        parts.append(f"bent by a smooth field beyond that, px at 100 px from the middle: {terms}")
-    if "blur_px2" in errors:
-        parts.append(
-            f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than stated, by σ {abs(misfit.blur_sigma_px):.2f} px"
-        )
-    if "leak" in errors:
-        parts.append(f"closed elements pass {misfit.leak:+.3f} ± {errors['leak']:.3f} more of the light")
-    if "widening_px" in errors:
-        parts.append(
-            f"open elements reach {misfit.widening_px:+.3f} ± {errors['widening_px']:.3f} px beyond their stated edges"
-        )
-    if "black" in errors:
-        parts.append(f"the reading without light is {misfit.black:+.4g} ± {errors['black']:.2g}")
-    return "; ".join(parts)

@@ -8,15 +8,11 @@ Here: masks with such edges, and their sum for any width. Not here: the estimati
 """
 
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.registration.kernels import edge_bands, widen
-
-MOST_PX: Final = 0.5
-"""Half a pixel: where two elements a pixel apart meet."""
 
 
 def widened(masks: F64, px: float) -> F64:
@@ -27,7 +23,7 @@ def widened(masks: F64, px: float) -> F64:
 
     Args:
         masks: Transmissions as stated, [N, H, W]; of elements aligned with the pixels, open or closed.
-        px: From -`MOST_PX` to `MOST_PX`.
+        px: Of at most `parameters.MOST_WIDENING_PX`, either way.
     """
     if px == 0:
         return masks

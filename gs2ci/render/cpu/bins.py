@@ -7,9 +7,8 @@ without ever sorting (cell, depth) pairs. Views are independent tasks.
 """
 
 import numpy as np
-from numba import prange
 
-from gs2ci.render.cpu.compile import kernel
+from gs2ci.core.kernels import f32, f32_2, helper, i32_1, i32_2, i64, i64_1, kernel, u32_2, u32_3
 from gs2ci.render.cpu.record import (
     ALONG,
     DEPTH,
@@ -61,7 +60,7 @@ _BUCKETS = 1 << _DIGIT_BITS
 _DIGIT_MASK = np.uint32(_BUCKETS - 1)
 
 
-@kernel()
+@helper()
 def _strip_range(fields, strip_rows, margin, height):
     """Find the pixel rows of 16 footprints, widened (first and last, as floats), and the strips these lie in.
 
@@ -79,7 +78,7 @@ def _strip_range(fields, strip_rows, margin, height):
     return top, bottom, first, where_ge(fields[VISIBLE], _LISTED, last, first - _ONE)
 
 
-@kernel()
+@helper()
 def _columns_in_strip(fields, top, bottom, margin, width):
     """Find the first and last pixel column of 16 footprints, widened, between two pixel rows (one pair per lane).
 
@@ -100,13 +99,13 @@ def _columns_in_strip(fields, top, bottom, margin, width):
     return first, last
 
 
-@kernel()
+@helper()
 def _half_width(fields, dy):
     inside = maximum(fields[LEVEL] - fields[ALONG] * dy * dy, _ZERO)
     return square_root(inside * fields[INVERSE_ACROSS])
 
 
-@kernel()
+@helper()
 def _measure_spans(fields, strip_rows, margin, height, width, first_strip, strip_count, columns):
     """Write the column intervals of 16 footprints, strip by strip, into `columns` [strips, 2, 16] int32."""
     top, bottom, first, last = _strip_range(fields, strip_rows, margin, height)
@@ -124,7 +123,7 @@ def _measure_spans(fields, strip_rows, margin, height, width, first_strip, strip
         strip += 1
 
 
-@kernel()
+@helper()
 def _list_visible(records, depth_bits, count, keys, indices):
     """List depth keys and indices of the Gaussians that one view is to list; returns how many there are."""
     listed = 0
@@ -137,7 +136,7 @@ def _list_visible(records, depth_bits, count, keys, indices):
     return listed
 
 
-@kernel()
+@helper()
 def _find_spans(records, by_depth, listed, size, strip_rows, margin, first, last, changes, spans):
     """List the cell spans of one view's Gaussians, front to back; returns how many there are, or OVERFLOW.
 
@@ -192,7 +191,7 @@ def _find_spans(records, by_depth, listed, size, strip_rows, margin, first, last
     return used
 
 
-@kernel()
+@helper()
 def _sort_by_key(keys, values, count, spare_keys, spare_values):
     """Sort pairs by key, stably, three digits of eleven bits; the sorted values end in `spare_values`."""
     ends = np.empty(_BUCKETS, np.int32)
@@ -216,8 +215,13 @@ def _sort_by_key(keys, values, count, spare_keys, spare_values):
         values, spare_values = spare_values, values
 
 
-@kernel(parallel=True)
+@kernel(
+    *(i64, i64, f32_2, u32_2, i64, (i64, i64), i64, f32, i32_2, i32_2, i64_1),
+    *(u32_3, i32_2, i64_1, i32_1, i32_1, i64_1),
+)
 def count_entries(
+    from_task,
+    to_task,
     records,
     depth_bits,
     count,
@@ -237,6 +241,8 @@ def count_entries(
     """Find all spans, front to back, and count each cell's Gaussians.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         records: [V, blocks * 256] float32; `depth_bits` is the same memory as uint32.
         depth_bits: See `records`. Positive floats compare like their bits.
         count: G.
@@ -253,7 +259,7 @@ def count_entries(
         entry_start: Written: where each cell's list begins within its view's, [cells] int32.
         totals: Written: entries per view, [V] int64.
     """
-    for view in prange(records.shape[0]):
+    for view in range(from_task, to_task):
         begin, end = cell_start[view], cell_start[view + 1]
         changes = np.zeros(end - begin + 1, np.int32)
         keys, spare_keys = work[view, 0], work[view, 1]
@@ -274,11 +280,13 @@ def count_entries(
         totals[view] = total
 
 
-@kernel(parallel=True)
-def fill_entries(cell_start, spans, found, entry_start, list_start, lists):
+@kernel(i64, i64, i64_1, i32_2, i64_1, i32_1, i64_1, i32_1)
+def fill_entries(from_task, to_task, cell_start, spans, found, entry_start, list_start, lists):
     """Append each Gaussian, front to back, to the lists of the cells it touches.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         cell_start: Of `Layout`, [V + 1].
         spans: As `count_entries` left it; likewise found and entry_start.
         found: See `spans`.
@@ -286,7 +294,7 @@ def fill_entries(cell_start, spans, found, entry_start, list_start, lists):
         list_start: Where each view's lists begin, [V + 1] int64.
         lists: Written: indices of Gaussians, [entries in all] int32.
     """
-    for view in prange(spans.shape[0]):
+    for view in range(from_task, to_task):
         next_entry = entry_start[cell_start[view] : cell_start[view + 1]].copy()
         view_spans, base = spans[view], list_start[view]
         for span in range(0, found[view] * SPAN, SPAN):

@@ -13,10 +13,9 @@ division, and no difference of sums.
 """
 
 import numpy as np
-from numba import prange
 
+from gs2ci.core.kernels import f32, f32_1, helper, i32_1, i64, i64_1, kernel
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.record import (
     ACROSS,
     ALONG,
@@ -54,7 +53,7 @@ _ALPHA_MAX = np.float32(ALPHA_MAX)
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
 
-_CELLS_PER_TASK = 64
+CELLS_PER_TASK = 64
 _TERMINATION_STRIDE = 8  # entries between two looks at the transmittance, a multiple of four
 _AHEAD = 32  # entries between asking for a record and using it
 _PIVOT = 7  # the lane about whose pixel a cell takes its moments
@@ -65,7 +64,7 @@ _COLOUR_GRADIENTS = 6 * LANES
 _TABLE = 9 * LANES
 
 
-@kernel()
+@helper()
 def _log2_alpha(records, offset, x, y):
     """Return log2 alpha at 16 pixels of the Gaussian whose record starts at `offset`."""
     dx = x - get(records, offset + MEAN_X)
@@ -75,7 +74,7 @@ def _log2_alpha(records, offset, x, y):
     return get(records, offset + LOG2_OPACITY) - across - (get(records, offset + ALONG) * dy) * dy
 
 
-@kernel()
+@helper()
 def _log2_alpha_4(records, offsets, x, y):
     """Return `_log2_alpha` of four Gaussians, step by step of all, so that none waits for the step before."""
     a, b, c, d = offsets
@@ -94,25 +93,25 @@ def _log2_alpha_4(records, offsets, x, y):
     return va - ua * dya, vb - ub * dyb, vc - uc * dyc, vd - ud * dyd
 
 
-@kernel()
+@helper()
 def _alpha_of(log2_alpha, unclamped):
     """Cut alpha off at both ends."""
     return where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(unclamped, _ALPHA_MAX), _ZERO)
 
 
-@kernel()
+@helper()
 def _alpha_4(logs):
     """Return alpha of four Gaussians from the logarithms."""
     a, b, c, d = exp2_blend_4(logs[0], logs[1], logs[2], logs[3])
     return _alpha_of(logs[0], a), _alpha_of(logs[1], b), _alpha_of(logs[2], c), _alpha_of(logs[3], d)
 
 
-@kernel()
+@helper()
 def _offset(base, lists, position):
     return base + np.int64(get(lists, position)) * FIELDS
 
 
-@kernel()
+@helper()
 def _offsets_4(base, lists, position):
     return (
         _offset(base, lists, position),
@@ -122,7 +121,7 @@ def _offsets_4(base, lists, position):
     )
 
 
-@kernel()
+@helper()
 def _behind(alpha, transmittance, pixel, records, offset):
     """Blend one Gaussian into 16 pixels; return the light behind it, and the pixels."""
     weight = alpha * transmittance
@@ -135,12 +134,12 @@ def _behind(alpha, transmittance, pixel, records, offset):
     return transmittance - weight, blended
 
 
-@kernel()
+@helper()
 def _prefetch_record(records, base, lists, position):
     prefetch(records, base + np.int64(get(lists, position)) * FIELDS)
 
 
-@kernel()
+@helper()
 def _blend_cell(records, base, candidates, begin, count, x, y, termination, cell, lists, out):
     """Blend one cell; list the candidates that touched a pixel. Returns how many those are."""
     transmittance = broadcast(_ONE)
@@ -189,11 +188,28 @@ def _blend_cell(records, base, candidates, begin, count, x, y, termination, cell
     return kept
 
 
-@kernel(parallel=True)
-def blend(records, cell_view, x, y, entry_start, entries, list_start, candidates, termination, kept, lists, out):
+@kernel(i64, i64, f32_1, i32_1, f32_1, f32_1, i32_1, i32_1, i64_1, i32_1, f32, i32_1, i32_1, f32_1)
+def blend(
+    from_task,
+    to_task,
+    records,
+    cell_view,
+    x,
+    y,
+    entry_start,
+    entries,
+    list_start,
+    candidates,
+    termination,
+    kept,
+    lists,
+    out,
+):
     """Blend all cells.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         records: [V, blocks * 256] float32, flattened.
         cell_view: The view of each cell, [cells] int32.
         x: Pixel centres, [cells * 16] float32.
@@ -209,8 +225,8 @@ def blend(records, cell_view, x, y, entry_start, entries, list_start, candidates
     """
     cells = entries.shape[0]
     record_stride = records.shape[0] // max(list_start.shape[0] - 1, 1)
-    for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
-        for cell in range(task * _CELLS_PER_TASK, min(cells, (task + 1) * _CELLS_PER_TASK)):
+    for task in range(from_task, to_task):
+        for cell in range(task * CELLS_PER_TASK, min(cells, (task + 1) * CELLS_PER_TASK)):
             view = cell_view[cell]
             kept[cell] = _blend_cell(
                 records,
@@ -227,7 +243,7 @@ def blend(records, cell_view, x, y, entry_start, entries, list_start, candidates
             )
 
 
-@kernel()
+@helper()
 def _fill_table(x, y, gradients, cell, table):
     """Tabulate, for a cell's 16 pixels, the monomials about its pivot and the colour gradients."""
     x_pivot, y_pivot = get(x, cell * LANES + _PIVOT), get(y, cell * LANES + _PIVOT)
@@ -243,7 +259,7 @@ def _fill_table(x, y, gradients, cell, table):
     return x_pivot, y_pivot
 
 
-@kernel()
+@helper()
 def _sum_over_pixels(g, weights, first_weight, table, x_pivot, y_pivot, mean_x, mean_y, shear):
     """Turn [16 Gaussians, 16 pixels] of G and of blending weights into gradient records, one row per Gaussian.
 
@@ -282,7 +298,7 @@ def _sum_over_pixels(g, weights, first_weight, table, x_pivot, y_pivot, mean_x, 
     )
 
 
-@kernel()
+@helper()
 def _weigh_again(records, base, lists, begin, count, x, y, alphas, weights):
     """Compute alpha and blending weight of a cell's Gaussians once more, front to back, [count * 16] each."""
     transmittance = broadcast(_ONE)
@@ -306,7 +322,7 @@ def _weigh_again(records, base, lists, begin, count, x, y, alphas, weights):
         i += 1
 
 
-@kernel()
+@helper()
 def _store_weight(alphas, weights, i, alpha, transmittance):
     """Store alpha and weight of one Gaussian; return the light behind it."""
     weight = alpha * transmittance
@@ -315,7 +331,7 @@ def _store_weight(alphas, weights, i, alpha, transmittance):
     return transmittance - weight
 
 
-@kernel()
+@helper()
 def _differentiate_cell(records, base, lists, begin, count, x, y, gradients, cell, sums, sums_base, kept, scratch):
     """Add one cell's part to the gradient records of the Gaussians that touched it."""
     g, table, rows, centres = scratch
@@ -374,9 +390,9 @@ def _differentiate_cell(records, base, lists, begin, count, x, y, gradients, cel
             store(sums, offset, load(sums, offset) + load(rows, j * LANES))
 
 
-@kernel(parallel=True)
+@kernel(i64, i64, f32_1, i64_1, f32_1, f32_1, i32_1, i32_1, i64_1, i32_1, i64, f32_1, i64, f32_1)
 def differentiate_blend(
-    records, cell_start, x, y, entry_start, kept, list_start, lists, longest, gradients, bands, sums
+    from_task, to_task, records, cell_start, x, y, entry_start, kept, list_start, lists, longest, gradients, bands, sums
 ):
     """Sum the gradients of all cells into one record per Gaussian, view and band.
 
@@ -385,6 +401,8 @@ def differentiate_blend(
     number of threads.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         records: As for `blend`; likewise x, y, entry_start, list_start, lists and kept as it left them.
         cell_start: Of `Layout`, [V + 1].
         x: See `records`.
@@ -400,7 +418,7 @@ def differentiate_blend(
     """
     views = cell_start.shape[0] - 1
     record_stride = records.shape[0] // max(views, 1)
-    for task in prange(views * bands):
+    for task in range(from_task, to_task):
         view, band = task // bands, task % bands
         begin = cell_start[view]
         cells = cell_start[view + 1] - begin

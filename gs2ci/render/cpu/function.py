@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import in_parts
 from gs2ci.render.cpu.blend import CELL
 from gs2ci.render.cpu.gather import (
     cells_to_coded,
@@ -50,7 +51,7 @@ class ViewImages:
         """Turn cells into images and alphas."""
         views, pixels = self.layout.views, self.layout.size[0] * self.layout.size[1]
         images, alphas = np.empty((views, pixels * 3), np.float32), np.empty((views, pixels), np.float32)
-        cells_to_views(cells, self.layout.pixel, self.layout.cell_start, images, alphas)
+        in_parts(cells_to_views, views, cells, self.layout.pixel, self.layout.cell_start, images, alphas)
         size = (views, *self.layout.size)
         return torch.from_numpy(images).view(*size, 3), torch.from_numpy(alphas).view(size)
 
@@ -59,7 +60,8 @@ class ViewImages:
         images, alphas = (as_float32(g).reshape(self.layout.views, -1) for g in gradients)
         cells = workspace.get("cell_gradients", (self.layout.cells * CELL,))
         layout = self.layout
-        view_gradients_to_cells(images, alphas, layout.pixel, layout.weight, layout.cell_start, cells)
+        places = (layout.pixel, layout.weight, layout.cell_start)
+        in_parts(view_gradients_to_cells, layout.views, images, alphas, *places, cells)
         return cells
 
 
@@ -73,7 +75,8 @@ class CodedSum:
         """Add the cells up under their masks."""
         layout = self.layout
         coded = np.zeros(layout.size[0] * layout.size[1] * 3, np.float32)
-        cells_to_coded(cells, layout.pixel, layout.weight, layout.cell_start, layout.first, layout.last, coded)
+        places = (layout.pixel, layout.weight, layout.cell_start, layout.first, layout.last)
+        in_parts(cells_to_coded, layout.strips, cells, *places, coded)
         return (torch.from_numpy(coded).view(*layout.size, 3),)
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
@@ -85,7 +88,8 @@ class CodedSum:
         layout = self.layout
         cells = workspace.get("cell_gradients", (layout.cells * CELL,))
         flat = np.ascontiguousarray(gradient, np.float32).reshape(-1)
-        coded_gradient_to_cells(flat, layout.pixel, layout.weight, layout.cell_start, cells)
+        places = (layout.pixel, layout.weight, layout.cell_start)
+        in_parts(coded_gradient_to_cells, layout.views, flat, *places, cells)
         return cells
 
 

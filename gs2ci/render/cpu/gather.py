@@ -4,28 +4,29 @@ Rendered cells hold the pixels that a mask opens, in the order of the layout.
 """
 
 import numpy as np
-from numba import prange
 
+from gs2ci.core.kernels import f32_1, f32_2, i32_1, i32_3, i64, i64_1, kernel
 from gs2ci.render.cpu.blend import CELL
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.simd.vector import LANES, get, put
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
 
 
-@kernel(parallel=True)
-def cells_to_views(out, pixel, cell_start, images, alphas):
+@kernel(i64, i64, f32_1, i32_1, i64_1, f32_2, f32_2)
+def cells_to_views(from_task, to_task, out, pixel, cell_start, images, alphas):
     """Write cells into images.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         out: [cells * 64].
         pixel: Of `Layout`, [cells * 16]. Spare lanes repeat a pixel and write the same value twice.
         cell_start: Of `Layout`, [V + 1].
         images: Written: [V, H * W * 3].
         alphas: Written: [V, H * W]; 1 - transmittance.
     """
-    for view in prange(images.shape[0]):
+    for view in range(from_task, to_task):
         image, alpha = images[view], alphas[view]
         for cell in range(cell_start[view], cell_start[view + 1]):
             for lane in range(LANES):
@@ -36,10 +37,10 @@ def cells_to_views(out, pixel, cell_start, images, alphas):
                 put(alpha, at, _ONE - get(out, source + 3 * LANES))
 
 
-@kernel(parallel=True)
-def view_gradients_to_cells(image_gradients, alpha_gradients, pixel, weight, cell_start, gradients):
+@kernel(i64, i64, f32_2, f32_2, i32_1, f32_1, i64_1, f32_1)
+def view_gradients_to_cells(from_task, to_task, image_gradients, alpha_gradients, pixel, weight, cell_start, gradients):
     """Collect dL/d(cells) from dL/d(images) [V, H * W * 3] and dL/d(alphas) [V, H * W]; spare lanes get 0."""
-    for view in prange(image_gradients.shape[0]):
+    for view in range(from_task, to_task):
         image, alpha = image_gradients[view], alpha_gradients[view]
         for cell in range(cell_start[view], cell_start[view + 1]):
             for lane in range(LANES):
@@ -51,13 +52,15 @@ def view_gradients_to_cells(image_gradients, alpha_gradients, pixel, weight, cel
                 put(gradients, target + 3 * LANES, -real * get(alpha, at))
 
 
-@kernel(parallel=True)
-def cells_to_coded(out, pixel, weight, cell_start, first, last, coded):
+@kernel(i64, i64, f32_1, i32_1, f32_1, i64_1, i32_3, i32_3, f32_1)
+def cells_to_coded(from_task, to_task, out, pixel, weight, cell_start, first, last, coded):
     """Add up mask value times pixel over all views: Y = sum_i M_i * X_i.
 
     A strip owns its pixel rows in every view, so strips are independent tasks and views are added in order.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         out: [cells * 64].
         pixel: Of `Layout`, [cells * 16].
         weight: Mask values, [cells * 16]; 0 in spare lanes.
@@ -66,8 +69,8 @@ def cells_to_coded(out, pixel, weight, cell_start, first, last, coded):
         last: Likewise.
         coded: Zeros [H * W * 3]; written.
     """
-    views, strips, width = first.shape
-    for strip in prange(strips):
+    views, _, width = first.shape
+    for strip in range(from_task, to_task):
         for view in range(views):
             begin = cell_start[view] + first[view, strip, 0]
             end = cell_start[view] + last[view, strip, width - 1] + 1
@@ -79,10 +82,10 @@ def cells_to_coded(out, pixel, weight, cell_start, first, last, coded):
                 put(coded, at + 2, get(coded, at + 2) + mask * get(out, source + 2 * LANES))
 
 
-@kernel(parallel=True)
-def coded_gradient_to_cells(coded_gradient, pixel, weight, cell_start, gradients):
+@kernel(i64, i64, f32_1, i32_1, f32_1, i64_1, f32_1)
+def coded_gradient_to_cells(from_task, to_task, coded_gradient, pixel, weight, cell_start, gradients):
     """Collect dL/d(cells) from dL/dY [H * W * 3]; the coded sum does not see transmittance."""
-    for view in prange(cell_start.shape[0] - 1):
+    for view in range(from_task, to_task):
         for lane in range(cell_start[view] * LANES, cell_start[view + 1] * LANES):
             at, mask = 3 * np.int64(get(pixel, lane)), get(weight, lane)
             target = (lane // LANES) * CELL + lane % LANES

@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
+from gs2ci.core.kernels import b1, f32_1, f64_2, helper, i64, in_parts, kernel
 from gs2ci.render.conventions import SIGHT_MIN
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.function import as_float32
 from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.project_backward import tasks_for
@@ -42,7 +41,7 @@ _B0, _B1, _B2 = (np.float32(math.sqrt(n / math.pi)) for n in (15 / 4, 5 / 16, 15
 _C0, _C1, _C2, _C3, _C4 = (np.float32(math.sqrt(n / math.pi)) for n in (35 / 32, 105 / 4, 21 / 32, 7 / 16, 105 / 16))
 
 
-@kernel()
+@helper()
 def _load_coefficients(harmonics, terms, first, present, coefficients):
     """Turn rows first ... first + present of [G * K * 3] into K * 3 vectors; spare lanes repeat the last row."""
     columns = 3 * terms
@@ -52,7 +51,7 @@ def _load_coefficients(harmonics, terms, first, present, coefficients):
             put(coefficients, k * LANES + lane, get(harmonics, row + k))
 
 
-@kernel()
+@helper()
 def _sight(mean, centres, view):
     """Return the direction from a camera to Gaussians, and one over their distance."""
     x = mean[0] - centres[3 * view]
@@ -62,7 +61,7 @@ def _sight(mean, centres, view):
     return x * inverse, y * inverse, z * inverse, inverse
 
 
-@kernel()
+@helper()
 def _store_basis(x, y, z, terms, shape):
     """Write the harmonics in a direction, [K * 16]."""
     store(shape, 0, -_A * y)
@@ -85,7 +84,7 @@ def _store_basis(x, y, z, terms, shape):
             store(shape, 14 * LANES, -_C0 * x * (xx - _THREE * yy))
 
 
-@kernel()
+@helper()
 def _unclamped(colour, coefficients, terms, shape):
     """Return the colours before those below zero are cut."""
     red, green, blue = colour
@@ -97,7 +96,7 @@ def _unclamped(colour, coefficients, terms, shape):
     return red, green, blue
 
 
-@kernel()
+@helper()
 def _differentiate_sums(coefficients, terms, shape, given, d_coefficients, weights):
     """Add to the coefficients' gradients, and write each harmonic's own, [K * 16], for gradients of the colours."""
     red, green, blue = given
@@ -110,7 +109,7 @@ def _differentiate_sums(coefficients, terms, shape, given, d_coefficients, weigh
         store(weights, k * LANES, load(coefficients, at) * red + by_green * green + by_blue * blue)
 
 
-@kernel()
+@helper()
 def _take_from(parts, task, first, triple, present, scratch):
     """Subtract the sums of three vectors' lanes, but for spare ones."""
     for axis in range(3):
@@ -119,7 +118,7 @@ def _take_from(parts, task, first, triple, present, scratch):
             parts[task, first + axis] -= np.float64(scratch[axis * LANES + lane])
 
 
-@kernel()
+@helper()
 def _slopes(x, y, z, terms, w):
     """Return sum_k w_k dY_k / d(x, y, z) for weights `w`, [K * 16]."""
     dx = -_A * load(w, 2 * LANES)
@@ -146,23 +145,24 @@ def _slopes(x, y, z, terms, w):
     return dx, dy, dz
 
 
-@kernel(parallel=True)
-def see_colours(means, means_differ, colours, harmonics, terms, centres, tasks, seen):
+@kernel(i64, i64, f32_1, b1, f32_1, f32_1, i64, f32_1, f32_1)
+def see_colours(from_task, to_task, means, means_differ, colours, harmonics, terms, centres, seen):
     """Evaluate the colours of G Gaussians from V cameras.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         means: [G * 3] float32, or [V * G * 3] if `means_differ` between the views.
         means_differ: See `means`.
         colours: The constant part, [G * 3].
         harmonics: [G * K * 3].
         terms: K, 3, 8 or 15.
         centres: Of the cameras, [V * 3].
-        tasks: Of `tasks_for`.
         seen: Written: [V * G * 3].
     """
     count, views = colours.shape[0] // 3, centres.shape[0] // 3
     blocks = (count + LANES - 1) // LANES
-    for task in prange(tasks):
+    for task in range(from_task, to_task):
         scratch = np.empty(SCRATCH, np.float32)
         shape = np.empty(_MOST * LANES, np.float32)
         coefficients = np.empty(3 * _MOST * LANES, np.float32)
@@ -183,13 +183,27 @@ def see_colours(means, means_differ, colours, harmonics, terms, centres, tasks, 
                 store_triples(seen, view * count + first, present, found, scratch)
 
 
-@kernel(parallel=True)
+@kernel(i64, i64, f32_1, b1, f32_1, f32_1, i64, f32_1, f32_1, f32_1, f32_1, f32_1, f64_2)
 def differentiate_colours(
-    means, means_differ, colours, harmonics, terms, centres, d_seen, d_means, d_colours, d_harmonics, centre_parts
+    from_task,
+    to_task,
+    means,
+    means_differ,
+    colours,
+    harmonics,
+    terms,
+    centres,
+    d_seen,
+    d_means,
+    d_colours,
+    d_harmonics,
+    centre_parts,
 ):
     """Carry the gradients of colours seen to all that they come from.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         means: As for `see_colours`; likewise up to `centres`.
         means_differ: See `means`.
         colours: See `means`.
@@ -204,7 +218,7 @@ def differentiate_colours(
     """
     count, views = colours.shape[0] // 3, centres.shape[0] // 3
     blocks = (count + LANES - 1) // LANES
-    for task in prange(centre_parts.shape[0]):
+    for task in range(from_task, to_task):
         scratch = np.empty(SCRATCH, np.float32)
         shape, weights = np.empty(_MOST * LANES, np.float32), np.empty(_MOST * LANES, np.float32)
         coefficients = np.empty(3 * _MOST * LANES, np.float32)
@@ -257,7 +271,7 @@ class _Seen(torch.autograd.Function):
         seen = np.empty((len(centres), *colours.shape), np.float32)
         tasks = tasks_for(-(-len(colours) // LANES))
         flat = (means.reshape(-1), means.ndim == 3, colours.reshape(-1), harmonics.reshape(-1), harmonics.shape[1])
-        see_colours(*flat, centres.reshape(-1), tasks, seen.reshape(-1))
+        in_parts(see_colours, tasks, *flat, centres.reshape(-1), seen.reshape(-1))
         ctx.save_for_backward(*given)
         return torch.from_numpy(seen)
 
@@ -266,7 +280,9 @@ class _Seen(torch.autograd.Function):
         means, colours, harmonics, centres = (as_float32(tensor) for tensor in ctx.saved_tensors)
         d_means, d_colours, d_harmonics = (np.empty_like(array) for array in (means, colours, harmonics))
         parts = np.empty((tasks_for(-(-len(colours) // LANES)), 3 * len(centres)), np.float64)
-        differentiate_colours(
+        in_parts(
+            differentiate_colours,
+            len(parts),
             *(means.reshape(-1), means.ndim == 3, colours.reshape(-1), harmonics.reshape(-1), harmonics.shape[1]),
             centres.reshape(-1),
             as_float32(gradients[0]).reshape(-1),

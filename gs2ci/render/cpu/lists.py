@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import in_parts
 from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.workspace import Lease, Pool, Workspace
@@ -64,7 +65,9 @@ def list_gaussians(
     capacity = max(smallest, scratch.capacity("spans") // max(SPAN * views, 1))
     while True:
         spans = scratch.get("spans", (views, SPAN * capacity), np.int32)
-        count_entries(
+        in_parts(
+            count_entries,
+            views,
             records,
             records.view(np.uint32),
             count,
@@ -86,7 +89,7 @@ def list_gaussians(
         capacity *= 2
     view_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
     gaussians = kept.get("listed", (int(view_start[-1]),), np.int32)
-    fill_entries(layout.cell_start, spans, found, start, view_start, gaussians)
+    in_parts(fill_entries, views, layout.cell_start, spans, found, start, view_start, gaussians)
     return Lists(entries, start, view_start, gaussians)
 
 

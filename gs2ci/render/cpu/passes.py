@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import in_parts
 from gs2ci.render.conventions import FRUSTUM_MARGIN
-from gs2ci.render.cpu.blend import CELL, blend, differentiate_blend
+from gs2ci.render.cpu.blend import CELL, CELLS_PER_TASK, blend, differentiate_blend
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import CpuReuse, Lists, list_gaussians
 from gs2ci.render.cpu.project import project
@@ -108,7 +109,7 @@ def render_cells(
     """Render the open pixels of all views; lists of Gaussians are taken from `reuse`, if given."""
     margin_px = 0.0 if reuse is None else reuse.margin_px
     records = workspace.get("records", (layout.views, inputs.blocks * LANES * FIELDS))
-    project(*inputs.flat(), np.float32(margin_px), records.reshape(-1))
+    in_parts(project, tasks_for(inputs.blocks), *inputs.flat(), np.float32(margin_px), records.reshape(-1))
 
     def listed(kept: Workspace) -> Lists:
         return list_gaussians(records, inputs.count, layout, margin_px + layout.margin_px, workspace, kept)
@@ -121,7 +122,9 @@ def render_cells(
         touching = workspace.get("touching", candidates.gaussians.shape, np.int32)
     kept = workspace.get("kept", (layout.cells,), np.int32)
     cells = workspace.get("cells", (layout.cells * CELL,))
-    blend(
+    in_parts(
+        blend,
+        -(-layout.cells // CELLS_PER_TASK),
         records.reshape(-1),
         layout.cell_view,
         layout.x,
@@ -171,7 +174,9 @@ def differentiate_cells(
     views = layout.views
     bands = -(-BACKWARD_TASKS_MIN // max(views, 1))
     sums = workspace.get("sums", (bands * rendered.records.size,))
-    differentiate_blend(
+    in_parts(
+        differentiate_blend,
+        views * bands,
         rendered.records.reshape(-1),
         layout.cell_start,
         layout.x,
@@ -195,7 +200,9 @@ def differentiate_cells(
         np.empty((inputs.count, COLUMNS), np.float32),
     )
     pose_parts = np.empty((tasks_for(inputs.blocks), views * POSE_ENTRIES), np.float64)
-    differentiate_project(
+    in_parts(
+        differentiate_project,
+        len(pose_parts),
         *inputs.flat(),
         rendered.records.reshape(-1),
         sums.reshape(bands, -1),

@@ -5,10 +5,9 @@ Sixteen Gaussians at a time, all views in the inner loop, so that parameters are
 """
 
 import numpy as np
-from numba import prange
 
+from gs2ci.core.kernels import b1, f32, f32_1, f32_2, helper, i64, kernel
 from gs2ci.render.conventions import ALPHA_MIN, NEAR, SCREEN_SIGMA_MAX_PX
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.projection import (
     SCRATCH,
     load_rotation,
@@ -41,7 +40,7 @@ _TWO_LN2 = np.float32(2.0 * LN2)
 _VARIANCE_MAX = np.float32(SCREEN_SIGMA_MAX_PX**2)
 
 
-@kernel()
+@helper()
 def _in_frame(camera, position, extent_x, extent_y, inside, outside):
     """Return `inside` in the lanes whose box can touch a pixel, else `outside`; NaN counts as outside."""
     x, y = position
@@ -51,7 +50,7 @@ def _in_frame(camera, position, extent_x, extent_y, inside, outside):
     return where_ge(camera[HEIGHT], y - extent_y, inside, outside)
 
 
-@kernel()
+@helper()
 def _visible(camera, centre, footprint, opacity, position, extent, margin):
     """Return 1 in the lanes whose Gaussian can touch a pixel, NEARLY where it could if it were wider, else 0."""
     zero, one = broadcast(_ZERO), broadcast(_ONE)
@@ -63,7 +62,7 @@ def _visible(camera, centre, footprint, opacity, position, extent, margin):
     return where_ge(drawn, _HALF, _in_frame(camera, position, extent[0], extent[1], one, nearly), zero)
 
 
-@kernel()
+@helper()
 def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour, margin):
     """Form the sixteen record fields, in the order of `record.py`."""
     position = screen_position(camera, centre)
@@ -92,8 +91,10 @@ def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour, m
     )
 
 
-@kernel(parallel=True)
+@kernel(i64, i64, f32_1, b1, f32_1, f32_1, f32_1, f32_1, b1, f32_2, f32_1, f32, f32_1)
 def project(
+    from_task,
+    to_task,
     means,
     means_differ,
     log_scales,
@@ -109,6 +110,8 @@ def project(
     """Project G Gaussians into V views.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         means: [G * 3] float32, or [V * G * 3] if `means_differ` between the views.
         means_differ: See `means`.
         log_scales: [G * 3].
@@ -123,7 +126,7 @@ def project(
     """
     count = logits.shape[0]
     blocks = (count + LANES - 1) // LANES
-    for task in prange((blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
+    for task in range(from_task, to_task):
         scratch = np.empty(SCRATCH, np.float32)
         for block in range(task * BLOCKS_PER_TASK, min(blocks, (task + 1) * BLOCKS_PER_TASK)):
             first = block * LANES

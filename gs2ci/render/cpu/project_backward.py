@@ -19,10 +19,9 @@ subtraction.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 
+from gs2ci.core.kernels import b1, f32_1, f32_2, f64_2, helper, i64, kernel
 from gs2ci.render.conventions import DILATION_PX2
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.projection import (
     SCRATCH,
@@ -104,7 +103,7 @@ def tasks_for(blocks: int) -> int:
     return -(-blocks // BLOCKS_PER_TASK)
 
 
-@kernel()
+@helper()
 def _sum_bands(sums, offset):
     """Add up the gradient records of all bands, in order; returns the nine sums as columns."""
     c = load_transposed(sums[0], offset)
@@ -125,7 +124,7 @@ def _sum_bands(sums, offset):
     return total
 
 
-@kernel()
+@helper()
 def _place(records, sums, block, blocks, view, views):
     """Return where a block begins in a view, and ask for what is read after it: views lie megabytes apart."""
     ahead = ((view + 1) * blocks + block if view + 1 < views else block + 1) * LANES * FIELDS
@@ -136,17 +135,17 @@ def _place(records, sums, block, blocks, view, views):
     return (view * blocks + block) * LANES * FIELDS
 
 
-@kernel()
+@helper()
 def _scaled(triple, factor):
     return (triple[0] * factor, triple[1] * factor, triple[2] * factor)
 
 
-@kernel()
+@helper()
 def _plus(a, b):
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@kernel()
+@helper()
 def _where_visible(visible, triple):
     zero = broadcast(_ZERO)
     return (
@@ -156,7 +155,7 @@ def _where_visible(visible, triple):
     )
 
 
-@kernel()
+@helper()
 def _screen_gradient(fields, footprint, sums):
     """Carry sums over pixels to the screen position and to the rows of A (equations above)."""
     inverse_d = fields[ACROSS] * _TWO_LN2
@@ -180,13 +179,13 @@ def _screen_gradient(fields, footprint, sums):
     )
 
 
-@kernel()
+@helper()
 def _unless_clamped(value, low, high, gradient):
     zero = broadcast(_ZERO)
     return where_ge(low, value, zero, where_ge(value, high, zero, gradient))
 
 
-@kernel()
+@helper()
 def _view_gradient(pose, camera, centre, factor, screen):
     """Carry the screen gradient through the camera: x = fx u + cx, and J W with J from the clamped slopes."""
     fx, fy = camera[FOCAL_X], camera[FOCAL_Y]
@@ -209,7 +208,7 @@ def _view_gradient(pose, camera, centre, factor, screen):
     return ViewGradient(point, screen.a, screen.b, jw_a, jw_b)
 
 
-@kernel()
+@helper()
 def _add_pose_part(pose_sums, offset, camera, centre, mean, gradient):
     """Add dL/d(pose), per lane: a point's p = W m + t, and the rows of J W."""
     jx, jy = camera[FOCAL_X] * centre.inverse_z, camera[FOCAL_Y] * centre.inverse_z
@@ -222,18 +221,18 @@ def _add_pose_part(pose_sums, offset, camera, centre, mean, gradient):
         _add(pose_sums, offset + (4 * k + 3) * LANES, point[k])
 
 
-@kernel()
+@helper()
 def _add(array, offset, value):
     store(array, offset, load(array, offset) + value)
 
 
-@kernel()
+@helper()
 def _rotate_back(pose, point):
     """Return W^T point."""
     return row_times_matrix(point, (pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]))
 
 
-@kernel()
+@helper()
 def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, pose_sums, scratch):
     """Differentiate 16 Gaussians in all views; adds to `pose_sums` [V * 12 * 16] lane by lane."""
     means, means_differ, log_scales, quaternions, logits, colours_differ = inputs
@@ -289,8 +288,13 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
     store_block(rows, first, present, d_log_scale, d_quaternion, d_logit, scratch)
 
 
-@kernel(parallel=True)
+@kernel(
+    *(i64, i64, f32_1, b1, f32_1, f32_1, f32_1, f32_1, b1, f32_2, f32_1, f32_1, f32_2),
+    *(f32_1, f32_1, f32_1, f32_1, f32_1, f32_1, f64_2),
+)
 def differentiate_project(
+    from_task,
+    to_task,
     means,
     means_differ,
     log_scales,
@@ -313,6 +317,8 @@ def differentiate_project(
     """Carry gradient records to all parameters and poses.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         means: As for `project`; likewise up to `camera`, and `records` as it left them.
         means_differ: See `means`.
         log_scales: See `means`.
@@ -337,7 +343,7 @@ def differentiate_project(
     blocks = (logits.shape[0] + LANES - 1) // LANES
     inputs = (means, means_differ, log_scales, quaternions, logits, colours_differ)
     outputs = (d_means, d_log_scales, d_quaternions, d_logits, d_colours, sightings)
-    for task in prange(pose_parts.shape[0]):
+    for task in range(from_task, to_task):
         scratch = np.empty(max(SCRATCH, LANES * LANES), np.float32)
         pose_sums = np.zeros(views * POSE_ENTRIES * LANES, np.float32)
         for block in range(task * BLOCKS_PER_TASK, min(blocks, (task + 1) * BLOCKS_PER_TASK)):

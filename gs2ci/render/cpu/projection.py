@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gs2ci.core.kernels import helper
 from gs2ci.render.conventions import DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.record import (
     CENTRE_X,
     CENTRE_Y,
@@ -73,7 +73,7 @@ class Footprint(NamedTuple):
     variance_x_given_y: Any
 
 
-@kernel()
+@helper()
 def load_triples(rows, first, count, scratch):
     """Load rows first ... first + count of a flat [*, 3] array as three vectors; spare lanes repeat the last."""
     for lane in range(LANES):
@@ -83,7 +83,7 @@ def load_triples(rows, first, count, scratch):
     return load(scratch, 0), load(scratch, LANES), load(scratch, 2 * LANES)
 
 
-@kernel()
+@helper()
 def load_singles(values, first, count, scratch):
     """Load values first ... first + count as one vector; spare lanes repeat the last one."""
     for lane in range(LANES):
@@ -91,7 +91,7 @@ def load_singles(values, first, count, scratch):
     return load(scratch, 0)
 
 
-@kernel()
+@helper()
 def load_rotation(quaternions, first, count, scratch):
     """Load flat [*, 4] quaternions (w, x, y, z), normalise them and form the rotation matrices."""
     for lane in range(LANES):
@@ -118,7 +118,7 @@ def load_rotation(quaternions, first, count, scratch):
     return Rotation(matrix, (w, x, y, z), inverse_norm)
 
 
-@kernel()
+@helper()
 def load_scales(log_scales, first, count, scratch):
     """Load flat [*, 3] log scales and return the scales."""
     s0, s1, s2 = load_triples(log_scales, first, count, scratch)
@@ -129,7 +129,7 @@ def load_scales(log_scales, first, count, scratch):
     )
 
 
-@kernel()
+@helper()
 def shape_factor(matrix, scales):
     """Form M = R diag(scales), row by row."""
     s0, s1, s2 = scales
@@ -146,7 +146,7 @@ def shape_factor(matrix, scales):
     )
 
 
-@kernel()
+@helper()
 def view_centre(pose, camera, means):
     """Bring centres into one camera; `pose` is its world_to_camera as 16 floats."""
     m0, m1, m2 = means
@@ -161,7 +161,7 @@ def view_centre(pose, camera, means):
     return Centre(x, y, z, inverse_z, u, v, u_clamped, v_clamped)
 
 
-@kernel()
+@helper()
 def view_footprint(pose, camera, centre, factor):
     """Project the shapes `factor` = M into one camera.
 
@@ -183,7 +183,7 @@ def view_footprint(pose, camera, centre, factor):
     return Footprint(jw_a, jw_b, a, b, normal, a2 + _DILATION, dot(a, b), cov_yy, inverse_yy, variance)
 
 
-@kernel()
+@helper()
 def screen_position(camera, centre):
     """Return the pixel coordinates of the centres."""
     return (
@@ -192,19 +192,19 @@ def screen_position(camera, centre):
     )
 
 
-@kernel()
+@helper()
 def dot(a, b):
     """Return a . b for triples of vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel()
+@helper()
 def cross(a, b):
     """Return a x b for triples of vectors."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@kernel()
+@helper()
 def row_times_matrix(row, matrix):
     """Return row @ matrix for a triple and nine entries, row by row."""
     return (
@@ -214,7 +214,7 @@ def row_times_matrix(row, matrix):
     )
 
 
-@kernel()
+@helper()
 def matrix_times_column(matrix, column):
     """Return matrix @ column for nine entries, row by row, and a triple."""
     return (

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from gs2ci.render.cpu.compile import kernel
+from gs2ci.core.kernels import helper
 from gs2ci.render.cpu.workspace import CACHE_LINE_BYTES
 
 _FLOATS_OF_LINE = CACHE_LINE_BYTES // 4
 
 
-@kernel()
+@helper()
 def aligned_zeros(count):
     """Return zeros [count] float32 that begin with a cache line, as a vector does that lies in one.
 

@@ -5,7 +5,7 @@ The second half of `project_backward.py`.
 
 import numpy as np
 
-from gs2ci.render.cpu.compile import kernel
+from gs2ci.core.kernels import helper
 from gs2ci.render.cpu.projection import shape_factor
 from gs2ci.render.simd.lanes import store_rows, transpose
 from gs2ci.render.simd.vector import LANES, broadcast, get, put, store
@@ -13,7 +13,7 @@ from gs2ci.render.simd.vector import LANES, broadcast, get, put, store
 _ZERO = np.float32(0)
 
 
-@kernel()
+@helper()
 def add_outer(total, column, row):
     """Return total + column row^T, nine entries row by row."""
     return (
@@ -29,7 +29,7 @@ def add_outer(total, column, row):
     )
 
 
-@kernel()
+@helper()
 def scale_gradient(d_factor, factor):
     """Return dL/d log s_k = sum_i dL/dM_ik M_ik, for M = R diag(s)."""
     return (
@@ -39,7 +39,7 @@ def scale_gradient(d_factor, factor):
     )
 
 
-@kernel()
+@helper()
 def quaternion_gradient(d_factor, scales, rotation):
     """Carry dL/dM through R(q) and the normalisation of q: the part along q itself is dropped."""
     r = shape_factor(d_factor, scales)  # dL/dR = dL/dM diag(s)
@@ -58,7 +58,7 @@ def quaternion_gradient(d_factor, scales, rotation):
     )
 
 
-@kernel()
+@helper()
 def store_triples(rows, first, count, triple, scratch):
     """Store three vectors as rows first ... first + count of a flat [*, 3] array."""
     for k in range(3):
@@ -68,7 +68,7 @@ def store_triples(rows, first, count, triple, scratch):
             put(rows, 3 * (first + lane) + k, get(scratch, k * LANES + lane))
 
 
-@kernel()
+@helper()
 def store_block(rows, first, count, d_log_scales, d_quaternions, d_logits, scratch):
     """Write the gradients of 16 Gaussians into `rows`: log scales, quaternions and logits, all flat."""
     out_log_scales, out_quaternions, out_logits = rows

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gs2ci.render.cpu.compile import kernel
+from gs2ci.core.kernels import helper
 from gs2ci.render.cpu.record import HEIGHT, WIDTH
 from gs2ci.render.screen import RADIUS_SIGMAS
 from gs2ci.render.simd.vector import broadcast, maximum, square_root, where_ge
@@ -16,7 +16,7 @@ _ONE = np.float32(1)
 _SIGMAS = np.float32(RADIUS_SIGMAS)
 
 
-@kernel()
+@helper()
 def add_sighting(total, camera, visible, footprint, screen):
     """Add one view to the three columns; the screen gradient is zero where `visible`, of `record.py`, is not 1."""
     x, y = screen.x * (_HALF * camera[WIDTH]), screen.y * (_HALF * camera[HEIGHT])

@@ -8,11 +8,10 @@ steps.
 from typing import Final
 
 import numpy as np
-from numba import prange
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import f32_1, f32_2, f32_3, helper, i32_1, i64, i64_1, in_parts, kernel
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN, DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
-from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import Lists
 from gs2ci.render.cpu.passes import Inputs
@@ -92,7 +91,9 @@ _GAUSSIANS_PER_TASK: Final = 1024
 def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    _fill_depth_fields(
+    in_parts(
+        _fill_depth_fields,
+        -(-inputs.count // _GAUSSIANS_PER_TASK),
         inputs.means if inputs.means.ndim == 3 else inputs.means[None],
         inputs.log_scales,
         inputs.quaternions,
@@ -103,7 +104,7 @@ def depth_fields(inputs: Inputs) -> F32:
     return fields
 
 
-@kernel()
+@helper()
 def _fill_factor(log_scales, quaternion, factor):
     """Fill the factor of a covariance, factor factorᵀ, [3, 3]; a quaternion that is too short turns nothing."""
     w, x = np.float64(quaternion[0]), np.float64(quaternion[1])
@@ -122,11 +123,13 @@ def _fill_factor(log_scales, quaternion, factor):
             factor[i, j] *= scale
 
 
-@kernel(parallel=True)
-def _fill_depth_fields(means, log_scales, quaternions, poses, camera, fields):
+@kernel(i64, i64, f32_3, f32_2, f32_2, f32_3, f32_1, f32_3)
+def _fill_depth_fields(from_task, to_task, means, log_scales, quaternions, poses, camera, fields):
     """Fill the fields of Gaussians in all views, [V, G, DEPTH_FIELDS], in float64.
 
     Args:
+        from_task: The first task of this part.
+        to_task: The end of them.
         means: [G, 3] of all views or of each, [1 or V, G, 3] float32.
         log_scales: [G, 3] float32.
         quaternions: Of any norm, (w, x, y, z), [G, 4] float32.
@@ -136,7 +139,7 @@ def _fill_depth_fields(means, log_scales, quaternions, poses, camera, fields):
     """
     views, count = fields.shape[0], fields.shape[1]
     focal_x, focal_y = np.float64(camera[FOCAL_X]), np.float64(camera[FOCAL_Y])
-    for task in prange((count + _GAUSSIANS_PER_TASK - 1) // _GAUSSIANS_PER_TASK):
+    for task in range(from_task, to_task):
         factor, axis, centre = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
         for gaussian in range(task * _GAUSSIANS_PER_TASK, min(count, (task + 1) * _GAUSSIANS_PER_TASK)):
             _fill_factor(log_scales[gaussian], quaternions[gaussian], factor)
@@ -179,7 +182,9 @@ def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:
     """
     maps = np.zeros((MAPS, layout.views, layout.size[0] * layout.size[1]), np.float32)
     longest = int(lists.entries.max()) if layout.cells else 0
-    _stop_light(
+    in_parts(
+        _stop_light,
+        -(-layout.cells // _CELLS_PER_TASK),
         records.reshape(-1),
         layout.cell_view,
         layout.x,
@@ -197,7 +202,7 @@ def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:
     return maps.reshape(MAPS, layout.views, *layout.size)
 
 
-@kernel()
+@helper()
 def _gather(records, base, gaussians, begin, count, fields, fields_base, x, y, weights, depths, inverses):
     """Write what stops light at 16 pixels, front to back: weights, depths and inverse reaches, [count * 16].
 
@@ -229,7 +234,7 @@ def _gather(records, base, gaussians, begin, count, fields, fields_base, x, y, w
     return total, through, near, far
 
 
-@kernel()
+@helper()
 def _before(limit, weights, depths, inverses, count):
     """Return what is stopped before a depth at 16 pixels, and its derivative."""
     total, density = broadcast(_ZERO), broadcast(_ZERO)
@@ -242,7 +247,7 @@ def _before(limit, weights, depths, inverses, count):
     return total, _THREE_QUARTERS * density
 
 
-@kernel()
+@helper()
 def _keep_open(weights, depths, inverses, count, near, far, closed, left_weights, left_depths, left_inverses):
     """Copy what may stop light between two depths at any of 16 pixels; in place, if the arrays are the same.
 
@@ -263,7 +268,7 @@ def _keep_open(weights, depths, inverses, count, near, far, closed, left_weights
     return left, closed
 
 
-@kernel()
+@helper()
 def _quantile(wanted, weights, depths, inverses, count, near, far, left_weights, left_depths, left_inverses):
     """Find at 16 pixels the nearest depth before which `wanted` is stopped; the last three arrays are overwritten.
 
@@ -293,13 +298,29 @@ def _quantile(wanted, weights, depths, inverses, count, near, far, left_weights,
     return far
 
 
-@kernel(parallel=True)
-def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_start, gaussians, fields, longest, maps):
+@kernel(i64, i64, f32_1, i32_1, f32_1, f32_1, i32_1, f32_1, i32_1, i32_1, i64_1, i32_1, f32_1, i64, f32_3)
+def _stop_light(
+    from_task,
+    to_task,
+    records,
+    cell_view,
+    x,
+    y,
+    pixel,
+    weight,
+    start,
+    entries,
+    view_start,
+    gaussians,
+    fields,
+    longest,
+    maps,
+):
     """Fill the maps, [MAPS, V, H * W]; `longest` is the length of the longest list, `fields` is flat."""
     cells = entries.shape[0]
     views = max(view_start.shape[0] - 1, 1)
     record_stride, field_stride = records.shape[0] // views, fields.shape[0] // views
-    for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
+    for task in range(from_task, to_task):
         weights = np.empty(LANES * longest, np.float32)
         depths, inverses = np.empty_like(weights), np.empty_like(weights)
         left = (np.empty_like(weights), np.empty_like(weights), np.empty_like(weights))

@@ -27,7 +27,7 @@ VECTOR: Final = ir.VectorType(FLOAT, LANES)
 VECTOR_I32: Final = ir.VectorType(I32, LANES)
 MASK_BITS: Final = ir.IntType(LANES)
 FLAGS: Final = ("contract",)
-"""As `gs2ci.render.cpu.compile.FASTMATH`: multiply-adds may be fused, nothing else is relaxed."""
+"""As `gs2ci.core.kernels.FUSED`: multiply-adds may be fused, nothing else is relaxed."""
 _FLOAT_ALIGNMENT: Final = 4
 
 
@@ -96,12 +96,18 @@ def store_vector(builder: ir.IRBuilder, value: Any, pointer: Any) -> None:
 # ----------------------------------------------------------------------------------------------------- arithmetic
 
 
+# What is for one target stands before what is for all. Else two dozen meanings of "+" (strings, dates, lists, ...) are
+# tried, and refused with a message, before each addition of vectors is found.
+_TRIED_FIRST: Final = {"target": "CPU"}
+
+
 def _register_operator(function: Callable[..., Any], instruction: str) -> None:
     scalars = (types.float32, types.float64)
     pairs = [(vec16, vec16), *((vec16, s) for s in scalars), *((s, vec16) for s in scalars)]
 
     class Template(ConcreteTemplate):
         cases = [signature(vec16, a, b) for a, b in pairs]  # noqa: RUF012  (Numba's protocol)
+        metadata = _TRIED_FIRST
 
     infer_global(function)(Template)
 
@@ -125,6 +131,7 @@ for _function, _instruction in (
 
 class _Negation(ConcreteTemplate):
     cases = [signature(vec16, vec16)]  # noqa: RUF012  (Numba's protocol)
+    metadata = _TRIED_FIRST
 
 
 infer_global(operator.neg)(_Negation)

@@ -16,13 +16,13 @@ Gaussians change a pixel by at most G times that. Not here: which rays are trace
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 import torch
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.kernels import EXACT, f64_1, f64_2, f64_3, i64, i64_1, in_parts, kernel
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.rays.tiles import TILE, Index, by_tile, ellipsoid_bounds, sphere_bounds
+from gs2ci_sims.rays.tiles import TILE, by_tile, ellipsoid_bounds, sphere_bounds
 
 OPACITY_MIN: Final = 1e-10
 # Beyond this squared distance even an opacity of one is below `OPACITY_MIN`.
@@ -68,9 +68,10 @@ def trace_gaussians(
     """
     seen = _in_camera(gaussians, colours, world_to_camera, intrinsics)
     begins, items = by_tile(seen.bounds, size)
-    radiance, coverage, depth = _traced(
-        begins, items, seen.whitening, seen.origin, seen.opacities, seen.colours, intrinsics, *size
-    )
+    radiance, coverage, depth = np.zeros((*size, 3)), np.zeros(size), np.zeros(size)
+    of_gaussians = (seen.whitening, seen.origin, seen.opacities, seen.colours)
+    camera = np.ascontiguousarray(intrinsics, np.float64)
+    in_parts(_trace, len(begins) - 1, begins, items, *of_gaussians, camera, radiance, coverage, depth)
     return radiance, coverage, depth
 
 
@@ -108,23 +109,13 @@ def _rotations(quaternions: F64) -> F64:
     return np.asarray(np.array(rows).transpose(2, 0, 1))
 
 
-@numba.njit(cache=True, parallel=True)
-def _traced(
-    begins: Index,
-    items: Index,
-    whitening: F64,
-    origin: F64,
-    opacities: F64,
-    colours: F64,
-    intrinsics: F64,
-    height: int,
-    width: int,
-) -> tuple[F64, F64, F64]:
-    radiance = np.zeros((height, width, 3))
-    coverage = np.zeros((height, width))
-    depths = np.zeros((height, width))
+@kernel(i64, i64, i64_1, i64_1, f64_3, f64_2, f64_1, f64_2, f64_2, f64_3, f64_2, f64_2, fastmath=EXACT)
+def _trace(
+    from_tile, to_tile, begins, items, whitening, origin, opacities, colours, intrinsics, radiance, coverage, depths
+):
+    height, width = coverage.shape
     across = -(-width // TILE)
-    for tile in numba.prange(len(begins) - 1):
+    for tile in range(from_tile, to_tile):
         first, last = begins[tile], begins[tile + 1]
         depth = np.empty(last - first)
         alpha = np.empty(last - first)
@@ -172,4 +163,3 @@ def _traced(
                     if passing < OPACITY_MIN:
                         break
                 coverage[y, x] = 1.0 - passing
-    return radiance, coverage, depths

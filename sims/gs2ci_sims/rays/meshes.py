@@ -7,13 +7,13 @@ construction of meshes (`gs2ci_sims.scenes.meshes`).
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.rays.tiles import TILE, Index, by_tile, sphere_bounds
+from gs2ci.core.kernels import EXACT, f64, f64_1, f64_2, f64_3, helper, i64, i64_1, i64_2, in_parts, kernel
+from gs2ci_sims.rays.tiles import TILE, by_tile, sphere_bounds
 
 # Triangles whose corners all lie deeper than this are bounded by their corners; scene units.
 NEAR: Final = 1e-6
@@ -137,11 +137,14 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
     shapes = np.array([texture.shape[:2] for texture in mesh.textures], dtype=np.int64).reshape(-1, 2)
     starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]).astype(np.int64)
     texels = np.concatenate([np.zeros((0, 3)), *(texture.reshape(-1, 3) for texture in mesh.textures)])
-    radiance, depth = _traced(
-        *(begins, items, np.ascontiguousarray(corners), mesh.uv, mesh.which, shapes, starts, texels),
-        np.zeros((0, 3, 3)) if mesh.tints is None else mesh.tints,
+    radiance, depth = np.zeros((*size, 3)), np.full(size, np.inf)
+    uv, camera = np.ascontiguousarray(mesh.uv, np.float64), np.ascontiguousarray(intrinsics, np.float64)
+    tints = np.zeros((0, 3, 3)) if mesh.tints is None else np.ascontiguousarray(mesh.tints, np.float64)
+    in_parts(
+        *(_trace, len(begins) - 1),
+        *(begins, items, np.ascontiguousarray(corners), uv, mesh.which, shapes, starts, texels, tints),
         *_gloss_from(mesh.gloss, world_to_camera[:3, :3]),
-        *(intrinsics, *size),
+        *(camera, radiance, depth),
     )
     return radiance, depth
 
@@ -151,10 +154,10 @@ def _gloss_from(gloss: Gloss | None, rotation: F64) -> tuple[F64, F64, float, F6
     if gloss is None:
         return np.zeros((0, 3, 3)), np.zeros(0), 1.0, np.zeros(3)
     normals = np.ascontiguousarray(gloss.normals @ rotation.T)
-    return normals, gloss.shine, gloss.exponent, rotation @ gloss.towards_light
+    return normals, gloss.shine, float(gloss.exponent), rotation @ gloss.towards_light
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _highlight(
     normals: F64,
     shine: F64,
@@ -185,7 +188,7 @@ def _highlight(
     return float(shine[face] * cosine**exponent) if cosine > 0 else 0.0
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _tint(tints: F64, face: int, shares: tuple[float, float, float], channel: int) -> float:
     """Return the factor of the texture at a place in a triangle, 1 if there are none."""
     if len(tints) == 0:
@@ -209,30 +212,35 @@ def _bounds(corners: F64, intrinsics: F64) -> F64:
     return bounds
 
 
-@numba.njit(cache=True, parallel=True)
-def _traced(
-    begins: Index,
-    items: Index,
-    corners: F64,
-    uv: F64,
-    which: Index,
-    shapes: Index,
-    starts: Index,
-    texels: F64,
-    tints: F64,
-    normals: F64,
-    shine: F64,
-    exponent: float,
-    light: F64,
-    intrinsics: F64,
-    height: int,
-    width: int,
-) -> tuple[F64, F64]:
+@kernel(
+    *(i64, i64, i64_1, i64_1, f64_3, f64_3, i64_1, i64_2, i64_1, f64_2, f64_3),
+    *(f64_3, f64_1, f64, f64_1, f64_2, f64_3, f64_2),
+    fastmath=EXACT,
+)
+def _trace(
+    from_tile,
+    to_tile,
+    begins,
+    items,
+    corners,
+    uv,
+    which,
+    shapes,
+    starts,
+    texels,
+    tints,
+    normals,
+    shine,
+    exponent,
+    light,
+    intrinsics,
+    radiance,
+    depth,
+):
     """Find the nearest hit of each ray by the signed volumes of Moeller and Trumbore (J. Graphics Tools 2 (1997))."""
-    radiance = np.zeros((height, width, 3))
-    depth = np.full((height, width), np.inf)
+    height, width = depth.shape
     across = -(-width // TILE)
-    for tile in numba.prange(len(begins) - 1):
+    for tile in range(from_tile, to_tile):
         for y in range(TILE * (tile // across), min(TILE * (tile // across + 1), height)):
             for x in range(TILE * (tile % across), min(TILE * (tile % across + 1), width)):
                 dx = (x + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
@@ -279,4 +287,3 @@ def _traced(
                 lobe = _highlight(normals, shine, face, shares, dx, dy, exponent, light)
                 for channel in range(3):
                     radiance[y, x, channel] = radiance[y, x, channel] * _tint(tints, face, shares, channel) + lobe
-    return radiance, depth

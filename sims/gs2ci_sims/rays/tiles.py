@@ -5,11 +5,11 @@ Here: exact bounds of spheres in a pinhole image, and lists by tile. Not here: t
 
 from typing import Any, Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.kernels import i64, i64_1, i64_2, kernel
 
 # Pixels per side of a tile.
 TILE: Final = 8
@@ -97,25 +97,29 @@ def by_tile(bounds: F64, size: tuple[int, int]) -> tuple[Index, Index]:
     seen &= (places[:, 0] < across) & (places[:, 2] < down)
     places = np.clip(places, 0, limits - 1)
     places[~seen] = [1, 0, 1, 0]
-    begins, items = _listed(places, down, across)
+    counts = np.zeros(down * across + 1, np.int64)
+    _count(places, across, counts)
+    begins = np.cumsum(counts)
+    items = np.empty(begins[-1], np.int64)
+    _list(places, across, begins[:-1].copy(), items)
     return begins, items
 
 
-@numba.njit(cache=True)
-def _listed(places: Index, down: int, across: int) -> tuple[Index, Index]:
-    counts = np.zeros(down * across + 1, np.int64)
-    for left, right, top, bottom in places:
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                counts[row * across + column + 1] += 1
-    begins = np.cumsum(counts)
-    items = np.empty(begins[-1], np.int64)
-    at = begins[:-1].copy()
+@kernel(i64_2, i64, i64_1)
+def _count(places, across, counts):
+    """Count the items of each tile, one place further on."""
     for index in range(len(places)):
-        left, right, top, bottom = places[index]
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
+        for row in range(places[index, 2], places[index, 3] + 1):
+            for column in range(places[index, 0], places[index, 1] + 1):
+                counts[row * across + column + 1] += 1
+
+
+@kernel(i64_2, i64, i64_1, i64_1)
+def _list(places, across, at, items):
+    """List the items of each tile from its place `at` on, which moves behind them."""
+    for index in range(len(places)):
+        for row in range(places[index, 2], places[index, 3] + 1):
+            for column in range(places[index, 0], places[index, 1] + 1):
                 tile = row * across + column
                 items[at[tile]] = index
                 at[tile] += 1
-    return begins, items

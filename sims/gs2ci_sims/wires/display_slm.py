@@ -4,7 +4,7 @@ Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at US
 code with the driver.
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -182,3 +182,14 @@ class DisplaySlmTwin(SerialTwin):
             return
         self.slots[self._target] = pixels
         self._finish("OK", "image", _IMAGE_S)
+
+
+def simulated(world: World, settings: Any) -> DisplaySlmTwin:
+    """Build the twin that a rig file's [modulator] and [world] describe."""
+    return DisplaySlmTwin(
+        world,
+        world.stated.faults["modulator"],
+        name="modulator",
+        response_s=world.stated.table.panel_response_s,
+        greys=(settings.dark_level, settings.bright_level),
+    )

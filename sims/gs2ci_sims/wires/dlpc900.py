@@ -7,10 +7,11 @@ with the driver.
 
 from errno import EBUSY, ENODEV
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
+from gs2ci_sims.wires.dlpc900_lamp import Lamp
 from gs2ci_sims.wires.dlpc900_sequencer import START_LATENCY_S
 from gs2ci_sims.wires.dlpc900_tables import COMMAND_NAMES
 from gs2ci_sims.world import Event, World
@@ -47,6 +48,7 @@ class Dlpc900Twin:
         bit_enables: Whether bit 0 of an entry's byte 9 enables the pulse of trigger output 2 (as API.c of TI's GUI
             writes it) or disables it (DLPU018, table 2-137): public sources contradict each other.
         start_latency_s: From the command that starts a sequence to its first mask.
+        lamp: Whether its lamp follows the LED enables or stays on: see `dlpc900_lamp`.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Dlpc900Twin:
         counts_repeats: bool = False,
         bit_enables: bool = False,
         start_latency_s: float = START_LATENCY_S,
+        lamp: Lamp = "switched",
     ) -> None:
         self.world = world
         self.clock = world.clock
@@ -68,6 +71,7 @@ class Dlpc900Twin:
             world, self.faults, name=name, dmd=dmd, counts_repeats=counts_repeats, bit_enables=bit_enables
         )
         self.firmware.sequencer.start_latency_s = start_latency_s
+        self.firmware.lamp = lamp
         self._session: _Session | None = None
         self._message = bytearray()
         self._expected = 0
@@ -244,3 +248,16 @@ class _Session:
     def _require_alive(self) -> None:
         if not self._open or not self._twin.plugged or self._twin._session is not self:
             raise OSError(ENODEV, "No such device (it may have been disconnected)")
+
+
+def simulated(world: World, settings: Any) -> Dlpc900Twin:
+    """Build the twin that a rig file's [world] describes."""
+    table = world.stated.table
+    return Dlpc900Twin(
+        world,
+        world.stated.faults["modulator"],
+        name="modulator",
+        bit_enables=table.trigger_out_2_bit == "enables",
+        start_latency_s=table.dlpc900_start_s,
+        lamp=table.lamp,
+    )

@@ -11,9 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import U8, U32
+from gs2ci.core.arrays import U8, U16, U32
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
+from gs2ci_sims.wires.dlpc900_lamp import FULL, Lamp, light_of
 from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
 from gs2ci_sims.wires.dlpc900_tables import ERROR_TEXT, MIRRORS
 from gs2ci_sims.world import World
@@ -106,6 +107,7 @@ class Firmware:
             0x1A36: lambda data: _require(len(data) == 1, 6),
             0x1A40: self._write_blocks,
         }
+        self.lamp: Lamp = "switched"
         self.reset()
 
     def reset(self) -> None:
@@ -328,9 +330,13 @@ class Firmware:
         self.sequencer.start(steps, self._count * (self._entries if self.counts_repeats else 1))
 
     def _step(self, entry: Entry) -> Step:
+        levels: U8 | U16 = self._plane(entry)
+        top = (1 << entry.depth) - 1
+        if self.lamp == "continuous" and entry.depth > 1:
+            levels, top = light_of(self._plane(entry), entry.depth, entry.exposure_us * 1e-6), FULL
         return Step(
-            levels=self._plane(entry),
-            top=(1 << entry.depth) - 1,
+            levels=levels,
+            top=top,
             exposure_s=entry.exposure_us * 1e-6,
             dark_s=entry.dark_us * 1e-6,
             pulse=not entry.suppresses_out_2,

@@ -4,13 +4,10 @@ Here: bytes → 24-bit words, or an error with its reason. Not here: loading, me
 code with the driver's encoder, so that it detects errors there.
 """
 
-from collections.abc import Callable
-from typing import Any, cast
-
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import U8, U32
+from gs2ci.core.kernels import helper, i64, kernel, u8_1, u32_1
 
 HEADER_BYTES = 48
 _MAX_SLACK_BYTES = 3
@@ -42,7 +39,7 @@ def read_image(block: bytes, width: int, height: int) -> U32:
     if header[26] != 1 or header[25] > 2 or header[24] > 1:
         raise BadImageError("unknown byte order, compression or pixel format")
     size = int.from_bytes(header[8:12], "little")
-    coded = np.frombuffer(block, np.uint8, offset=HEADER_BYTES)
+    coded = np.frombuffer(bytearray(block), np.uint8, offset=HEADER_BYTES)
     if not size <= coded.size <= size + _MAX_SLACK_BYTES:
         raise BadImageError("the header's size is not the size sent")
     reader = (_read_plain, _read_rle, _read_erle)[header[25]]
@@ -68,7 +65,8 @@ def _read_plain(coded: U8, width: int, words: U32) -> int:
 _REPEAT, _LITERAL, _COPY, _ROW_END, _CUT = 0, 1, 2, 3, 4
 
 
-def _erle_head_kernel(coded: U8, i: int) -> tuple[int, int, int]:
+@helper()
+def _erle_head(coded: U8, i: int) -> tuple[int, int, int]:
     """Read the head of a run; return its kind, its number of pixels and the index of the byte after the head."""
     size = coded.size
     kind = _REPEAT
@@ -90,14 +88,16 @@ def _erle_head_kernel(coded: U8, i: int) -> tuple[int, int, int]:
     return kind, low - 0x80 + int(coded[i + 1]) * 128, i + 2
 
 
-def _fill_kernel(coded: U8, i: int, words: U32, cursor: int, count: int, step: int) -> None:
+@helper()
+def _fill(coded: U8, i: int, words: U32, cursor: int, count: int, step: int) -> None:
     """Write `count` pixels from byte `i` on, `step` bytes apart (0 repeats one pixel)."""
     for k in range(count):
         at = i + k * step
         words[cursor + k] = int(coded[at]) * 65536 + int(coded[at + 1]) * 256 + int(coded[at + 2])
 
 
-def _erle_kernel(coded: U8, width: int, words: U32) -> int:
+@kernel(u8_1, i64, u32_1)
+def _read_erle(coded: U8, width: int, words: U32) -> int:
     """Fill `words` from a flat cursor; return the byte behind the end mark, or -1."""
     total = words.size
     cursor = 0  # next pixel of the whole image
@@ -119,7 +119,8 @@ def _erle_kernel(coded: U8, width: int, words: U32) -> int:
         if kind == _COPY:
             if cursor < width:
                 return -1
-            words[cursor : cursor + count] = words[cursor - width : cursor - width + count]
+            for k in range(cursor, cursor + count):
+                words[k] = words[k - width]
         else:
             stored = count if kind == _LITERAL else 1
             if i + 3 * stored > coded.size:
@@ -130,7 +131,8 @@ def _erle_kernel(coded: U8, width: int, words: U32) -> int:
     return -1
 
 
-def _rle_kernel(coded: U8, width: int, words: U32) -> int:
+@kernel(u8_1, i64, u32_1)
+def _read_rle(coded: U8, width: int, words: U32) -> int:
     """Fill `words` from a flat cursor; return the byte behind the end mark, or -1."""
     total = words.size
     cursor = 0
@@ -155,11 +157,3 @@ def _rle_kernel(coded: U8, width: int, words: U32) -> int:
         i += 3 * stored
         cursor += count
     return -1
-
-
-_Kernel = Callable[[U8, int, U32], int]
-_compile = cast(Callable[[Any], Any], numba.njit(cache=True))
-_erle_head = _compile(_erle_head_kernel)
-_fill = _compile(_fill_kernel)
-_read_erle: _Kernel = _compile(_erle_kernel)
-_read_rle: _Kernel = _compile(_rle_kernel)

@@ -6,7 +6,7 @@ Here: one run from start to stop. Not here: commands and image memory (`dlpc900_
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gs2ci.core.arrays import U8
+from gs2ci.core.arrays import U8, U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Event, World
 
@@ -28,15 +28,15 @@ class Step:
     """One sequence entry, ready to show.
 
     Args:
-        levels: Mirror levels, [H, W] uint8.
-        top: Level of a fully open mirror.
+        levels: Light of the mirrors, [H, W] uint8 or uint16.
+        top: Light of a fully open mirror.
         exposure_s: Time for which it is shown.
         dark_s: Dark time afterwards.
         pulse: Whether trigger output 2 fires at its beginning.
         waits: Whether trigger input 1 must rise first.
     """
 
-    levels: U8
+    levels: U8 | U16
     top: int
     exposure_s: float
     dark_s: float

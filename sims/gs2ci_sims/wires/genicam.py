@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from errno import EBUSY, ENODEV, ENOENT
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
+from gs2ci_sims.wires.genicam_processing import further_features, in_categories, process
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, ShutterModel, Shutting
-from gs2ci_sims.wires.v4l2_camera import Stamps
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel, Stamps
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("genicam.unplugged", "the camera disappears (ENODEV) until plugged in again")
@@ -34,10 +35,13 @@ INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buf
 LOST = declare("genicam.frame_lost", "a frame is lost in transfer, and its number with it")
 OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
 REFUSED = declare("genicam.feature_refused", "the camera refuses a write to a feature, or a command of the acquisition")
+GAIN_LEFT = declare("genicam.gain_left", "another program has left the gain at `value` dB")
+MIRRORED = declare("genicam.mirrored", "another program has left the picture mirrored")
 NEVER_READY = declare("genicam.never_ready", "the camera never reports that it waits for triggers")
 CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
 
 US = 1e-6
+TIME_UNITS_S = {"us": 1e-6, "ms": 1e-3, "ns": 1e-9, "px": 1e-6}
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
@@ -67,6 +71,16 @@ class GenicamModel(ShutterModel):
         tells: How its readout time can be known: "time": from SensorReadoutTime; "rate": from the highest frame rate at
             the exposure set, ResultingFrameRate (Basler); "limit": from the limit of AcquisitionFrameRate, which
             follows the exposure; "nothing": that limit is a fixed number (mvBlueFOX3).
+        least_delay_us: Least TriggerDelay: 9 on a Blackfly S (blackfly_s.yaml of flir_camera_driver, "value >= 9").
+        locks_triggers: Whether what a trigger is cannot be set while TriggerMode is On (Spinnaker's example Trigger:
+            "The trigger must be disabled in order to configure" its source).
+        has_activation: Whether it has TriggerActivation, which SFNC recommends and does not require (Aravis issue 460).
+        has_selector: Whether it has TriggerSelector (Aravis pull request 671: an Imperx has none).
+        goes_on: Whether its frame numbers go on after a stop (Aravis issue 762: FLIR and Point Grey, GigE Vision).
+        gain_unit: Unit of Gain: "dB", or "" for a factor without a unit (Chromasens).
+        time_unit: Unit of ExposureTime and TriggerDelay: SFNC's is "us".
+        auto_gain: Gain at which automatic gain stands while it is on; it stays there when it is switched off.
+        processing: Whether it has further features that change readings (`genicam_processing`).
     """
 
     height: int = 64
@@ -83,6 +97,15 @@ class GenicamModel(ShutterModel):
     clock_ppm: float = 40.0
     ready_s: float = 0.01
     tells: Literal["time", "rate", "limit", "nothing"] = "time"
+    least_delay_us: float = 0.0
+    locks_triggers: bool = False
+    has_activation: bool = True
+    has_selector: bool = True
+    goes_on: bool = False
+    gain_unit: str = "dB"
+    time_unit: Literal["us", "ms", "ns", "px"] = "us"
+    auto_gain: float = 0.0
+    processing: bool = False
 
 
 def bits_of(name: str) -> int:
@@ -158,10 +181,11 @@ class GenicamTwin:
             self.model,
             self.faults,
             rng=rng or np.random.default_rng(0),
-            exposure_s=lambda: self.nodes.number("ExposureTime") * US,
+            exposure_s=self._exposure_s,
             deliver=self._deliver,
-            active_low=lambda: self.nodes.of("TriggerActivation", "FrameStart") == "FallingEdge",
-            delay_s=lambda: float(self.nodes.of("TriggerDelay", "FrameStart")) * US,
+            active_low=lambda: self._trigger("TriggerActivation", "RisingEdge") == "FallingEdge",
+            delay_s=lambda: float(self._trigger("TriggerDelay", 0.0)) * self._unit_s,
+            least_period_s=self._least_period_s,
         )
 
     @property
@@ -201,7 +225,16 @@ class GenicamTwin:
         if self.faults.take(HELD, "open"):
             raise OSError(EBUSY, "the camera is held by another program")
         self._opened = True
+        for fault, feature in ((GAIN_LEFT, "Gain"), (MIRRORED, "ReverseX")):
+            left = self.faults.take(fault)
+            if left is not None:
+                self.nodes.write(feature, left.value if feature == "Gain" else True)
         return self._identity()
+
+    def list_features(self) -> list[tuple[str, str]]:
+        """List the features with their categories."""
+        self._alive("list_features")
+        return self.nodes.list()
 
     def describe(self, name: str) -> Feature | None:
         """Return a feature's present value and limits."""
@@ -217,7 +250,10 @@ class GenicamTwin:
         """Write a feature."""
         self._alive(f"write {name}")
         self._refuse(name)
+        automatic = name == "GainAuto" and self.nodes.read(name) != "Off"
         self.nodes.write(name, value)
+        if automatic and value == "Off":
+            self.nodes.write("Gain", self.model.auto_gain)
 
     def execute(self, name: str) -> None:
         """Run a command, which takes a while."""
@@ -230,15 +266,18 @@ class GenicamTwin:
         """Begin the acquisition."""
         self._alive("AcquisitionStart")
         del chunks  # frames carry the chunks that ChunkEnable selects, whatever is requested here
-        self._buffers, self._frames, self.streaming = buffers, 0, True
+        self._buffers, self.streaming = buffers, True
+        if not self.model.goes_on:
+            self._frames = 0
         self._refuse("AcquisitionStart")  # harvesters streams by now, and has locked the features
         self._began_s = self._clock.now_s()
         self._never_ready = self.faults.take(NEVER_READY) is not None
-        if any(self.nodes.of("TriggerMode", other) == "On" for other in ("AcquisitionStart", "FrameBurstStart")):
+        others = ("AcquisitionStart", "FrameBurstStart") if self.model.has_selector else ()
+        if any(self.nodes.of("TriggerMode", other) == "On" for other in others):
             return buffers  # the camera waits for another kind of trigger, which is never sent
-        if self.nodes.of("TriggerMode", "FrameStart") == "Off":
+        if self._trigger("TriggerMode", "Off") == "Off":
             self._shutter.start(Shutting.FREE)
-        elif self.nodes.of("TriggerSource", "FrameStart") == self.model.trigger_input:
+        elif self._trigger("TriggerSource", "") == self.model.trigger_input:
             gated = self.nodes.read("ExposureMode") == "TriggerWidth"
             how = Shutting.LEVEL if gated else Shutting.EDGE
             self._clock.after(self.model.ready_s, lambda: self._shutter.start(how) if self.streaming else None)
@@ -331,6 +370,32 @@ class GenicamTwin:
             buffer = replace(buffer, height=height - 2)
         self._full.append(buffer)
 
+    def _trigger(self, name: str, absent: FeatureValue) -> FeatureValue:
+        """Return a property of the trigger FrameStart, or what holds where the camera has no such feature."""
+        return self.nodes.of(name, "FrameStart") if name in self.nodes else absent
+
+    @property
+    def _unit_s(self) -> float:
+        return TIME_UNITS_S[self.model.time_unit]
+
+    def _exposure_s(self) -> float:
+        return self.nodes.number("ExposureTime") * self._unit_s
+
+    def _delay_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
+        """Return value, limits and step of TriggerDelay: up to 1 s in steps of 0.1 us, in the camera's unit."""
+        per_us = US / self._unit_s
+        least = self.model.least_delay_us * per_us
+        return least, lambda: least, lambda: 1e6 * per_us, 0.1 * per_us
+
+    def _exposure_node(self) -> tuple[float, Callable[[], float], Callable[[], float], float]:
+        """Return value, limits and step of ExposureTime: 20 us to 10 s in steps of 0.5 us, in the camera's unit."""
+        per_us = US / self._unit_s
+        return 10_000.0 * per_us, lambda: 20.0 * per_us, lambda: 10e6 * per_us, 0.5 * per_us
+
+    def _least_period_s(self) -> float:
+        limited = "AcquisitionFrameRateEnable" in self.nodes and self.nodes.read("AcquisitionFrameRateEnable")
+        return 1 / self.nodes.number("AcquisitionFrameRate") if limited else 0.0
+
     def _pixels(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
         """Return the camera's readings of its light with the settings that were left on it, [H, W]."""
         down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
@@ -342,7 +407,9 @@ class GenicamTwin:
         if self.nodes.read("TestPattern") != "Off":
             shares = np.broadcast_to(np.arange(width) % 256 / 255, (height, width))
         bent = np.rint(top * shares ** self.nodes.number("Gamma")).astype(np.uint16)
-        return np.ascontiguousarray(bent[:, ::-1] if self.nodes.read("ReverseX") else bent)
+        if self.nodes.read("ReverseX"):
+            bent = bent[:, ::-1]
+        return process(np.ascontiguousarray(bent), top, self.nodes, factor=self.model.gain_unit != "dB")
 
     def _chunks(self, stamp: int | None, exposed: Exposed) -> dict[str, float]:
         if not self.model.chunks or not self.nodes.read("ChunkModeActive"):
@@ -358,7 +425,7 @@ class GenicamTwin:
         }
 
     def _highest_rate_hz(self) -> float:
-        return 1 / max(self.model.own_period_s, self.nodes.number("ExposureTime") * US + self.model.readout_s)
+        return 1 / max(self.model.own_period_s, self._exposure_s() + self.model.readout_s)
 
     def _rate_limit_hz(self) -> float:
         return self._highest_rate_hz() if self.model.tells == "limit" else FIXED_LIMIT_HZ
@@ -367,6 +434,7 @@ class GenicamTwin:
         model = self.model
         triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
         inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
+        least_gain = 0.0 if model.gain_unit == "dB" else 1.0
         nodes = {
             **self._sizes(),
             "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
@@ -382,14 +450,14 @@ class GenicamTwin:
             "TriggerActivation": Node(
                 "enumeration", "RisingEdge", symbols=("RisingEdge", "FallingEdge"), selector="TriggerSelector"
             ),
-            "TriggerDelay": Node("float", 0.0, lambda: 0.0, lambda: 1e6, 0.1, selector="TriggerSelector"),
+            "TriggerDelay": Node("float", *self._delay_node(), selector="TriggerSelector", unit=model.time_unit),
             "ExposureMode": Node(
                 "enumeration", "Timed", symbols=("Timed", "TriggerWidth") if model.gated else ("Timed",)
             ),
             "ExposureAuto": Node("enumeration", "Continuous", symbols=("Off", "Continuous")),
-            "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5),
+            "ExposureTime": Node("float", *self._exposure_node(), unit=model.time_unit),
             "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
-            "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
+            "Gain": Node("float", least_gain, lambda: least_gain, lambda: 24.0, 0.1, unit=model.gain_unit),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
             # Only a loss of power or UserSetLoad resets these: another program may have left them.
             "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
@@ -398,6 +466,7 @@ class GenicamTwin:
             "Gamma": Node("float", 1.0, lambda: 0.25, lambda: 4.0, 0.01),
             "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
+        self._vary(nodes)
         if model.tells == "time":
             nodes["SensorReadoutTime"] = Node("float", model.readout_s / US, fixed=True)
         if model.tells == "rate":
@@ -409,7 +478,19 @@ class GenicamTwin:
             nodes["ChunkModeActive"] = Node("boolean", False)
             nodes["ChunkSelector"] = Node("enumeration", "Image", symbols=("Image", "Timestamp", "ExposureTime"))
             nodes["ChunkEnable"] = Node("boolean", False, selector="ChunkSelector")
-        return nodes
+        return in_categories(nodes | (further_features() if model.processing else {}))
+
+    def _vary(self, nodes: dict[str, Node]) -> None:
+        """Leave out what the camera has not, and lock what is locked while its trigger is on."""
+        if not self.model.has_activation:
+            del nodes["TriggerActivation"]
+        for name, node in nodes.items():
+            if self.model.locks_triggers and name in ("TriggerSource", "TriggerActivation", "TriggerDelay"):
+                node.barred = lambda: self.nodes.read("TriggerMode") == "On"
+            if not self.model.has_selector:
+                node.selector = "" if node.selector == "TriggerSelector" else node.selector
+        if not self.model.has_selector:
+            del nodes["TriggerSelector"]
 
     def _sizes(self) -> dict[str, Node]:
         """Return the nodes of size and offset, whose sum is limited to the pixel array."""
@@ -433,3 +514,23 @@ class GenicamTwin:
             found[size] = Node("integer", largest, partial(float, least), left_by(offset, largest), step, locked=True)
             found[offset] = Node("integer", 0, high=left_by(size, largest), step=step, locked=True)
         return found
+
+
+def simulated(world: World, settings: Any) -> GenicamTwin:
+    """Build the twin that a rig file's [sensor] and [world] describe."""
+    table, offered = world.stated.table, GenicamModel().formats
+    rows, columns = table.camera_array or (table.height, table.width)
+    first = (settings.format,) if settings.format else ()
+    model = GenicamModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(name for name in offered if name not in first)),
+        trigger_line=world.stated.trigger_line,
+        trigger_input=settings.trigger_line,
+        stamps=STAMPING[table.camera_driver][0],
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+    )
+    return GenicamTwin(world, model, world.stated.faults["sensor"], rng=np.random.default_rng(table.seed))

@@ -35,6 +35,10 @@ class Node:
         selector: The feature that selects it: it has one value for each of the selector's entries.
         read: Computes its value if it is not a written one.
         run: Executes it if it is a command.
+        category: The chapter that it belongs to; features without one are not listed.
+        unit: The unit of its value.
+        barred: Tells whether it is locked for another reason than streaming.
+        default: Its value at power-up.
     """
 
     kind: Kind
@@ -49,6 +53,18 @@ class Node:
     read: Callable[[], FeatureValue] | None = None
     run: Callable[[], None] | None = None
     by_entry: dict[str, FeatureValue] = field(default_factory=dict)
+    category: str = ""
+    unit: str = ""
+    barred: Callable[[], bool] = lambda: False
+    default: FeatureValue = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.default = self.value
+
+    @property
+    def is_off(self) -> bool:
+        """Get whether its value, or that of any of its selector's entries, differs from the one at power-up."""
+        return any(value != self.default for value in (self.value, *self.by_entry.values()))
 
 
 class NodeTable:
@@ -63,6 +79,21 @@ class NodeTable:
         self._nodes = nodes
         self._streaming = streaming
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._nodes
+
+    def add(self, name: str, node: Node) -> None:
+        """Give the camera a further feature."""
+        self._nodes[name] = node
+
+    def list(self) -> list[tuple[str, str]]:
+        """Return category and name of each feature."""
+        return [(node.category, name) for name, node in self._nodes.items() if node.category]
+
+    def off(self) -> dict[str, Node]:
+        """Return the features that are off their values at power-up."""
+        return {name: node for name, node in self._nodes.items() if node.is_off}
+
     def describe(self, name: str) -> Feature | None:
         """Return a feature's present value and limits; None if it does not exist."""
         node = self._nodes.get(name)
@@ -71,11 +102,13 @@ class NodeTable:
         return Feature(
             kind=node.kind,
             readable=node.kind != "command",
-            writable=not node.fixed and not (node.locked and self._streaming()),
+            writable=not (node.fixed or node.barred() or (node.locked and self._streaming())),
             low=node.low(),
             high=node.high(),
             step=node.step,
             symbols=node.symbols,
+            unit=node.unit,
+            selectors=(node.selector,) if node.selector else (),
         )
 
     def read(self, name: str) -> FeatureValue:
@@ -107,6 +140,8 @@ class NodeTable:
             raise FeatureRefusalError(f"{name} cannot be written")
         if node.locked and self._streaming():
             raise FeatureRefusalError(f"{name} is locked while streaming (TLParamsLocked)")
+        if node.barred():
+            raise FeatureRefusalError(f"{name} is not writable now")
         if node.kind == "enumeration" and value not in node.symbols:
             raise FeatureRefusalError(f"{name} has no entry {value!r}")
         if node.kind in ("integer", "float"):

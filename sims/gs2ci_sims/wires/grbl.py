@@ -20,12 +20,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import hypot
-from typing import Literal
+from typing import Any, Literal
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession, SerialTwin
-from gs2ci_sims.world import VirtualClock
+from gs2ci_sims.world import VirtualClock, World
 
 HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
 RESET_MOVING = declare("grbl.reset_moving", "the controller resets itself after half of the next move: ALARM:3")
@@ -378,3 +378,14 @@ class GrblTwin(SerialTwin):
 
     def _moving(self) -> bool:
         return any(axis.moving_at(self.clock.now_s()) for axis in self._axes)
+
+
+def simulated(world: World, settings: Any) -> GrblTwin:
+    """Build the twin that a rig file's [stage] and [world] describe; the controller has three axes in any case."""
+    stated, built = world.stated, GrblMachine()
+    x_mm, y_mm, z_mm = built.start_mm
+    machine = GrblMachine(
+        start_mm=(stated.start_mm(x_mm), stated.start_mm(y_mm), z_mm),
+        mechanics={axis: stated.mechanics(axis) for axis in AXES},
+    )
+    return GrblTwin(world.clock, machine, stated.faults["stage"], board=stated.table.grbl_board)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import xor
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -374,3 +374,8 @@ class ScpiModulatorTwin(SerialTwin):
     def _stop(self, _: str) -> None:
         self._armed = False
         self.panel.stop()
+
+
+def simulated(world: World, settings: Any) -> ScpiModulatorTwin:
+    """Build the twin that a rig file's [modulator] describes."""
+    return ScpiModulatorTwin(world, world.stated.faults["modulator"], name="modulator", baud=settings.baud)

@@ -10,6 +10,7 @@ Here: `ScreenTwin`. Not here: a real X display (`tests/drivers/links/test_sdl_sc
 
 from errno import ENODEV
 from math import floor
+from typing import Any
 
 import numpy as np
 
@@ -144,3 +145,15 @@ class ScreenTwin:
             self._world.show_mask(shown, FULL)
         self._shown = shown
         self._world.bus.drive(self._line, lit)
+
+
+def simulated(world: World, settings: Any) -> ScreenTwin:
+    """Build the twin that a rig file's [modulator] describes."""
+    return ScreenTwin(
+        world,
+        world.stated.faults["modulator"],
+        name="modulator",
+        frames_late=settings.frames_late,
+        patch=settings.trigger_patch,
+        greys=settings.greys,
+    )

@@ -72,6 +72,8 @@ class CameraShutter:
         delay_s: Returns the delay that is set between a trigger and its exposure.
         longer_ppm: By how much its second is longer than the world's.
         ignored_triggers: Edges lost after each start.
+        least_period_s: Returns the shortest time from one exposure to the next that a limit of the frame rate allows;
+            an edge before that is lost.
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class CameraShutter:
         delay_s: Callable[[], float] = lambda: 0.0,
         longer_ppm: float = 0.0,
         ignored_triggers: int = 0,
+        least_period_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._clock = world.clock
         self._model = model
@@ -98,6 +101,7 @@ class CameraShutter:
         self._delay_s = delay_s
         self._longer_ppm = longer_ppm
         self._ignored_triggers = ignored_triggers
+        self._least_period_s = least_period_s
         self._how: Shutting | None = None
         self._pending: list[Event] = []
         self._busy_until_s = 0.0
@@ -159,9 +163,10 @@ class CameraShutter:
             self._expose(self._busy_until_s, self._busy_until_s + end_s - start_s)
 
     def _expose(self, start_s: float, end_s: float) -> None:
-        self._busy_until_s = end_s + self._model.readout_s
+        read_s = end_s + self._model.readout_s
+        self._busy_until_s = max(read_s, start_s + self._least_period_s())
         if self._stalled or self._faults.take(STALLED):
             self._stalled = True
             return
-        done_s = self._busy_until_s + self._model.transfer_s
+        done_s = read_s + self._model.transfer_s
         self._plan(done_s, lambda: self._deliver(Exposed(start_s, end_s)))

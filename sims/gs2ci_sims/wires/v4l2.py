@@ -12,18 +12,21 @@ import select
 from collections import deque
 from errno import EACCES, EBADF, EFAULT, EINVAL, ENODEV, ENOENT, ENOTTY
 from itertools import count
+from typing import Any
 
 import numpy as np
 
 from gs2ci_drivers.ports import MappedMemory
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
 from gs2ci_sims.world import World
 
 UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
 CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
 WAKE_EMPTY = declare("v4l2.wake_empty", "poll announces a frame that does not exist")
+GAIN_LEFT = declare("v4l2.gain_left", "another program has left the analogue gain at `value`")
+PRIVATE_LEFT = declare("v4l2.private_left", "another program has left a private control at `value`")
 PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
 PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
@@ -102,6 +105,10 @@ class V4l2Twin:
         fd = next(self._descriptors)
         self._files[fd] = OpenFile(self._generation, self._nodes[path])
         self._device.opened(self._files[fd])
+        for fault, control in ((GAIN_LEFT, "Analogue Gain"), (PRIVATE_LEFT, "IO Mode")):
+            left = self.faults.take(fault)
+            if left is not None:
+                self._device.leave(control, int(left.value))
         return fd
 
     def close(self, fd: int) -> None:
@@ -176,15 +183,17 @@ class V4l2Twin:
         return self._clock.now_ns()
 
     def list_nodes(self, pattern: str) -> list[str]:
-        """List the existing nodes."""
-        return sorted(fnmatch.filter(self._nodes, pattern)) if self._plugged else []
+        """List the existing nodes and files."""
+        return sorted(fnmatch.filter((*self._nodes, *self.model.files), pattern)) if self._plugged else []
 
     def read_file(self, path: str) -> bytes:
-        """Read the module's parameter.
+        """Read the module's parameter, or a property of the device tree.
 
         Raises:
             OSError: ENOENT: no such file.
         """
+        if path in self.model.files:
+            return self.model.files[path]
         self._require_parameter(path)
         return self._device.parameter + b"\n"
 
@@ -192,12 +201,12 @@ class V4l2Twin:
         """Write the module's parameter.
 
         Raises:
-            OSError: ENOENT: no such file; EINVAL: neither 0 nor 1; EACCES: injected.
+            OSError: ENOENT: no such file; EINVAL: no number; EACCES: injected.
         """
         self._require_parameter(path)
         if self.faults.take(PARAMETER_DENIED):
             raise OSError(EACCES, "Permission denied", path)
-        if data.strip() not in (b"0", b"1"):
+        if not data.strip().isdigit():
             raise OSError(EINVAL, "Invalid argument", path)
         if not self.faults.take(PARAMETER_IGNORED):
             self._device.parameter = data.strip()
@@ -225,3 +234,30 @@ class V4l2Twin:
         failing = self.faults.take(CALL_FAILS, name)
         if failing is not None:
             raise OSError(int(failing.value), name)
+
+
+def simulated(world: World, settings: Any) -> V4l2Twin:
+    """Build the twin that a rig file's [sensor] and [world] describe."""
+    table, offered = world.stated.table, CameraModel().formats
+    rows, columns = table.camera_array or (table.height, table.width)
+    stamps, flags_start = STAMPING[table.camera_driver]
+    first = (settings.format.ljust(4),) if settings.format else ()
+    model = CameraModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(code for code in offered if code not in first)),
+        trigger=settings.trigger_adapter,
+        module=settings.trigger_module,
+        trigger_line=world.stated.trigger_line,
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+        clock_ppm=table.camera_clock_ppm,
+        driver=table.camera_driver,
+        stamps=stamps,
+        flags_start=flags_start,
+        crops=table.camera_array is not None,
+        on_subdevice=bool(settings.subdevice),
+    )
+    return V4l2Twin(world, model, world.stated.faults["sensor"], rng=np.random.default_rng(table.seed))

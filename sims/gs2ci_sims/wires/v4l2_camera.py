@@ -4,14 +4,15 @@ Here: `CameraModel` (a data sheet) and `pack_frame`. Not here: the times of its 
 buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
-from gs2ci_sims.wires.shutter import ShutterModel
+from gs2ci_sims.wires.shutter import ShutterModel, Shutting
 
 BITS = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "Y10P": 10, "Y12P": 12, "RGGB": 8, "RG10": 10, "RG12": 12}
 BITS |= {"RG16": 16, "pRAA": 10, "pRCC": 12}
@@ -20,6 +21,18 @@ THREE_HALVES = ("Y12P", "pRCC")
 ONE = ("GREY", "RGGB")
 PADDING_BYTE = 0xA5
 """The padding after the pixels of a row, visible in the picture of a program that ignores the stride."""
+
+
+MODULE_MODES: Final[Mapping[str, Mapping[int, Shutting]]] = {
+    "imx296": {1: Shutting.LEVEL},
+    "imx477": {2: Shutting.EDGE},
+}
+"""What a module's parameter `trigger_mode` switches on besides the sensor's own clock; other modules: 1 an edge.
+
+imx296.c, "0=default, 1=XTRIG"; imx477.c, MODULE_PARM_DESC "Set vsync trigger mode: 1=source, 2=sink" and
+imx477_start_streaming: as a source the sensor runs by its own clock and drives its XVS pin."""
+REALTIME_S: Final = 1.79e9
+"""CLOCK_REALTIME less CLOCK_MONOTONIC on a computer that was started at the beginning of the simulated world."""
 
 
 Stamps = Literal["start-of-exposure", "start-of-frame", "end-of-frame"]
@@ -46,14 +59,20 @@ class CameraModel(ShutterModel):
         formats: Four-character codes of its formats; the first is the default.
         significant_bits: Bits of the converter if they are fewer than the format's; 0 for the format's.
         left_aligned: Whether 16-bit containers carry the value in their upper bits.
+        repeats_top: Whether its top bits are repeated below it then, as by VI5 of NVIDIA's Jetson Xavier and Orin
+            (T_R16; https://forums.developer.nvidia.com/t/223616).
         stride_multiple: Rows are padded to a multiple of this number of bytes.
         multi_plane: Whether it captures through the multi-plane interface, with a header before each plane.
         header_bytes: Header before the pixels of a plane (multi-plane only).
         max_buffers: Most buffers that the kernel gives.
-        exposure: Its exposure control: in lines, in units of 100 µs, or none.
+        exposure: Its exposure control: in lines, in microseconds although line times are reported (vc_mipi_camera.c,
+            vc_sd_s_ctrl, unless the device tree has the property `libcamera`), in units of 100 µs, or none.
         line_s: Time of one line.
-        trigger: Adapter for external triggers.
+        trigger: Adapter for external triggers; "outside": the sensor was switched by other means (I2C, hidraw).
+        outside: What it was switched to by them.
         module: Kernel module with the parameter, for `trigger` = "module".
+        tree_trigger: The device tree's `trigger-mode`, which overrides the parameter (imx477_probe: trigger_mode_of).
+        tree_known: Whether the device tree of the sensor is below /sys/bus/i2c, as on a Raspberry Pi.
         ignored_triggers: Edges lost after each start.
         clock_ppm: Difference of its second from the world's; positive is longer.
         power_down_s: Time after a stop for which it stays powered; the module parameter is read at power-up.
@@ -62,11 +81,16 @@ class CameraModel(ShutterModel):
             exposure) or the end of the transfer.
         flags_start: Whether stamps are flagged as the start of exposure (V4L2_BUF_FLAG_TSTAMP_SRC_SOE).
         monotonic: Whether stamps count on CLOCK_MONOTONIC.
+        realtime: Whether they count on CLOCK_REALTIME and are flagged as CLOCK_MONOTONIC nevertheless: uvcvideo with
+            clock=realtime (uvc_video_get_time in uvc_video.c; uvc_queue_init sets the flag in any case).
         restarts_numbers: Whether frame numbers restart with each start.
+        first_number: The first of them: unicam's is 1 (kbingham/libcamera issue 50).
         has_events: Whether source changes can be subscribed to.
         on_subdevice: Whether the controls are on the sub-device.
         crops: Whether a region of the pixel array can be read out, and no other size: as in imx296_set_selection and
             imx296_set_format of drivers/media/i2c/imx296.c, offsets and sizes are rounded up to multiples of 4.
+        processing: Whether it has further controls that change readings (`v4l2_processing`).
+        auto_gain: Where automatic gain stands while it is on; it stays there when it is switched off.
     """
 
     height: int = 64
@@ -74,14 +98,18 @@ class CameraModel(ShutterModel):
     formats: tuple[str, ...] = ("Y10 ", "GREY", "Y12 ", "Y16 ", "Y10P", "Y12P", "RG10", "RG12", "pRAA", "pRCC")
     significant_bits: int = 0
     left_aligned: bool = False
+    repeats_top: bool = False
     stride_multiple: int = 1
     multi_plane: bool = False
     header_bytes: int = 0
     max_buffers: int = 32
-    exposure: Literal["lines", "absolute", "none"] = "lines"
+    exposure: Literal["lines", "microseconds", "absolute", "none"] = "lines"
     line_s: float = 10e-6
-    trigger: Literal["module", "control", "none"] = "control"
+    trigger: Literal["module", "control", "none", "outside"] = "control"
+    outside: Shutting = Shutting.EDGE
     module: str = "imx296"
+    tree_trigger: int | None = None
+    tree_known: bool = True
     ignored_triggers: int = 0
     clock_ppm: float = 0.0
     power_down_s: float = 1.0
@@ -89,10 +117,14 @@ class CameraModel(ShutterModel):
     stamps: Stamps = "end-of-frame"
     flags_start: bool = False
     monotonic: bool = True
+    realtime: bool = False
     restarts_numbers: bool = True
+    first_number: int = 0
     has_events: bool = True
     on_subdevice: bool = False
     crops: bool = False
+    processing: bool = False
+    auto_gain: int = 0
 
     @property
     def active_low(self) -> bool:
@@ -102,6 +134,27 @@ class CameraModel(ShutterModel):
         raspberrypi/linux pull request 5560).
         """
         return self.trigger == "module" and self.module == "imx296"
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """Get the sensor's device tree as the kernel shows it, file by file: a number is big-endian, a flag empty."""
+        if not self.tree_known:
+            return {}
+        if self.trigger == "module":
+            node = f"/sys/bus/i2c/drivers/{self.module}/10-001a/of_node"
+            tree = {} if self.tree_trigger is None else {"trigger-mode": self.tree_trigger.to_bytes(4, "big")}
+        elif self.trigger == "control":
+            node, tree = "/sys/bus/i2c/drivers/vc-mipi-cam/10-001a/of_node", {}
+            if self.exposure == "lines":
+                tree = {"libcamera": b""}
+        else:
+            return {}
+        return {f"{node}/{name}": data for name, data in ({"compatible": b"twin"} | tree).items()}
+
+    def module_mode(self, value: int) -> Shutting:
+        """Return what a number of the module's parameter switches on; the device tree's takes precedence."""
+        value = value if self.tree_trigger is None else self.tree_trigger
+        return MODULE_MODES.get(self.module, {1: Shutting.EDGE}).get(value, Shutting.FREE)
 
     def __post_init__(self) -> None:
         unknown = [code for code in self.formats if code not in BITS]
@@ -130,7 +183,7 @@ def row_bytes(code: str, width: int) -> int:
     return width // 2 * 3 if code in THREE_HALVES else 2 * width
 
 
-def pack_frame(pixels: U16, code: str, stride: int, shift: int = 0) -> U8:
+def pack_frame(pixels: U16, code: str, stride: int, shift: int = 0, *, repeats_top: bool = False) -> U8:
     """Pack pixels as a sensor sends them.
 
     Args:
@@ -138,6 +191,7 @@ def pack_frame(pixels: U16, code: str, stride: int, shift: int = 0) -> U8:
         code: Four-character code.
         stride: Bytes per row; those after the pixels are `PADDING_BYTE`.
         shift: By how many bits 16-bit containers are left-aligned.
+        repeats_top: Whether the bits below repeat the value's top bits.
 
     Returns:
         [H, stride] uint8.
@@ -158,5 +212,7 @@ def pack_frame(pixels: U16, code: str, stride: int, shift: int = 0) -> U8:
         line[:, 2::3] = first % 16 + second % 16 * 16
     else:
         words = pixels.astype(np.uint32) << shift
+        if repeats_top:
+            words |= words >> (16 - shift)
         line[:, 0::2], line[:, 1::2] = words % 256, words // 256
     return rows

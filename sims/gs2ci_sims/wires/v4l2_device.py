@@ -16,7 +16,7 @@ import numpy as np
 
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.shutter import CameraShutter, Exposed, Shutting
-from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, THREE_HALVES, CameraModel, pack_frame
+from gs2ci_sims.wires.v4l2_camera import BITS, FIVE_FOURTHS, ONE, REALTIME_S, THREE_HALVES, CameraModel, pack_frame
 from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
 from gs2ci_sims.wires.v4l2_queue import (
     FLAG_ERROR,
@@ -37,6 +37,8 @@ FRAME_CORRUPT = declare("v4l2.frame_corrupt", "a frame is marked bad (V4L2_BUF_F
 FRAME_SHORT = declare("v4l2.frame_short", "a frame has half its bytes and no mark")
 FRAME_LATE = declare("v4l2.frame_late", "a frame comes `value` seconds late")
 FRAME_STALE = declare("v4l2.frame_stale", "a frame's time stamp is `value` seconds old")
+FRAME_REALTIME = declare("v4l2.frame_realtime", "a frame's time stamp is of CLOCK_REALTIME, flagged as monotonic")
+EXPOSED_SHORT = declare("v4l2.exposed_short", "an exposure lasts for a tenth of the time that is set")
 FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one has the same number")
 FRAME_NOISY = declare("v4l2.frame_noisy", "bits above the converter's are set in a frame")
 STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer fails instead of a frame (POLLERR, EIO)")
@@ -164,8 +166,13 @@ class CaptureDevice:
             self.ring.free()
             self._owner = None
 
+    def leave(self, name: str, value: int) -> None:
+        """Set a control as another program does."""
+        self._controls.leave(name, value)
+
     def _exposure_s(self) -> float:
-        return self._controls.exposure_s()
+        short = self._faults.take(EXPOSED_SHORT)
+        return self._controls.exposure_s() * (1.0 if short is None else 0.1)
 
     def _table(self) -> dict[int, tuple[str, Handler]]:
         """Return name and handler of every request, by the numbers of linux/videodev2.h."""
@@ -318,7 +325,7 @@ class CaptureDevice:
         if first is not None:
             self._number = int(first.value)
         elif self._model.restarts_numbers:
-            self._number = 0
+            self._number = self._model.first_number
         self._shutter.start(self._rule())
 
     def _rule(self) -> Shutting:
@@ -326,9 +333,9 @@ class CaptureDevice:
         if self._model.trigger == "module":
             if self._world.clock.now_s() >= self._powered_until_s:
                 self._latched = self.parameter
-            if self._latched == b"0":
-                return Shutting.FREE
-            return Shutting.LEVEL if self._model.module == "imx296" else Shutting.EDGE
+            return self._model.module_mode(int(self._latched))
+        if self._model.trigger == "outside":
+            return self._model.outside
         if self._model.trigger == "control":
             return {1: Shutting.EDGE, 2: Shutting.LEVEL}.get(self._controls[CID_TRIGGER_MODE], Shutting.FREE)
         return Shutting.FREE
@@ -406,14 +413,18 @@ class CaptureDevice:
         stale = self._faults.take(FRAME_STALE)
         times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
         when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
+        if self._model.realtime or self._faults.take(FRAME_REALTIME):
+            when_s += REALTIME_S
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
     def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
         height, width = self._size
         bits = self._model.bits(self._code)
         pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits)
+        pixels = self._controls.process(pixels, (1 << bits) - 1)
         words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
         shift = 16 - bits if words and self._model.left_aligned else 0
         if self._faults.take(FRAME_NOISY) and words and BITS[self._code] < 16:
             pixels = pixels | np.uint16(1 << 15)
-        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift)
+        repeats = self._model.repeats_top and shift > 0
+        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift, repeats_top=repeats)

@@ -8,11 +8,12 @@ the byte level (`serial_twin`), the driver.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.serial_twin import SerialTwin
-from gs2ci_sims.world import VirtualClock
+from gs2ci_sims.world import VirtualClock, World
 
 STALL = declare("zaber.stall", "the axis stalls after the share `value` (0: half) of its next move: FS")
 LIMIT = declare("zaber.limit", "the axis hits a limit switch after half of its next move: FE and WL")
@@ -396,3 +397,14 @@ class ZaberTwin(SerialTwin):
             for axis in self._chosen(number):
                 axis.flags.add("FO")
         return any(axis.flags & {"FO", "FD", "FV"} for axis in self._chosen(number))
+
+
+def simulated(world: World, settings: Any) -> ZaberTwin:
+    """Build the twin that a rig file's [stage] and [world] describe."""
+    stated = world.stated
+    start_mm = stated.start_mm(ZaberAxis.start_mm)
+    axes = {
+        axis: ZaberAxis(microstep_mm=microstep_mm, start_mm=start_mm, mechanics=stated.mechanics(axis))
+        for axis, microstep_mm in settings.microstep_mm.items()
+    }
+    return ZaberTwin(world.clock, axes, stated.faults["stage"], address=settings.address)

@@ -264,3 +264,13 @@ def test_a_stack_that_lists_one_page_for_many_is_refused(tmp_path, form, colours
         open_foreign(path)
     tifffile.imwrite(path, pages[0], **({} if "metadata" in form else form))
     assert open_foreign(path).load("").values.shape == pages[0].shape
+
+
+def test_masks_that_are_named_by_positions_come_in_their_order(laboratory, tmp_path, said):
+    """F6: order 4 5 6 7 3 2 1 0, silent."""
+    frame, folder, made = laboratory
+    for i in range(12):
+        (folder / f"mask{i}.png").rename(folder / f"z_{i - 6}mm.png")
+    imported = import_shots(frame, folder, ImportOptions(scale=4095.0))
+    assert np.array_equal(imported.shots[0].masks, made.masks)
+    assert said(imported, "12 pictures, z_-6mm.png to z_5mm.png")

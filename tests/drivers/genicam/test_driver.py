@@ -105,7 +105,7 @@ def test_what_the_rig_file_asks_for_is_left_and_bends_the_picture():
 def test_a_camera_that_will_not_set_it_back_is_refused_rather_than_mirrored():
     one = bench()
     one.twin.nodes.write("ReverseX", True)
-    one.faults.inject("genicam.feature_refused", skip=1)  # TriggerSelector, which is written first
+    one.faults.inject("genicam.feature_refused", about="ReverseX")
     with pytest.raises(RefusedError, match="ReverseX"):
         one.start()
 

@@ -100,3 +100,15 @@ def test_four_character_codes_are_little_endian_and_padded_with_blanks(name: str
 def test_a_four_character_code_of_rubbish_can_be_printed() -> None:
     assert abi.fourcc_name(0x80000000 | abi.fourcc("Y16 ")) == "Y16 "
     assert abi.fourcc_name(0x000A0D00) == "????"
+
+
+def test_every_packed_structure_names_the_layout_that_later_pythons_require() -> None:
+    """Python 3.14 warns of `_pack_` without `_layout_`, 3.19 refuses it; before `_fields_`, or it has no effect."""
+    kinds = [one for one in vars(abi).values() if isinstance(one, type) and hasattr(one, "_fields_")]
+    packed = [one for one in kinds if "_pack_" in vars(one)]
+    assert len(packed) == 6
+    for one in packed:
+        assert vars(one)["_layout_"] == "ms"
+        names = list(vars(one))
+        assert names.index("_layout_") < names.index("_fields_")
+        assert not any(len(field) > 2 for field in one._fields_), "bit fields would lie elsewhere"

@@ -15,7 +15,7 @@ def taken(number):
 
 @pytest.mark.parametrize("behind", [1, 2, 7])
 def test_a_frame_passed_over_that_came_out_of_order_does_not_count_billions(behind):
-    checks = KernelFrameChecks("cam0", GEOMETRY, 0, 0)
+    checks = KernelFrameChecks("cam0", GEOMETRY, (0,), 0)
     for number in range(10):
         checks.pass_over(taken(number))
     checks.pass_over(taken(10 - behind))
@@ -23,7 +23,7 @@ def test_a_frame_passed_over_that_came_out_of_order_does_not_count_billions(behi
 
 
 def test_frames_passed_over_are_counted_across_the_wrap_of_their_numbers():
-    checks = KernelFrameChecks("cam0", GEOMETRY, None, 0)
+    checks = KernelFrameChecks("cam0", GEOMETRY, (), 0)
     for number in (2**32 - 2, 2**32 - 1, 0, 1):
         checks.pass_over(taken(number))
     assert checks.frame_index == 3

@@ -11,7 +11,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.evaluate.pages.run_page import run_page, write_run_page
-from gs2ci.evaluate.report import EnsembleSection, Scores
+from gs2ci.evaluate.report import EnsembleSection, RaceEntry, Scores
 
 
 @pytest.fixture(scope="module")
@@ -250,3 +250,23 @@ def test_arrays_that_are_not_finite_get_a_page(evidence):
     views, depth = np.array(evidence.views), np.array(evidence.depth)
     views[0, :5], depth[0] = np.nan, np.inf
     assert "Recovered" in run_page(replace(evidence, views=views, depth=depth))
+
+
+def test_the_race_shows_who_led_when_and_who_fell_out(evidence):
+    first = RaceEntry(
+        hypothesis="first look",
+        path="tracks",
+        began=0,
+        iterations=200,
+        schedule=400,
+        heldout=[(50, 0.04), (100, 0.03)],
+        refined_rms=0.03,
+        outcome="far behind after a quarter of its schedule",
+    )
+    again = first.model_copy(update={"hypothesis": "second look", "outcome": "taken", "iterations": 400})
+    text = run_page(changed(evidence, race=[first, again]))
+    assert "1 first look" in text
+    assert "2 second look" in text
+    assert "200 of 400" in text
+    assert "far behind after a quarter of its schedule" in text
+    assert "200 of 400" not in run_page(changed(evidence, race=[first]))

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.looks import Monitoring, nothing
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -32,14 +32,43 @@ def run(
     shot=None,
     pace=None,
     decode=nothing,
-    rival=None,
     mask_moments=None,
 ):
+    fit, holdout = paused(
+        moving_plane,
+        settings,
+        backend=backend,
+        seed=seed,
+        listener=listener,
+        score=score,
+        shot=shot,
+        pace=pace,
+        decode=decode,
+        mask_moments=mask_moments,
+    )
+    fit.advance()
+    return fit.result(), holdout
+
+
+def paused(
+    moving_plane,
+    settings=QUICK,
+    *,
+    backend=None,
+    seed=0,
+    listener=None,
+    score=None,
+    shot=None,
+    pace=None,
+    decode=nothing,
+    mask_moments=None,
+):
+    """Return a fit that has not begun."""
     given, geometry = moving_plane
     shot = shot or given
     holdout = Holdout.of(shot, settings.hold_out.share, seed)
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
-    fit = fit_coarse(
+    fit = CoarseRun(
         holdout=holdout,
         renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend(), mask_moments=mask_moments),
         start=first_gaussians(seed_points(geometry, grey, 2)),
@@ -48,7 +77,6 @@ def run(
         seed=seed,
         monitoring=Monitoring(decode, listener or Silent(), score),
         pace=pace,
-        rival=rival,
     )
     return fit, holdout
 

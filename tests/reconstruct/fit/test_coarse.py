@@ -22,14 +22,14 @@ from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
+from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
 from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
-from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, run
+from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, paused, run
 
 pytestmark = pytest.mark.slow
 
@@ -70,12 +70,24 @@ def test_a_fit_that_only_gets_worse_ends_though_surfaces_are_still_to_come(movin
     assert fit.stopped.code is Code.FIT_STALLED
 
 
-def test_a_fit_far_behind_its_rival_is_given_up_and_one_that_keeps_up_is_not(moving_plane):
-    kept_up, _ = run(moving_plane, rival=Rival({20: 1e3}, QUICK.iterations))
-    assert kept_up.curve[-1].iteration == QUICK.iterations
-    given_up, _ = run(moving_plane, rival=Rival({20: 1e-9, 30: 1e-9}, QUICK.iterations))
-    assert [point.iteration for point in given_up.curve] == [10, 20]
-    assert given_up.stopped == finding(Code.FIT_BEHIND, iterations=20, best=20)
+def test_a_fit_that_was_paused_goes_on_as_if_it_had_not_been(moving_plane):
+    whole, _ = run(moving_plane)
+    fit, _ = paused(moving_plane)
+    for share, done in ((0.25, 15), (0.25, 15), (0.5, 30), (1.0, 60)):
+        fit.advance(share)
+        assert (fit.iterations, fit.has_ended) == (done, share == 1.0)
+    assert [(point.iteration, point.loss) for point in fit.curve] == [(one.iteration, one.loss) for one in whole.curve]
+    assert np.array_equal(fit.result().views, whole.views)
+
+
+def test_a_fit_that_is_not_continued_is_given_up_with_its_best_state(moving_plane):
+    fit, _ = paused(moving_plane)
+    fit.advance(0.4)
+    found = fit.result()
+    assert found.stopped == finding(Code.FIT_BEHIND, iterations=24, best=20)
+    fit.advance()
+    assert fit.iterations == 24
+    assert fit.result() is found
 
 
 def test_without_held_out_pixels_all_iterations_run_and_the_sentence_says_that_nothing_judged(moving_plane):

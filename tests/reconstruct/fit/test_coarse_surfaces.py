@@ -9,7 +9,6 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit import coarse_state
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -59,10 +58,10 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
 def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
     swept, predicted = [], []
 
-    def watched(renderer, scene, poses, views, settings, seed, search, readings):
+    def watched(renderer, scene, poses, views, settings, seed, search):
         shown = renderer.exposed(scene, torch.from_numpy(poses).float())
         swept.append((search, views - shown, Coding.of(renderer.shot).forward(torch.from_numpy(shown)), predicted[-1]))
-        return find_surfaces(renderer, scene, poses, views, settings, seed, search, readings)
+        return find_surfaces(renderer, scene, poses, views, settings, seed, search)
 
     monkeypatch.setattr(coarse_state, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
@@ -91,41 +90,6 @@ def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, 
     monkeypatch.setattr(coarse_state, "find_surfaces", first_only)
     kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
     assert np.array_equal(kept.views, found.views)
-
-
-@pytest.fixture
-def given(monkeypatch):
-    """The readings that each search for surfaces is given."""
-    seen = []
-
-    def watched(*arguments):
-        seen.append(arguments[7])
-        return find_surfaces(*arguments)
-
-    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
-    return seen
-
-
-def test_only_searches_that_ask_the_measurement_are_given_it_without_what_is_held_out(moving_plane, given):
-    shot, _ = moving_plane
-    searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3, asks_measurement=True))
-    _, holdout = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)))
-    assert given[0] is None
-    assert not (given[1].usable & holdout.pixels).any()
-    assert given[1].usable.sum() > 0.9 * shot.lit.sum()
-    assert np.array_equal(given[1].open_share, shot.masks * shot.weights[:, None, None])
-    assert len(given[1].world_to_camera) == shot.views
-
-
-def test_a_search_is_given_every_moment_of_the_masks(moving_plane, given):
-    settings = replace(QUICK, surfaces=SurfaceSettings((Search(0.6, 3e-2, 1e-3, asks_measurement=True),)))
-    run(moving_plane, settings, mask_moments=MaskMoments((2, 1, 3, 1), (1.0,) * 4))
-    shot, _ = moving_plane
-    (readings,) = given
-    assert len(readings.world_to_camera) == len(readings.open_share) == 7
-    np.testing.assert_allclose(readings.open_share[:2].sum(axis=0), shot.masks[0] * shot.weights[0], rtol=1e-6)
-    steps = np.linalg.norm(np.diff(readings.world_to_camera[:, :3, 3], axis=0), axis=1)
-    assert (steps > 0).all()
 
 
 def test_without_parallax_no_surface_is_sought(moving_plane):

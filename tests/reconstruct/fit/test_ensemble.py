@@ -14,8 +14,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members
-from gs2ci.reconstruct.fit.pace import Fixed
+from gs2ci.reconstruct.fit.ensemble import advance_together, combined, members
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from tests.patience import HANG_S
 
@@ -37,6 +36,22 @@ class Listener(Silent):
 def fit_of(views, scene=None, notes=()):
     poses, done = np.tile(np.eye(4), (len(views), 1, 1)), finding(Code.FIT_ALL_DONE, iterations=1, best=1)
     return CoarseFit(scene, poses, np.asarray(views, np.float32), (), done, notes, np.eye(3))
+
+
+class Run:
+    """A fit that is made at once."""
+
+    def __init__(self, member, fit_one):
+        self.member, self.fit_one, self.fit = member, fit_one, None
+
+    def advance(self, share, progress):
+        assert share == 1.0
+        self.fit = self.fit_one(self.member, progress)
+
+
+def together(fit_one, beginnings, listener, halt=None, **how):
+    runs = [Run(member, fit_one) for member in beginnings]
+    return [run.fit for run in advance_together(runs, 1.0, listener, halt, **how)]
 
 
 def number(member, beginnings):
@@ -85,14 +100,14 @@ def test_fits_come_back_in_their_order_whichever_ends_first(layer, scattered):
     beginnings = members(scattered(2), RULES, 3, 0)
     last_ended = threading.Event()
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         if member is beginnings[1] and layer == "omp":
             assert last_ended.wait(HANG_S)
         if member is beginnings[2]:
             last_ended.set()
         return fit_of(np.full((1, 2, 2, 3), number(member, beginnings)))
 
-    found = fit_together(fit_one, beginnings, Listener(), None)
+    found = together(fit_one, beginnings, Listener())
     assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 1.0, 2.0]
 
 
@@ -101,11 +116,11 @@ def test_they_share_the_threads_and_give_them_back(scattered, monkeypatch):
     before, seen = numba.get_num_threads(), {}
     beginnings = members(scattered(2), RULES, 2, 0)
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         seen[number(member, beginnings)] = numba.get_num_threads()
         return fit_of(np.zeros((1, 2, 2, 3)))
 
-    fit_together(fit_one, beginnings, Listener(), None)
+    together(fit_one, beginnings, Listener())
     assert seen[1] == max(1, before // 2)
     assert seen[0] + seen[1] == max(2, before)
     assert numba.get_num_threads() == before
@@ -114,12 +129,12 @@ def test_they_share_the_threads_and_give_them_back(scattered, monkeypatch):
 def test_a_companion_whose_numbers_run_away_is_left_out_and_told(layer, scattered):
     beginnings, listener = members(scattered(2), RULES, 3, 0), Listener()
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         if member is beginnings[1]:
             raise NumericsError("the first iteration of the fit is not finite")
         return fit_of(np.full((1, 2, 2, 3), number(member, beginnings)))
 
-    found = fit_together(fit_one, beginnings, listener, None)
+    found = together(fit_one, beginnings, listener)
     assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 2.0]
     assert listener.sentences == [
         "One of the further fits failed and is left out: the first iteration of the fit is not finite."
@@ -131,7 +146,7 @@ def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
     beginnings = members(scattered(2), RULES, 2, 0)
     iterations = []
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         if member is beginnings[0]:
             raise NumericsError("the leader ran away")
         while len(iterations) < 10**6:
@@ -140,33 +155,30 @@ def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
         return fit_of(np.zeros((1, 2, 2, 3)))
 
     with pytest.raises(NumericsError, match="the leader ran away"):
-        fit_together(fit_one, beginnings, Listener(), None)
+        together(fit_one, beginnings, Listener())
     assert len(iterations) < 10**6
 
 
 def test_every_other_error_of_a_companion_is_raised(layer, scattered):
     beginnings = members(scattered(2), RULES, 2, 0)
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         if member is beginnings[1]:
             raise InputError("a seed of -1")
         return fit_of(np.zeros((1, 2, 2, 3)))
 
     with pytest.raises(InputError, match="a seed of -1"):
-        fit_together(fit_one, beginnings, Listener(), None)
+        together(fit_one, beginnings, Listener())
 
 
 def test_within_a_deadline_fits_that_cannot_run_side_by_side_are_one(scattered, monkeypatch):
     monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    listener, paces = Listener(), []
+    listener = Listener()
 
-    def fit_one(member, progress, pace):
-        paces.append(pace)
+    def fit_one(member, progress):
         return fit_of(np.zeros((1, 2, 2, 3)))
 
-    pace = Fixed(5)
-    assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), listener, pace)) == 1
-    assert paces == [pace]
+    assert len(together(fit_one, members(scattered(2), RULES, 3, 0), listener, leader_alone=True)) == 1
     assert "a budget allows only one" in listener.sentences[0]
 
 
@@ -175,11 +187,11 @@ def test_where_fits_run_in_turn_none_begins_after_it_was_asked_to_halt(scattered
     halt = Halt()
     halt.begin()
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         halt.ask()
         return fit_of(np.zeros((1, 2, 2, 3)))
 
-    assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), Listener(), None, halt)) == 1
+    assert len(together(fit_one, members(scattered(2), RULES, 3, 0), Listener(), halt)) == 1
 
 
 def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, monkeypatch):
@@ -189,11 +201,11 @@ def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, 
     monkeypatch.setattr(numba, "threading_layer", unknown)
     main = threading.current_thread()
 
-    def fit_one(member, progress, pace):
+    def fit_one(member, progress):
         assert threading.current_thread() is main
         return fit_of(np.zeros((1, 2, 2, 3)))
 
-    assert len(fit_together(fit_one, members(scattered(2), RULES, 2, 0), Listener(), None)) == 2
+    assert len(together(fit_one, members(scattered(2), RULES, 2, 0), Listener())) == 2
 
 
 @pytest.fixture

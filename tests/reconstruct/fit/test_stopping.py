@@ -1,7 +1,7 @@
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
+from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 
 
 @pytest.mark.parametrize("settings", [{"share": -0.01}, {"share": 0.51}, {"share": float("nan")}])
@@ -116,13 +116,3 @@ def test_an_infinite_residual_is_never_the_best():
     assert not watch.note(float("inf"), 100)
     assert watch.stalled(100)
     assert watch.best_iteration == 0
-
-
-@pytest.mark.parametrize(
-    ("left", "iteration", "behind"),
-    [(0.13, 100, True), (0.11, 100, False), (0.9, 50, False), (0.9, 150, False), (None, 100, False)],
-    ids=["far behind", "a little behind", "too early to tell", "the other had ended", "nothing held out"],
-)
-def test_a_fit_is_given_up_only_far_behind_a_rival_that_has_been_looked_at_as_late(left, iteration, behind):
-    rival = Rival({50: 0.2, 100: 0.1}, iterations=400)
-    assert rival.is_out_of_reach(left, iteration) == behind

@@ -167,3 +167,75 @@ def test_distorted_and_several_cameras_are_refused(tmp_path):
         read_cameras(colmap(tmp_path, "SIMPLE_RADIAL", [70, 41, 29, 0.1]), 2, SIZE)
     with pytest.raises(InputError, match="holds 2 cameras"):
         read_cameras(colmap(tmp_path, "SIMPLE_PINHOLE", [70, 41, 29], cameras=2), 2, SIZE)
+
+
+def frames_of(count=12, **each):
+    """Frames as Polycam and ns-process-data write them: with the camera in each."""
+    held = nerfstudio_transforms(poses(count), CAMERA, SIZE)
+    camera = {key: held[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")}
+    return [{**frame, **camera, **each} for frame in held["frames"]]
+
+
+def bare(folder, frames, **common):
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({"frames": frames, **common}))
+    return path
+
+
+def test_a_camera_that_is_written_in_each_frame_is_read(tmp_path):
+    """F9: "not a transforms.json: KeyError"."""
+    found = read_cameras(bare(tmp_path, frames_of()), 12, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+
+
+def test_the_camera_of_a_frame_counts_before_that_of_the_file(tmp_path):
+    found = read_cameras(bare(tmp_path, frames_of(), fl_x=1.0, cx=3.0), 12, SIZE)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+
+
+@pytest.mark.parametrize("change", [{"fl_x": 71.0}, {"camera_model": "OPENCV"}, {"k1": 0.1}])
+def test_frames_of_different_cameras_are_refused(tmp_path, change):
+    frames = frames_of()
+    frames[5].update(change)
+    with pytest.raises(InputError, match=r"frames of different cameras \((fl_x|camera_model|k1)"):
+        read_cameras(bare(tmp_path, frames), 12, SIZE)
+
+
+def test_matrices_without_their_last_row_are_whole(tmp_path):
+    """F9: "not rigid"."""
+    frames = frames_of()
+    for frame in frames:
+        frame["transform_matrix"] = frame["transform_matrix"][:3]
+    np.testing.assert_allclose(read_cameras(bare(tmp_path, frames), 12, SIZE).world_to_camera, poses(12), atol=1e-12)
+
+
+@pytest.mark.parametrize("where", ["file", "frames"])
+def test_a_fisheye_is_refused_whatever_its_coefficients(tmp_path, where):
+    """F9: taken as a pinhole."""
+    frames = frames_of(is_fisheye=True) if where == "frames" else frames_of()
+    path = bare(tmp_path, frames, **({"is_fisheye": True} if where == "file" else {}))
+    with pytest.raises(InputError, match="holds a fisheye camera"):
+        read_cameras(path, 12, SIZE)
+    assert len(read_cameras(bare(tmp_path, frames_of(is_fisheye=False)), 12, SIZE).names) == 12
+
+
+@pytest.mark.parametrize(
+    "names", [[f"z_{k}mm.png" for k in range(-6, 6)], [f"images/{k / 4}mm.png" for k in range(-6, 6)]]
+)
+def test_positions_in_names_have_signs_and_points(tmp_path, names):
+    """F6: order 4 5 6 7 3 2 1 0."""
+    frames = frames_of()
+    for frame, name in zip(frames, names, strict=True):
+        frame["file_path"] = name
+    found = read_cameras(bare(tmp_path, frames[::-1]), 12, SIZE)
+    assert found.names == tuple(names)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+
+
+def test_an_order_that_depends_on_how_a_point_is_read_is_refused(tmp_path):
+    frames = frames_of()
+    for k, frame in enumerate(frames):
+        frame["file_path"] = f"run1.{k}.png"
+    with pytest.raises(InputError, match="the order of its pictures is doubtful"):
+        read_cameras(bare(tmp_path, frames), 12, SIZE)

@@ -15,7 +15,7 @@ from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
 from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings, OtherOrder
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -265,7 +265,7 @@ def test_tracks_inside_out_are_turned_by_a_stage_that_is_not_taken_for_its_place
     late = scene.poses.copy()
     late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
     right = from_tracks(request_for(), Silent())
-    inside_out = replace(reversed_geometry(right), reverse=right)
+    inside_out = replace(reversed_geometry(right), other_order=OtherOrder.of(right))
     monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: inside_out)
     found = find("auto", request_for(telemetry_world_to_camera=late))
     assert found.source == "tracks"
@@ -322,7 +322,7 @@ def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
     assert (found.source, found.verdict) == ("uniform", "full")
     assert "by the tracks (unsupported), " in found.notes[0].sentence
     assert found.notes[0].sentence.endswith(" by the uniform motion.")
-    assert found.notes[-1].code is Code.UNIFORM_MOTION
+    assert [note.code for note in found.path_notes] == [Code.UNIFORM_MOTION]
     by_name = find("uniform", lost_request())
     assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
 
@@ -361,16 +361,10 @@ def test_a_camera_may_be_said_to_be_at_rest(request_for):
 
 
 def test_auto_says_how_many_views_joined_where_not_all_did(lost_request, monkeypatch):
-    partly = finding(Code.VIEWS_JOIN_IN_PART, joined=3, views=5)
-
-    def matched(request, tracks):
-        rest = at_rest(tracks)
-        return replace(rest, notes=(*rest.notes, partly))
-
-    monkeypatch.setattr(choose, "matched_motion", matched)
+    monkeypatch.setattr(choose, "matched_motion", lambda request, tracks: replace(at_rest(tracks), joined=3))
     found = find("auto", lost_request())
     assert found.source == "uniform"
-    assert found.notes[1] == partly
+    assert found.joined == 3
 
 
 def test_a_right_path_explains_more_than_rest_and_rest_no_more_than_itself(request_for):
@@ -394,7 +388,7 @@ def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
     poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (7.5, 2.5, 0)
     found = find("auto", lost_request(telemetry_world_to_camera=poses))
     assert (found.source, found.verdict) == ("stage", "full")
-    assert Code.UNIFORM_MOTION not in [note.code for note in found.notes]
+    assert found.path_notes == ()
     assert found.unit == pytest.approx(
         np.linalg.norm(poses[4, :3, 3]) / np.linalg.norm(found.world_to_camera[4, :3, 3])
     )

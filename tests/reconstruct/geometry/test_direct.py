@@ -73,7 +73,7 @@ def test_a_uniform_motion_is_found_from_nothing(trackless, shift):
     scene, request, found = trackless(uniform_path(shift=shift, turn_deg=(0.3, -0.4, 0.5)))
     uniform = Direct(request, found).uniform()
     assert uniform.verdict == "full"
-    assert uniform.notes[-1].code is Code.UNIFORM_MOTION
+    assert [note.code for note in uniform.path_notes] == [Code.UNIFORM_MOTION]
     ends = uniform.world_to_camera[-1, :3, 3] - uniform.world_to_camera[0, :3, 3]
     cosine = ends @ shift / np.linalg.norm(ends) / np.linalg.norm(shift)
     assert cosine > np.cos(np.radians(15))

@@ -17,6 +17,7 @@ from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.displaced import DisplacedBlocks, displaced_motion, expected_error
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, before_camera_at_rest
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry, turned
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.validity import Criteria
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements
@@ -190,12 +191,12 @@ def test_a_measurement_shows_a_path_of_a_pixel(request_for, small):
     codes = [note.code for note in found.notes]
     assert Code.PATH_BY_DISPLACEMENTS in codes
     assert Code.CAMERA_STOOD_STILL not in codes
-    both = [found, *([] if found.reverse is None else [found.reverse])]
+    both = [found, *([] if found.other_order is None else [turned(found)])]
     best = min(both, key=lambda one: trajectory_errors(one.world_to_camera, small.poses).rotation_deg)
     assert trajectory_errors(best.world_to_camera, small.poses).nate < 0.1
     assert depth_rank(1 / best.inverse_depth, 1 / small.inverse_depth) > 0.4
-    if found.reverse is not None:
-        assert found.reverse.order_errors == -found.order_errors
+    if found.other_order is not None:
+        assert turned(found).order_errors == -found.order_errors
 
 
 def test_by_name_and_by_auto_it_is_the_same_where_tracks_see_nothing(request_for, monkeypatch):
@@ -217,14 +218,14 @@ def test_by_name_and_by_auto_it_is_the_same_where_tracks_see_nothing(request_for
 def test_auto_takes_the_better_of_tracks_and_displacements_in_the_order_that_is_surer(request_for):
     request = request_for()
     by_blocks = displaced_motion(request, without_path(request))
-    tracks = replace(by_blocks, source="tracks", order_errors=9.0, reverse=None)
+    tracks = replace(by_blocks, source="tracks", order_errors=9.0, other_order=None)
     sure = replace(tracks, path_error_expected=0.01)
     assert choose._tracks_or_displacements(request, sure) is sure
     better = replace(tracks, path_error_expected=0.9 * by_blocks.path_error_expected + 0.05)
     worse = replace(tracks, path_error_expected=0.3)
     assert choose._tracks_or_displacements(request, worse).source == "displacements"
     assert better.path_error_expected > by_blocks.path_error_expected
-    backwards = choose.reversed_geometry(worse)
+    backwards = reversed_geometry(worse)
     taken = choose._tracks_or_displacements(request, backwards)
     assert (taken.source, taken.order_errors) == ("displacements", 9.0)
     assert np.corrcoef(taken.inverse_depth.ravel(), backwards.inverse_depth.ravel())[0, 1] > 0

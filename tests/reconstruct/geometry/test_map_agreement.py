@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.geometry.map_agreement import agreement
-from gs2ci.reconstruct.geometry.plain import rays_through
 from gs2ci.render.conventions import NEAR
 
 SIZE = (40, 56)
@@ -32,7 +31,9 @@ def test_maps_that_contradict_each_other_are_not_believed():
 def in_words(inverse_depth, world_to_camera, intrinsics, parallax_px):
     """The same by points in space, map by map, in float64."""
     count, height, width = inverse_depth.shape
-    rays, trust = rays_through((height, width), intrinsics), np.zeros(inverse_depth.shape)
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    trust = np.zeros(inverse_depth.shape)
     for k in range(count):
         agreeing, seeing = np.zeros((height, width)), np.zeros((height, width))
         for other in set(range(count)) - {k}:

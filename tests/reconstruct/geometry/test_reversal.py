@@ -14,7 +14,7 @@ from gs2ci.reconstruct.geometry.motion import (
     preference,
     reversed_depth,
 )
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned
 from gs2ci.reconstruct.geometry.tracks import Tracks
 from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
@@ -168,7 +168,7 @@ def test_tracks_that_are_not_sure_hand_over_the_other_order(seen):
     assert found.verdict == "full"
     assert found.order_errors is not None
     assert found.order_errors < 6
-    assert found.reverse is not None
-    assert np.corrcoef(found.inverse_depth.ravel(), found.reverse.inverse_depth.ravel())[0, 1] < 0
-    assert found.reverse.order_errors == -found.order_errors
-    assert found.reverse.reverse is None
+    other = turned(found)
+    assert np.corrcoef(found.inverse_depth.ravel(), other.inverse_depth.ravel())[0, 1] < 0
+    assert other.order_errors == -found.order_errors
+    assert np.array_equal(turned(other).world_to_camera, found.world_to_camera)

@@ -71,7 +71,7 @@ def test_the_views_turned_farthest_are_swept_with_those_turned_least_against_the
     monkeypatch.setattr(module, "_NEIGHBOURS", 1)
     asked = []
 
-    def sweep(views, poses, intrinsics, reference, span, settings, *, edges):
+    def sweep(views, poses, intrinsics, reference, span, settings):
         asked.append((views, poses, reference))
         return np.ones(views.shape[1:3], np.float32)
 

@@ -2,7 +2,7 @@
 
 from gs2ci.core.findings import Code
 from gs2ci.evaluate.order import depth_rank
-from gs2ci.reconstruct.attempts import both_orders
+from gs2ci.reconstruct.hypotheses import turned
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.depth_order import draw
@@ -10,13 +10,13 @@ from tests.benchmarks.depth_order import draw
 
 def test_what_hides_what_tells_near_from_far_where_nothing_else_does(monkeypatch):
     """3.1 px of parallax in a field of view of 21°: short fits prefer the reversed order by 1.3 standard errors."""
-    told, preferred = [], both_orders.preferred
+    told, preferred = [], turned.preferred
 
     def watched(one, other):
         told.append(preferred(one, other))
         return told[-1]
 
-    monkeypatch.setattr(both_orders, "preferred", watched)
+    monkeypatch.setattr(turned, "preferred", watched)
     trial = draw(1, 31)
     found = reconstruct(trial.shot, Settings(motion="off")).result
     assert depth_rank(found.depth[trial.shot.views // 2], trial.scene.depth) > 0.4

@@ -9,8 +9,8 @@ import pytest
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.evaluate.cameras import nerfstudio_transforms
-from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.attempts import choice
+from gs2ci.reconstruct import observe
+from gs2ci.reconstruct.hypotheses import race
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import Budget
 from tests.reconstruct.pipeline.boards import BRIEF, FOCAL_PX, QUICK, SHORT, VIEWS, expose, wall_with_a_board
@@ -79,8 +79,8 @@ def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypa
     def again(first, *_):
         return replace(first, geometry=replace(first.geometry, source="wide")) if joins else None
 
-    monkeypatch.setattr(pipeline, "joins_in_part", lambda _: True)
-    monkeypatch.setattr(pipeline, "look_far_apart", again)
+    monkeypatch.setattr(observe, "joins_in_part", lambda _: True)
+    monkeypatch.setattr(observe, "look_far_apart", again)
     settings = replace(BRIEF, look_again=True, fits=1)
     assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if joins else "tracks")
 
@@ -93,15 +93,15 @@ def test_beside_a_motion_without_tracks_features_are_matched_before_any_fit(shot
         seen.append(holdout is first.holdout)
         return replace(first, geometry=replace(first.geometry, source="wide"))
 
-    monkeypatch.setattr(pipeline, "needs_rest", lambda _: True)
-    monkeypatch.setattr(pipeline, "look_far_apart", again)
+    monkeypatch.setattr(observe, "needs_rest", lambda _: True)
+    monkeypatch.setattr(observe, "look_far_apart", again)
     settings = replace(BRIEF, look_again=True, fits=1, poses=poses)
     assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if matched else "tracks")
     assert seen == ([True] if matched else [])
 
 
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
-    monkeypatch.setattr(choice, "second_look", lambda *_: pytest.fail("looked again"))
+    monkeypatch.setattr(race, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
     settings = replace(SHORT, look_again=True, geometry=strict)
     # A clock that goes on by two seconds whenever it is read: some forty iterations.
@@ -126,7 +126,7 @@ def test_a_camera_at_rest_gets_no_path_and_one_picture_for_all_views(monkeypatch
     def second_look(*given):
         raise AssertionError("a path was sought in the views of the fit")
 
-    monkeypatch.setattr(choice, "second_look", second_look)
+    monkeypatch.setattr(race, "second_look", second_look)
     result = reconstruct(shot, replace(SHORT, poses="auto", look_again=True)).result
     assert (result.geometry["method"], result.geometry["verdict"]) == ("rest", "static")
     assert Code.CAMERA_AT_REST in [note.code for note in result.notes]

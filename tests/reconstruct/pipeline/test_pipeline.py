@@ -1,5 +1,6 @@
 """The whole reconstruction: what it returns, that it repeats, and settings that it refuses."""
 
+import sys
 from dataclasses import replace
 
 import numba
@@ -8,13 +9,13 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from gs2ci.core import kernels
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.attempts import fits
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
@@ -24,6 +25,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import TrackSettings
+from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
@@ -109,6 +111,23 @@ def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_briefly, mo
     assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
 
 
+def test_kernels_are_called_with_the_types_that_they_declare(shot):
+    """Else `gs2ci compile` compiles what nobody calls, and the first call compiles once more."""
+
+    def compiled_for():
+        return {(one, types) for _, one, _ in kernels_of_the_product() for types in one.signatures}
+
+    before = compiled_for()
+    reconstruct(shot, BRIEF)
+    declared = {(one, types) for _, one, types in kernels_of_the_product()}
+    assert [(one.__name__, types) for one, types in compiled_for() - before - declared] == []
+
+
+def kernels_of_the_product():
+    modules = [name for name in tuple(sys.modules) if name.startswith("gs2ci")]
+    return [(module, *each) for module in modules for each in kernels.declared(module)]
+
+
 def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
     """On average: of one seed the first fit may be the better one by half a decibel."""
     gained = []
@@ -135,15 +154,27 @@ def test_one_curve_leads_to_the_mean_of_two_fits(shot, found):
 
 
 def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
-    whole, started = fits.fit_coarse, []
+    started = []
 
-    def every_second_fails(**arguments):
-        started.append(arguments["seed"])
-        if arguments["seed"] != BRIEF.seed:
-            raise NumericsError("the first iteration of the fit is not finite")
-        return whole(**arguments)
+    class EverySecondFails(fitting.CoarseRun):
+        def __init__(self, **arguments):
+            super().__init__(**arguments)
+            started.append(arguments["seed"])
 
-    monkeypatch.setattr(fits, "fit_coarse", every_second_fails)
+        def advance(self, share=1.0, progress=None):
+            if self in companions:
+                raise NumericsError("the first iteration of the fit is not finite")
+            super().advance(share, progress)
+
+    companions, enter = [], fitting.Fits.enter
+
+    def watched(self, *arguments):
+        entrant = enter(self, *arguments)
+        companions.extend([entrant.run] if entrant.hypothesis.member else [])
+        return entrant
+
+    monkeypatch.setattr(fitting.Fits, "enter", watched)
+    monkeypatch.setattr(fitting, "CoarseRun", EverySecondFails)
     result = reconstruct(shot, BRIEF).result
     assert len(started) == 2
     assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}

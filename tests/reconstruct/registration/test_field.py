@@ -10,7 +10,8 @@ from gs2ci.reconstruct.registration.coarse import find_tiles, fine_pattern
 from gs2ci.reconstruct.registration.field import find_field
 from gs2ci.reconstruct.registration.fine import Problem
 from gs2ci.reconstruct.registration.local_scene import Seen
-from gs2ci.reconstruct.registration.misfit import FIELD, LOW, Misfit
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.parameters import FIELD, LOW
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.registration.widening import MaskSum

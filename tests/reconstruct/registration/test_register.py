@@ -373,3 +373,21 @@ def test_the_corrected_masks_explain_the_readings(bench):
 def test_settings_that_make_no_sense_are_refused(bench, settings):
     with pytest.raises(InputError, match=" in RegistrationSettings"):
         register(bench.shoot(), settings)
+
+
+@pytest.mark.parametrize(
+    "bend",
+    [
+        lambda y, total: 4 * (np.clip(y, 0, 4) / 4) ** (1 / 2.2),
+        lambda y, total: y / np.maximum(total, 1),
+        lambda y, total: np.mod(np.maximum(y, 0), 1.5),
+    ],
+)
+def test_readings_that_bend_are_not_explained_by_a_leak(bench, bend):
+    """An invented leak of 0.14 to 0.38 was applied, and the advice was to measure the masks again."""
+    shot = bench.shoot()
+    total = shot.masks.sum(axis=0)[..., None]
+    spoiled = replace(shot, measurement=bend(shot.measurement.astype(np.float64), total).astype(np.float32))
+    found = register(spoiled)
+    assert "readings_bend" in [note.code for note in found.notes]
+    assert (found.misfit.leak, found.misfit.black) == (0, 0)

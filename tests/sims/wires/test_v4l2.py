@@ -118,7 +118,7 @@ def test_wrong_structures_fail_as_the_kernel_fails_them() -> None:
     uvc = Kernel(exposure="absolute")
     assert code_of(lambda: uvc.control(EXPOSURE_AUTO, 2)) == "EINVAL"  # a hole in the menu
     module = Kernel(trigger="module")
-    assert code_of(lambda: module.twin.write_file("/sys/module/imx296/parameters/trigger_mode", b"2")) == "EINVAL"
+    assert code_of(lambda: module.twin.write_file("/sys/module/imx296/parameters/trigger_mode", b"edge")) == "EINVAL"
 
 
 def test_a_multi_plane_buffer_needs_room_for_its_plane() -> None:

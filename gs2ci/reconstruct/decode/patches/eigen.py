@@ -10,14 +10,14 @@ Matrices are flat: row i of D begins at i times the width, D rounded up to whole
 
 from typing import Final
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import EXACT, helper
 from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, put, store, sum_of_lanes, where_ge
 
 # Sums may be taken in any order and fused; NaN and infinity keep their meaning.
-REORDERED: Final = {"reassoc", "contract", "nsz"}
+REORDERED: Final = frozenset({"reassoc", "contract", "nsz"})
 _ZERO, _HALF, _ONE, _TWO = (np.float32(value) for value in (0.0, 0.5, 1.0, 2.0))
 # An entry beside the diagonal counts as 0 below this share of its neighbours on it: float32's rounding.
 _ROUNDING: Final = np.float32(2.0**-23)
@@ -29,13 +29,13 @@ _MOST_STEPS: Final = 40
 LINES: Final = 5
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def padded(size: int) -> int:
     """Return the width of rows of so many numbers."""
     return (size + LANES - 1) // LANES * LANES
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def eigen_rows(matrix: F32, vectors: F32, lines: F32, size: int) -> None:
     """Find eigenvalues and eigenvectors of a symmetric matrix.
 
@@ -54,7 +54,7 @@ def eigen_rows(matrix: F32, vectors: F32, lines: F32, size: int) -> None:
     _diagonalise(vectors, values, beside, size)
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _reduce(matrix: F32, vectors: F32, lines: F32, size: int) -> None:
     """Turn the matrix into three diagonals, and note the turns' transpose in `vectors`."""
     values, beside, reflector, product, numbers = lines[0], lines[1], lines[2], lines[3], lines[4]
@@ -90,7 +90,7 @@ def _reduce(matrix: F32, vectors: F32, lines: F32, size: int) -> None:
     beside[size - 1] = _ZERO
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _reflect(
     matrix: F32, vectors: F32, reflector: F32, product: F32, numbers: F32, scale: float, first: int, size: int
 ) -> None:
@@ -125,7 +125,7 @@ def _reflect(
             store(vectors, at, fused(broadcast(-get(reflector, i)), turned, load(vectors, at)))
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _diagonalise(vectors: F32, values: F32, beside: F32, size: int) -> None:
     for low in range(size):
         for _ in range(_MOST_STEPS):
@@ -139,7 +139,7 @@ def _diagonalise(vectors: F32, values: F32, beside: F32, size: int) -> None:
             _ql_step(vectors, values, beside, low, high)
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _ql_step(vectors: F32, values: F32, beside: F32, low: int, high: int) -> None:
     """One implicit QL step with Wilkinson's shift on the block from `low` to `high`."""
     width = values.shape[0]
@@ -167,7 +167,7 @@ def _ql_step(vectors: F32, values: F32, beside: F32, low: int, high: int) -> Non
     beside[high] = _ZERO
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _turn(vectors: F32, at: int, width: int, sine: float, cosine: float) -> None:
     """Turn the row that begins at `at` and the next one into each other."""
     for b in range(at, at + width, LANES):

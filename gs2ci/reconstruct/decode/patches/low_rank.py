@@ -4,18 +4,18 @@ Similar patches, as columns of a matrix, span few dimensions; noise spans all. S
 expanded in the eigenvectors of their covariance, and each coefficient is shrunk by the weighted nuclear norm (Gu 2014):
 weak ones to zero, strong ones hardly.
 
-Here: the kernels. Every task of a parallel loop adds up a part of the groups in buffers of its own, and the parts are
-added in order, so the result is bitwise the same for any number of threads. Not here: where similar patches lie
-(`matching`). The readable float64 statement is in the tests.
+Here: the kernels. Every task adds up a part of the groups in buffers of its own, and the parts are added in order, so
+the result is bitwise the same for any number of threads. Not here: where similar patches lie (`matching`). The readable
+float64 statement is in the tests.
 """
 
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import EXACT, f32, f32_3, f32_5, helper, i32_3, i64, in_parts, kernel
 from gs2ci.reconstruct.decode.patches.eigen import LINES, REORDERED, eigen_rows, padded
 from gs2ci.render.simd.vector import LANES, broadcast, fused, get, load, store, sum_of_lanes, where_ge
 
@@ -39,22 +39,23 @@ def denoise_groups(views: F32, corners: NDArray[np.int32], patch: tuple[int, int
         The mean over all patches that contain a pixel, [N, H, W].
     """
     parts = int(np.clip(_BUFFER_BYTES // (2 * views.nbytes), 2, _MOST_PARTS))
-    denoised: F32 = _denoise(views, corners, patch, sigma, fallback, parts)
+    # Sum of patches and their number, beside each other.
+    sums = np.zeros((parts, *views.shape, 2), np.float32)
+    in_parts(_shrink_all, parts, views, corners, patch, np.float32(sigma), sums)
+    denoised = np.empty_like(views)
+    in_parts(_average, len(views) * views.shape[1], sums, fallback, denoised)
     return denoised
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _denoise(
-    views: F32, corners: NDArray[np.int32], patch: tuple[int, int], sigma: float, fallback: F32, parts: int
-) -> F32:
-    count, height, width = views.shape
+@kernel(i64, i64, f32_3, i32_3, (i64, i64), f32, f32_5, fastmath=EXACT)
+def _shrink_all(from_part, to_part, views, corners, patch, sigma, sums):
+    """Denoise all groups, and add up their patches by parts of the groups, [parts, N, H, W, 2]."""
+    parts = sums.shape[0]
     groups, members = corners.shape[0], corners.shape[1]
     size = patch[0] * patch[1]
     lying = members < size
     row = padded(min(members, size))
-    # Sum of patches and their number, beside each other.
-    sums = np.zeros((parts, count, height, width, 2), np.float32)
-    for part in numba.prange(parts):
+    for part in range(from_part, to_part):
         group, work, lines, mean = workspace(members, size)
         for g in range(groups * part // parts, groups * (part + 1) // parts):
             for m in range(members):
@@ -64,7 +65,7 @@ def _denoise(
                         pixel = y * patch[1] + x
                         at = pixel * row + m if lying else m * row + pixel
                         group[at] = views[i, top + y, left + x]
-            shrink_group(group, members, size, np.float32(sigma), work, lines, mean)
+            shrink_group(group, members, size, sigma, work, lines, mean)
             for m in range(members):
                 i, top, left = corners[g, m, 0], corners[g, m, 1], corners[g, m, 2]
                 for y in range(patch[0]):
@@ -73,8 +74,14 @@ def _denoise(
                         at = pixel * row + m if lying else m * row + pixel
                         sums[part, i, top + y, left + x, 0] += group[at]
                         sums[part, i, top + y, left + x, 1] += _ONE
-    denoised = np.empty_like(views)
-    for task in numba.prange(count * height):
+
+
+@kernel(i64, i64, f32_5, f32_3, f32_3, fastmath=EXACT)
+def _average(from_row, to_row, sums, fallback, denoised):
+    """Divide the sums by the numbers of patches; rows are those of all views."""
+    parts = sums.shape[0]
+    _, height, width = denoised.shape
+    for task in range(from_row, to_row):
         i, at = task // height, task % height
         for column in range(width):
             total, number = _ZERO, _ZERO
@@ -82,10 +89,9 @@ def _denoise(
                 total += sums[part, i, at, column, 0]
                 number += sums[part, i, at, column, 1]
             denoised[i, at, column] = total / number if number > 0 else fallback[i, at, column]
-    return denoised
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
     """Return the working memory of `shrink_group`: a group, three matrices, single rows, and the mean patch.
 
@@ -102,7 +108,7 @@ def workspace(members: int, size: int) -> tuple[F32, F32, F32, F32]:
     return group, work, lines, np.zeros(padded(size), np.float32)
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, lines: F32, mean: F32) -> None:
     """Remove the noise of one group, in place.
 
@@ -140,7 +146,7 @@ def shrink_group(group: F32, members: int, size: int, sigma: float, work: F32, l
             store(group, r * row + b, load(restored, b))
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, projection: F32) -> int:
     """Make the matrix that weights the eigenvectors' parts of a patch, and count those with a weight above 0."""
     row = values.shape[0]
@@ -164,7 +170,7 @@ def _weigh(values: F32, vectors: F32, members: int, size: int, sigma: float, pro
     return kept
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _centre(group: F32, members: int, row: int, mean: F32) -> None:
     """Subtract the mean patch from patches in rows."""
     share = _ONE / np.float32(members)
@@ -178,7 +184,7 @@ def _centre(group: F32, members: int, row: int, mean: F32) -> None:
             store(group, m * row + b, load(group, m * row + b) - total)
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _centre_rows(group: F32, size: int, members: int, mean: F32, numbers: F32) -> None:
     """Subtract the mean patch from patches in columns."""
     row, beyond = numbers.shape[0], np.float32(members)
@@ -192,7 +198,7 @@ def _centre_rows(group: F32, size: int, members: int, mean: F32, numbers: F32) -
             store(group, r * row + b, where_ge(load(numbers, b), beyond, _ZERO, centred))
 
 
-@numba.njit(cache=True, fastmath=REORDERED, error_model="numpy")
+@helper(fastmath=REORDERED)
 def _multiply(group: F32, rows: int, columns: int, row: int, covariance: F32) -> None:
     """Sum the products of all pairs of columns."""
     # Four rows at once: each row of the group is read once for all four, and their sums are independent.

@@ -7,7 +7,6 @@ here: the motion (`flow`), the denoising of a group (`low_rank`).
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt, PositiveInt
@@ -15,6 +14,7 @@ from pydantic import Field, NonNegativeInt, PositiveInt
 from gs2ci.core.arrays import F32
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
+from gs2ci.core.kernels import EXACT, f32_1, helper, i32_2, i32_3, i64, in_parts, kernel
 from gs2ci.reconstruct.decode.patches.eigen import REORDERED
 from gs2ci.reconstruct.decode.patches.flow import Flow
 from gs2ci.render.simd.vector import LANES, any_ge, broadcast, fused, get, load, store, where_ge
@@ -122,9 +122,15 @@ def _within_reach(size: tuple[int, int], patch: tuple[int, int], reach: int) -> 
     return rows * columns
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
 def match_patches(
-    views: F32, at: int, corners: _Corners, around: _Corners, first: int, patch: tuple[int, int], reach: int, each: int
+    views: F32,
+    at: int,
+    corners: _Corners,
+    around: _Corners,
+    first: int,
+    patch: tuple[int, int],
+    reach: int,
+    each: int,
 ) -> _Corners:
     """Find the patches most like each reference patch.
 
@@ -142,16 +148,26 @@ def match_patches(
     Returns:
         View, row and column of each patch, [G, K * each, 3] int32; among equals the first in order of rows.
     """
-    groups, count = around.shape[0], around.shape[1]
-    found = np.empty((groups, count * each, 3), np.int32)
-    side = 2 * reach + 1
-    height, width = views.shape[1], views.shape[2]
+    found = np.empty((len(around), around.shape[1] * each, 3), np.int32)
     # Whole vectors are read, which may reach beyond the last pixel.
     pixels = np.zeros(views.size + LANES, np.float32)
     pixels[: views.size] = views.reshape(-1)
+    size = (views.shape[1], views.shape[2])
+    in_parts(_match, len(around), pixels, size, at, corners, around, first, patch, reach, each, found)
+    return found
+
+
+@kernel(i64, i64, f32_1, (i64, i64), i64, i32_2, i32_3, i64, (i64, i64), i64, i64, i32_3, fastmath=EXACT)
+def _match(from_group, to_group, pixels, size, at, corners, around, first, patch, reach, each, found):
+    count = around.shape[1]
+    side = 2 * reach + 1
+    height, width = size
     across = (side + LANES - 1) // LANES * LANES
-    for g in numba.prange(groups):
-        unlike, lanes = np.empty(side * across, np.float32), np.arange(across).astype(np.float32)
+    lanes = np.empty(across, np.float32)
+    for c in range(across):
+        lanes[c] = np.float32(c)
+    for g in range(from_group, to_group):
+        unlike = np.empty(side * across, np.float32)
         least = np.empty(each, np.float32)
         here = (at * height + corners[g, 0]) * width + corners[g, 1]
         for k in range(count):
@@ -167,10 +183,9 @@ def match_patches(
                 part[m, 0] = first + k
                 part[m, 1] += top
                 part[m, 2] += left
-    return found
 
 
-@numba.njit(cache=True, fastmath=REORDERED)
+@helper(fastmath=REORDERED)
 def _compare(
     pixels: F32,
     width: int,
@@ -209,7 +224,7 @@ def _compare(
             store(unlike, r * across + b, where_ge(load(lanes, b), np.float32(columns), _FARTHEST, total))
 
 
-@numba.njit(cache=True)
+@helper(fastmath=EXACT)
 def _keep_least(unlike: F32, rows: int, across: int, least: F32, places: _Corners) -> None:
     """Write row and column of the smallest numbers to `places`, after its first index, in ascending order."""
     each = least.shape[0]

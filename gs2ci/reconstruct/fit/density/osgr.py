@@ -55,7 +55,7 @@ class Osgr:
         There, splits by radius alone fill smooth regions with Gaussians that fit noise. Without them, and with gsplat's
         threshold for gradients whose norms are summed, half as many Gaussians reproduce the renderings of a fitted
         Gaussian scene better by 0.4 to 0.5 dB and simulated scenes worse by 0.2 to 0.6 dB
-        (docs/decisions/0016-the-default-splits-less.md has the figures and the data).
+        (docs/decisions/several-fits.md has the figures and the data).
         """
         return cls(criteria=Classic(gradient=8e-4, large_on_screen=None))
 

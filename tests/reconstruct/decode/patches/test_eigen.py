@@ -1,9 +1,15 @@
 """The kernel's eigenvectors against LAPACK's, in float64."""
 
+import numba
 import numpy as np
 import pytest
 
 from gs2ci.reconstruct.decode.patches.eigen import LINES, eigen_rows, padded
+
+
+@numba.njit
+def find_eigen_rows(matrix, vectors, lines, size):
+    eigen_rows(matrix, vectors, lines, size)
 
 
 def decompose(matrix):
@@ -12,7 +18,7 @@ def decompose(matrix):
     rows, vectors = np.zeros((size, width), np.float32), np.full((size, width), np.nan, np.float32)
     rows[:, :size] = matrix
     lines = np.full((LINES, width), np.nan, np.float32)
-    eigen_rows(rows.reshape(-1), vectors.reshape(-1), lines, size)
+    find_eigen_rows(rows.reshape(-1), vectors.reshape(-1), lines, size)
     assert (vectors[:, size:] == 0).all()
     return lines[0, :size], vectors[:, :size]
 

@@ -7,6 +7,11 @@ import pytest
 from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups, shrink_group, workspace
 
 
+@numba.njit
+def shrink(group, members, size, sigma, work, lines, mean):
+    shrink_group(group, members, size, sigma, work, lines, mean)
+
+
 def shrink_reference(group, sigma):
     """Weighted shrinkage of the singular values of [M, D] less its mean row (Gu 2014)."""
     mean = group.mean(0)
@@ -33,7 +38,7 @@ def shrunk(group, sigma):
     rows = flat.reshape(max(members, size), -1)
     inside = rows[:, : min(members, size)]
     inside[:] = group.T if members < size else group
-    shrink_group(flat, members, size, np.float32(sigma), *work)
+    shrink(flat, members, size, np.float32(sigma), *work)
     assert (rows[:, min(members, size) :] == 0).all()
     return inside.T if members < size else inside
 

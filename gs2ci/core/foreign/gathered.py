@@ -1,0 +1,123 @@
+"""Which arrays of a file, or of two, play which part: measurement, masks, true views, weights.
+
+Here: loading them under their keys. Not here: names of keys (`roles`), the order of axes (`axes`).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign import roles
+from gs2ci.core.foreign.container import Array, Container
+from gs2ci.core.foreign.opening import open_foreign
+
+
+class ArrayOptions(Protocol):
+    """What the user may say about arrays."""
+
+    @property
+    def meas_key(self) -> str | None:
+        """Get the key of the measurement."""
+
+    @property
+    def mask_key(self) -> str | None:
+        """Get the key of the masks."""
+
+    @property
+    def truth_key(self) -> str | None:
+        """Get the key of the true views."""
+
+    @property
+    def truth(self) -> Array | None:
+        """Get the true views."""
+
+    @property
+    def views(self) -> int | None:
+        """Get how many masks to use."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Arrays of the file by role, still in its units and orders."""
+
+    measurement: Array
+    masks: Array
+    truth: Array | None
+    container: Container
+    masks_container: Container
+
+
+def find(path: Path, masks_path: Path | None, options: ArrayOptions, guesses: list[str]) -> Found:
+    """Open the files and load measurement, masks and true views.
+
+    Raises:
+        InputError: A file cannot be opened, a key is missing or plays two parts, or an array is empty.
+    """
+    container = open_foreign(path)
+    holder = container if masks_path is None else open_foreign(masks_path)
+    meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
+    taken = meas_key if holder is container else None
+    mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
+    if mask_key and mask_key == taken:
+        raise InputError(
+            f"{path}: key {mask_key!r} for the measurement and for the masks",
+            allowed="two keys",
+            remedy="name the masks with --mask-key and the measurement with --meas-key",
+        )
+    truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
+    keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
+    if meas_key:
+        guesses.append("keys: " + ", ".join(f"{key!r} ({role})" for role, key in keys.items() if key))
+    guesses += [f"{role}: {one.note}" for role, one in (("measurement", container), ("masks", holder)) if one.note]
+    measurement, masks = container.load(meas_key), holder.load(mask_key)
+    truth = options.truth if truth_key is None else container.load(truth_key)
+    for array in (measurement, masks):
+        if array.values.size == 0:
+            raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
+    return Found(measurement, masks, truth, container, holder)
+
+
+def chosen_masks(stack: NDArray[Any], found: Found, options: ArrayOptions) -> NDArray[Any]:
+    """Return as many of the masks as the user says.
+
+    Raises:
+        InputError: The file holds fewer.
+    """
+    if options.views is not None:
+        if not 1 <= options.views <= len(stack):
+            raise InputError(
+                f"{found.masks.where}: --views {options.views} of {len(stack)} masks", allowed=f"1 to {len(stack)}"
+            )
+        stack = stack[: options.views]
+    return stack
+
+
+def weights_of(found: Found, stored: int, used: int, guesses: list[str]) -> F32:
+    """Return the weights of the masks in use, from the measurement's file or else from that of the masks.
+
+    Raises:
+        InputError: They are no weights of these masks.
+    """
+    for container in (found.container, found.masks_container):
+        key = roles.key_of(container, "weights", None, guesses)
+        if key is not None:
+            given = container.load(key)
+            break
+    else:
+        return np.ones(used, np.float32)
+    values = given.values.astype(np.float32).reshape(-1)
+    fits = len(values) in (stored, used) and bool(np.isfinite(values).all())
+    values = values[:used]
+    if not fits or values.min() < 0 or not values.any():
+        raise InputError(
+            f"{given.where}: weights {values[:8].tolist()} for {used} masks",
+            allowed=f"{used} numbers >= 0, the share of its interval during which each mask was exposed",
+            remedy="correct them or take them out of the file",
+        )
+    guesses.append(f"{given.where}: weights of the masks, {values.min():.3g} to {values.max():.3g}")
+    return values

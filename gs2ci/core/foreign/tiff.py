@@ -1,0 +1,185 @@
+"""What the tags of a TIFF say about its numbers, and what a decoder does to them without a word.
+
+OpenCV stretches 10, 12 and 14 bits to 16, maps colours, undoes lossy compression and turns pictures by their tag of
+orientation. Here the tags are read first: what can be taken back is, what cannot is refused by name.
+"""
+
+import math
+import re
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+
+# TIFF 6.0 and BigTIFF, each in both orders of bytes: how numbers, links, counts of entries are packed, bytes per entry.
+KINDS: Final = {
+    b"II*\0": ("<I", "<H", 12),
+    b"MM\0*": (">I", ">H", 12),
+    b"II+\0": ("<Q", "<Q", 20),
+    b"MM\0+": (">Q", ">Q", 20),
+}
+# What ImageJ and tifffile write in a description: the number of images, or the shape of the whole array.
+_COUNT: Final = re.compile(rb"ImageJ=[^\0]*?\simages=(\d+)|\{\"shape\": \[([\d, ]+)\]")
+# Numbers of tags (TIFF 6.0; DNG 1.4 for the last): bits per number, compression, 0 as white or black, orientation,
+# colours side by side (1) or in planes (2), kind of number, version of DNG.
+BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, KIND, DNG = TAGS = (258, 259, 262, 274, 284, 339, 50706)
+_SHORT: Final = 3
+_ALLOWED: Final = "a TIFF of 8 to 16 bits, whole numbers of 32 or floating point of 32 or 64, lossless"
+_PLAIN: Final = "save it again as 16-bit TIFF or PNG"
+_COMPRESSIONS: Final = {
+    6: "compressed as JPEG, so that its numbers are neither exact nor proportional to light",
+    7: "compressed as JPEG, so that its numbers are neither exact nor proportional to light",
+    34712: "compressed as JPEG 2000",
+    33003: "compressed as JPEG 2000",
+    33005: "compressed as JPEG 2000",
+    34892: "compressed as lossy JPEG",
+    50000: "compressed by Zstandard",
+    34926: "compressed by Zstandard",
+    34925: "compressed by LZMA",
+    50001: "compressed as WebP",
+    50002: "compressed as JPEG XL",
+    52546: "compressed as JPEG XL",
+    34887: "compressed by LERC",
+}
+_PHOTOMETRICS: Final = {
+    3: "a palette, so that its numbers are names of colours",
+    5: "inks (CMYK)",
+    6: "brightness and colour differences (YCbCr)",
+    8: "CIE L*a*b*",
+    32803: "a camera's raw mosaic",
+    34892: "a camera's linear raw data",
+}
+_FLOATING: Final = 3
+# Turned by their tag: 1 is upright.
+_UPRIGHT: Final = 1
+
+
+def layouts(stored: memoryview) -> list[dict[int, int]]:
+    """Return how the numbers of each page lie that a TIFF's chain of directories names, by the tags `TAGS`.
+
+    One more, empty, where the chain leads out of the file. Each directory is a count of entries, the entries (tag,
+    type, count, value), and the link to the next directory, 0 after the last one; the first link is the last field of
+    the header. Other kinds of files name none.
+    """
+    link, count, entry_bytes = KINDS.get(bytes(stored[:4]), ("", "", 0))
+    if not link:
+        return []
+    found: dict[int, dict[int, int]] = {}
+    at = struct.calcsize(link)
+    short = link[0] + "H"
+    try:
+        while place := struct.unpack_from(link, stored, at)[0]:
+            (entries,) = struct.unpack_from(count, stored, place)
+            if place in found:
+                break
+            first = place + struct.calcsize(count)
+            at = first + entries * entry_bytes
+            found[place] = {}
+            struct.unpack_from(link, stored, at)
+            for start in range(first, at, entry_bytes):
+                (tag,) = struct.unpack_from(short, stored, start)
+                if tag in TAGS:
+                    found[place][tag] = _first_value(stored, start, link)
+    except (struct.error, OverflowError):
+        return [*found.values(), {}]
+    return list(found.values())
+
+
+def _first_value(stored: memoryview, start: int, link: str) -> int:
+    """Return the first number of an entry: in it, or, if there are too many, where it points to."""
+    order, room = link[0], struct.calcsize(link)
+    (kind,) = struct.unpack_from(order + "H", stored, start + 2)
+    (many,) = struct.unpack_from(link, stored, start + 4)
+    at, step = start + 4 + room, {1: "B", _SHORT: "H"}.get(kind, "I")
+    if many * struct.calcsize(step) > room:
+        (at,) = struct.unpack_from(link, stored, at)
+    return int(struct.unpack_from(order + step, stored, at)[0])
+
+
+def described(stored: memoryview, page_size: int) -> int:
+    """Return how many pages of `page_size` numbers a TIFF's description counts; 0 if it counts none."""
+    found = _COUNT.search(stored)
+    if found is None:
+        return 0
+    images, shape = found.groups()
+    return int(images) if images else math.prod(int(side) for side in shape.split(b",")) // page_size
+
+
+def refuse(file: Path, layout: Mapping[int, int]) -> None:
+    """Refuse, before it is decoded, what OpenCV decodes to other numbers or not at all.
+
+    Raises:
+        InputError: A DNG, a lossy or unknown compression, or numbers that are no light.
+    """
+    photometric = _PHOTOMETRICS.get(layout.get(PHOTOMETRIC, 1))
+    if DNG in layout or layout.get(PHOTOMETRIC) in (32803, 34892):
+        raise InputError(
+            f"{file}: a DNG or another raw file of a camera, which is not read",
+            allowed=_ALLOWED,
+            remedy="convert it without development: `dcraw -4 -D -T FILE` (or unprocessed_raw -T of LibRaw), and say "
+            "--cfa and --offset, its black level",
+        )
+    words = _COMPRESSIONS.get(layout.get(COMPRESSION, 1)) or photometric
+    if words is None and layout.get(BITS, 1) in (2, 3, 4, 5, 6, 7):
+        words = f"of {layout[BITS]} bits"
+    if words is None and layout.get(KIND) == _FLOATING and layout.get(BITS, 32) < 32:
+        words = f"of floating point of {layout[BITS]} bits"
+    if words is not None:
+        raise InputError(f"{file}: a TIFF, {words}", allowed=_ALLOWED, remedy=_PLAIN)
+
+
+def check(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> None:
+    """Refuse what OpenCV mixes up without a word if a number has more than 8 bits.
+
+    Raises:
+        InputError: The colours lie in separate planes, which it reads as if they lay side by side; or 0 is white,
+            which it ignores.
+    """
+    if page.dtype == np.uint8:
+        return
+    if page.ndim == 3 and layout.get(PLANES, 1) != 1:
+        raise InputError(
+            f"{file}: a TIFF of {page.dtype} whose colours lie in separate planes",
+            allowed="the colours of a pixel side by side, or one page for each mask",
+            remedy='save it again as [H, W, 3]; masks page by page (tifffile: photometric="minisblack"); or as .npy',
+        )
+    if page.ndim == 2 and layout.get(PHOTOMETRIC, 1) == 0:
+        raise InputError(
+            f"{file}: a TIFF of {page.dtype} that counts from white, so that 0 is the brightest",
+            allowed="numbers that grow with the light (photometric interpretation: black is zero)",
+            remedy="invert it and save it again, or as .npy",
+        )
+
+
+def as_stored(file: Path, page: NDArray[Any], layout: Mapping[int, int]) -> NDArray[Any]:
+    """Take back the stretching of 9 to 15 bits to 16.
+
+    Raises:
+        InputError: The page was not stretched by a shift of its bits.
+    """
+    bits = layout.get(BITS, 16)
+    if page.dtype != np.uint16 or not 8 < bits < 16:
+        return page
+    shift = 16 - bits
+    if (page & (2**shift - 1)).any():
+        raise InputError(
+            f"{file}: a TIFF of {bits} bits that is decoded to other numbers", allowed=_ALLOWED, remedy=_PLAIN
+        )
+    return page >> shift
+
+
+def note_of(layout: Mapping[int, int]) -> str:
+    """Say what was done to a page."""
+    notes = []
+    bits = layout.get(BITS, 16)
+    if 8 < bits < 16:
+        notes.append(f"{bits} bits")
+    turned = layout.get(ORIENTATION, _UPRIGHT)
+    if turned != _UPRIGHT:
+        notes.append(f"turned as its tag of orientation says ({turned})")
+    return ", ".join(notes)

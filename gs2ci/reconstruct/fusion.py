@@ -1,0 +1,293 @@
+"""The delivered views: those of the fits, of the best scene and of the decode, combined for the least expected error.
+
+    mean of the fits ─┬─ with its residual put back ──────┬───────────────────┐
+                      │                                   └─ and polished ────┤
+                      └─ as it is ────────────────────────────────────────────┤
+    best scene ───────────────────────────────────────────────────────────────┼─► weights by held-out pixels
+    decode, uncoupled and coupled (unless far off) ───────────────────────────┘   ─► the combination, from all pixels
+
+Where the fits' views surely err over time and those of the decode do not, the latter take their place first.
+
+Polishing is a decode by groups of similar patches that starts from the refined views: it adds detail that the scene
+lacks, and follows moving things.
+
+Here: the candidates, the name of the result, and how long polishing takes. Not here: their weights
+(`fit/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
+"""
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+import torch
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.run_records import Verdict
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.decode.coupling import COUPLINGS
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, shares
+from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement.doubts import doubts_about_result
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
+from gs2ci.reconstruct.settings import Settings
+
+# A decode whose held-out residual is so many times that of the fits' mean would get a weight of a few hundredths at
+# most, and the candidates made from it cost several decodes' time.
+_FAR_OFF: Final = 1.7
+# The expected error, rms in full scales, from which on the report doubts the views. An error of 0.05 (26 dB) is visible
+# at a glance; with little noise the expectation is 0.84 to 1 times the error (docs/decisions/combination.md).
+_ERRS: Final = 0.045
+# If candidates of one kind have at least this weight together, the result is made of them alone and named after them.
+_ALL_BUT: Final = 0.95
+
+Part = Literal["refined", "polished", "mean", "scene", "decode", "coupled decode"]
+_CALLED: Final[dict[Part, Verdict]] = {
+    "refined": "refined",
+    "polished": "refined",
+    "mean": "refined",
+    "scene": "scene",
+    "decode": "decode",
+    "coupled decode": "decode",
+}
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """The delivered views, what they are made of, and the held-out residuals that led to them."""
+
+    views: F32
+    verdict: Verdict
+    heldout_rms: dict[Verdict, float | None]
+    notes: tuple[Finding, ...]
+    exposed: F32 | None = None
+    """What each mask saw, averaged over the time it was displayed, if `views` show the middle of that time."""
+    scene_views: F32 | None = None
+    """Views of the best scene at the middle of each mask's time; None: those of the fit."""
+
+    @property
+    def is_decode(self) -> bool:
+        """Get whether the views are almost entirely those of the decode."""
+        return self.verdict == _CALLED["decode"]
+
+    @property
+    def is_refined(self) -> bool:
+        """Get whether they are a combination with the mean of the fits."""
+        return self.verdict == _CALLED["refined"]
+
+    def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
+        """Return the views at the middle of each mask's time.
+
+        The views are corrected by the difference between the scenes' renderings at the middle and over the whole time:
+        views of the best scene by its own difference, refined views, which are made of all averaged fits, by the mean
+        of theirs. A decode is not corrected, since it has no camera path.
+        """
+        if renderer.moments_per_mask == 1:
+            return self
+        averaged = (ensemble.best, *ensemble.others)[: max(ensemble.averaged, 1)]
+        differ = [
+            renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
+            for fit in averaged
+        ]
+        mean = np.mean(differ, axis=0, dtype=np.float32)
+        correction = {"refined": mean, "scene": differ[0], "decode": np.float32(0)}[self.verdict]
+        views = self.views + correction
+        return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
+
+
+def hand_over(
+    first: FirstLook,
+    ensemble: Ensemble,
+    refine: Refinement,
+    settings: Settings,
+    polishing: tuple[PatchSettings, ...],
+    *,
+    hurried: bool = False,
+) -> Recovered:
+    """Combine the fits' mean, with and without its residual, the best scene's views and the decode's.
+
+    If the settings decode no residual, or no pixel was held out, the best scene's views are returned unchanged.
+
+    Args:
+        first: The measurement with its held-out pixels, and its decode.
+        ensemble: Of the fits.
+        refine: Adds the decoded residual to views.
+        settings: Of the reconstruction.
+        polishing: Schedules of a decode by similar patches that starts from the refined views, for scenes in which
+            things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
+            at the held-out pixels.
+        hurried: Whether the measurement is decoded once more at most, from all pixels, and not in other ways.
+    """
+    holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
+    if settings.residual is None or not holdout.pixels.any():
+        judged = _judged(holdout, {"refined": own, "scene": own, "decode": first.decoded})
+        return Recovered(own, "scene", judged, _doubts(holdout, own))
+    unfollowed = followed_by_other_alone(holdout, mean, first.decoded)
+    if LeftOut.ERRORS_OVER_TIME in settings.left_out:
+        unfollowed = np.zeros_like(unfollowed)
+    if unfollowed.any():
+        own, mean = (replaced(views, first.decoded, unfollowed) for views in (own, mean))
+    noise_by_reading = noise_of_readings(holdout, ensemble.views)
+    least_noise = mean_power(noise_by_reading, holdout)
+    noise = least_noise * followed(holdout, ensemble.views)
+    refine = refine.with_noise(noise_by_reading)
+    in_full, by_share = refine.in_full_and_by_share(mean)
+    dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
+    refined_views, notes = _polished_densely(holdout, by_share, dense)
+    polished_so_far = by_share if refined_views is None else refined_views.blind
+    if refined_views is None:
+        refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
+    cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
+    candidates: dict[Part, Candidate] = {
+        "refined": refined_views,
+        # If patches, which may move, reduced the residual much, the scenes explain the sum of views, not each view:
+        # their errors cancel along the views.
+        "mean": Candidate(mean, mean, cancels=cancels),
+        "scene": Candidate(own, own, cancels=cancels),
+    }
+    near = (holdout.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (holdout.residual_rms(mean) or 0.0)
+    decode: dict[Part, Candidate] = {"decode": Candidate(first.decoded, first.decoded)} if near else {}
+    # If the decode has nearly all the weight, the scene shows something else, and polishing it would give little more
+    # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
+    if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
+        candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
+    if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
+        again = _decoded_from_all_pixels(first, settings) if hurried else _decodes(first, settings, noise_by_reading)
+        candidates.update(again)
+    wanted = shares(holdout, candidates, noise)
+    blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
+    judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
+    of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
+    for name, share in wanted.items():
+        of[_CALLED[name]] += share
+    verdict: Verdict = next((name for name, share in of.items() if share >= _ALL_BUT), "refined")
+    if verdict == "scene" and unfollowed.any():
+        verdict = "refined"
+    if verdict != "refined":
+        wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
+        notes = ()
+    elif of["refined"] < 1:
+        mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
+        notes = (*notes, mixed)
+    if wanted.get("polished", 0) > 0:
+        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
+    if unfollowed.any():
+        notes = (*notes, finding(Code.SCENE_NOT_FOLLOWING, share=float(unfollowed.mean())))
+    given = Candidate(
+        combined({name: one.blind for name, one in candidates.items()}, wanted),
+        combined({name: one.full for name, one in candidates.items()}, wanted),
+    )
+    return Recovered(
+        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, least_noise), *notes)
+    )
+
+
+def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
+    """Report the expected error of views if it is large enough to be visible; too much noise would hide it."""
+    rms = expected_rms(holdout, given, noise)
+    if rms is None or rms < _ERRS:
+        return ()
+    return (finding(Code.VIEWS_ERR, share=rms, psnr_db=-20 * math.log10(rms)),)
+
+
+def _judged(holdout: Holdout, views: dict[Verdict, F32]) -> dict[Verdict, float | None]:
+    return {name: holdout.residual_rms(one) for name, one in views.items()}
+
+
+def _doubts(holdout: Holdout, views: F32) -> tuple[Finding, ...]:
+    return doubts_about_result(holdout, views) if holdout.pixels.any() else (finding(Code.UNJUDGED),)
+
+
+def _polished_densely(
+    holdout: Holdout, refined: F32, polishing: tuple[PatchSettings, ...]
+) -> tuple[Candidate | None, tuple[Finding, ...]]:
+    """Polish refined views, [N, H, W, C], by the schedules in turn; None if none of them lowers the held-out residual.
+
+    A few last steps then use all pixels, those held out included.
+    """
+    polished = refined
+    after = before = holdout.residual_rms(refined) or 0.0
+    for steps in polishing:
+        further = patch_decode_from(holdout.seen, polished, steps)
+        left = holdout.residual_rms(further) or 0.0
+        if left < after:
+            polished, after = further, left
+    if after >= before:
+        return None, ()
+    full = patch_decode_from(holdout.shot, polished, PatchSettings.to_the_end())
+    return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
+
+
+def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdout, noise: float) -> bool:
+    """Tell whether one candidate would get nearly all the weight."""
+    return name in candidates and shares(holdout, candidates, noise)[name] >= _ALL_BUT
+
+
+def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:
+    """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
+    blind = patch_decode_from(holdout.seen, refined, how, noise=noise)
+    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps, noise=noise))
+
+
+def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
+    """Return how long polishing will take, from the time of its first step.
+
+    Args:
+        holdout: The measurement.
+        views: To begin with, [N, H, W, C]; a step takes about the same time whatever they show.
+        how: The schedule.
+    """
+    began_s = time.monotonic()
+    patch_decode_from(holdout.seen, views, replace(how, iterations=1))
+    return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
+
+
+def _decoded_from_all_pixels(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
+    """Decode from all pixels as the first look was decoded."""
+    if first.sigma is not None:
+        full = seen_to_the_end(first.holdout, first.decoded, first.sigma)
+    else:
+        full = gap_tv(first.holdout.shot, settings.decode)
+    return {"decode": Candidate(first.decoded, full)}
+
+
+def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
+    """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
+
+    The noise of the readings, [H, W, C], is weighed if that lowers it too: where a scene lacks much, noise is
+    overestimated. A brief decode by patches is first continued on the long schedule of the settings. The caller skips
+    all this if a decode by patches gets no weight as it is.
+    """
+    holdout, uncoupled = first.holdout, settings.decode
+    if first.is_decoded_briefly and settings.long_decode is not None:
+        longer = first.decoded_longer(settings.long_decode, hurried=True)
+        if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
+            first = longer
+    if first.sigma is not None:
+        return _decoded_from_all_pixels(first, settings)
+    decoded: F32 = first.decoded
+    known: F32 | None = None
+    if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
+        weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
+        if (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
+            decoded, known = weighed, noise
+    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.shot, uncoupled, noise=known))}
+    if LeftOut.COUPLED_DECODE in settings.left_out:
+        return found
+    others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
+    blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
+    left = [holdout.residual_rms(views) or 0.0 for views in blind]
+    best = int(np.argmin(left))
+    if left[best] < (holdout.residual_rms(decoded) or 0.0):
+        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best], noise=known))
+    return found

@@ -1,0 +1,314 @@
+"""The fits of one reconstruction: what they share, and all that is done with them.
+
+Here: `Fits`: where they start, a hypothesis entered as a fit that can be paused, several continued side by side, their
+mean, short fits that settle the order of depth, fits within a budget, the fine stage. Not here: the order of these
+steps (`pipeline`), which hypotheses there are and which go on (`race`), what a fit is (`fit/coarse.py`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, member_seed, members
+from gs2ci.reconstruct.fit.fine import Fine, fit_fine
+from gs2ci.reconstruct.fit.looks import Monitoring, Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
+from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.pace import Pace, Timed
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
+from gs2ci.reconstruct.fusion import polish_seconds
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
+from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.presets.budget import Budget
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+# So many iterations, and one look at the held-out pixels, are timed to foresee what fits cost.
+_TIMED_ITERATIONS: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Entrant:
+    """A hypothesis in the race.
+
+    Args:
+        number: In the order of entering.
+        of: The number of the hypothesis whose fit this is another member of; its own if there is none.
+        hypothesis: What is tried.
+        geometry: Path and depth at the start, in pixels of the sensor.
+        run: Its fit, which can be paused.
+        schedule: Iterations of a whole fit.
+        began: Iterations that all fits had made when it entered.
+    """
+
+    number: int
+    of: int
+    hypothesis: Hypothesis
+    geometry: Geometry
+    run: CoarseRun
+    schedule: int
+    began: int = 0
+
+    def heldout_at(self, iteration: int) -> float:
+        """Return the held-out residual of the last look up to an iteration; infinite if there was none."""
+        known = [
+            point.heldout for point in self.run.curve if point.iteration <= iteration and point.heldout is not None
+        ]
+        return known[-1] if known and math.isfinite(known[-1]) else math.inf
+
+
+@dataclass(frozen=True)
+class Fits:
+    """What all fits of one reconstruction share.
+
+    Args:
+        holdout: The measurement, and its held-out pixels.
+        fitted: The same with its holes filled, to which scenes are fitted.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: Of every stage.
+        refine: Adds the decoded residual to the views of fits.
+        progress: Receives every stage and step.
+        clock: Of the stages.
+        score: Of views, for the curve.
+        halt: A request to end early, which stops the fits.
+        mask_moments: The moments within masks; None if one moment for each mask is enough.
+        pace: Ends the fits within a budget; None: they run for their settings' number of iterations.
+    """
+
+    holdout: Holdout
+    fitted: Holdout
+    lens: Lens | None
+    settings: Settings
+    refine: Refinement
+    progress: Progress
+    clock: Stopwatch
+    score: Score | None = None
+    halt: Halt = field(default_factory=Halt)
+    mask_moments: MaskMoments | None = None
+    pace: Pace | None = None
+
+    def order_of(self, first: FirstLook, *, hurried: bool) -> tuple[FirstLook, OrderFound]:
+        """Settle the order of depth by short fits if a first look leaves it open.
+
+        If hurried, or if the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
+        stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported. Short fits never
+        reverse a path that no tracks confirm.
+        """
+        geometry = first.geometry
+        if self.settings.withheld != Withheld() or not is_open(geometry, self.settings.geometry.criteria):
+            return first, OrderFound()
+        if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
+            return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
+        if hurried or not self.tries_orders:
+            return first, OrderFound(DepthOrder.UNTRIED if geometry.is_estimated else DepthOrder.SETTLED)
+        if geometry.is_uniform:
+            return first, OrderFound(DepthOrder.OPEN, 0.0)
+        self.progress.say("Near and far may be exchanged: short fits compare both orders of depth.")
+        # Depths of further views belong to one order only.
+        plain = replace(first, geometry=replace(geometry, view_depths=()))
+        found, order = settle(plain.geometry, lambda one: self._begun(plain, one), self._fit_briefly)
+        self.clock.lap("fit")
+        kept = replace(found, view_depths=geometry.view_depths) if order.state == DepthOrder.SETTLED else found
+        return replace(first, geometry=kept), order
+
+    @property
+    def tries_orders(self) -> bool:
+        """Get whether both orders of depth may be tried."""
+        return self.settings.try_orders and self.settings.fit.iterations >= LEAST_SCHEDULE
+
+    def occlusion(self, fit: CoarseFit, views: F32) -> Occlusion:
+        """Find what views, [N, H, W, C], show where surfaces of a fit hide one another."""
+        shot = self.fitted.shot
+        backend = load_backend(self.settings.backend, self.settings.raster)
+        renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
+        depth = renderer.depths(fit.scene, fit.world_to_camera)
+        distortion = None if self.lens is None else shot.distortion
+        return occlusion(views, depth, fit.world_to_camera, fit.intrinsics, distortion)
+
+    def _begun(self, first: FirstLook, geometry: Geometry) -> tuple[Geometry, Gaussians]:
+        return self.beginning(replace(first, geometry=geometry), first.decoded)
+
+    def _fit_briefly(self, begun: tuple[Geometry, Gaussians], number: int) -> float:
+        """Fit from a geometry and its first Gaussians briefly; return the mean square of the residual.
+
+        Infinite if the fit diverges.
+        """
+        geometry, start = begun
+        trying = replace(self._trying(shortened(self.settings.fit)), mask_moments=None)
+        member = members(start, self.settings.density_rules[:1], number + 1, self.settings.seed)[number]
+        run = trying.run_of(geometry, member, Silent())
+        try:
+            run.advance()
+        except NumericsError:
+            return math.inf
+        return mean_square(self.fitted, run.result().views)
+
+    def timed(self, first: FirstLook) -> Timed:
+        """Time a few iterations of a fit from a first look, and a look at the held-out pixels."""
+        fit = self.settings.fit
+        looking = fit.hold_out.looking(_TIMED_ITERATIONS)
+        brief = replace(
+            fit,
+            iterations=_TIMED_ITERATIONS,
+            densify_from=1.0,
+            mask_moments_from=0.0,
+            surfaces=None,
+            hold_out=looking,
+        )
+        geometry, start = self.beginning(first, first.decoded)
+        timed = Timed(_TIMED_ITERATIONS, 1.0 if self.mask_moments is None else self.mask_moments.per_mask)
+        member = Member(start, fit.density, self.settings.seed)
+        self._trying(brief).run_of(geometry, member, Silent(), timed).advance()
+        self.clock.lap("fit")
+        return timed
+
+    def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
+        """Return the same with the fits that a budget allows: a few iterations are timed, and a step of polishing.
+
+        Without a budget nothing is changed.
+        """
+        if budget is None:
+            return self
+        timed, polish = self.timed(first), self.settings.polish
+        polish_s = 0.0 if polish is None else polish_seconds(self.holdout, first.decoded, polish)
+        settings, pace, said = budget.fit(self.settings, timed, self.clock.seconds().get("decode", 0.0), polish_s)
+        self.progress.say(said)
+        self.clock.lap("fit")
+        return replace(self, settings=settings, pace=pace)
+
+    def enter(self, hypothesis: Hypothesis, number: int = 0, of: int = 0, began: int = 0) -> Entrant:
+        """Return a hypothesis as a fit that has not begun."""
+        if hypothesis.after is not None:
+            return self._released(hypothesis, hypothesis.after, number, of, began)
+        settings, seed = self.settings, self.settings.seed
+        geometry, start = self.beginning(hypothesis.look, hypothesis.views, moving=hypothesis.moves)
+        self.clock.lap("geometry")
+        member = members(start, settings.density_rules, hypothesis.member + 1, seed)[hypothesis.member]
+        member = replace(member, start=of_degree(member.start, hypothesis.member))
+        pace = None if self.pace is None or not number else self.pace.beside()
+        run = self.run_of(geometry, member, self.progress, pace or self.pace)
+        return Entrant(number, of, hypothesis, geometry, run, settings.fit.iterations, began)
+
+    def _released(self, hypothesis: Hypothesis, fit: CoarseFit, number: int, of: int, began: int) -> Entrant:
+        """Return a fit that continues that of a still scene with motion allowed."""
+        freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
+        start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), hypothesis.member)
+        member = Member(
+            start, freed.settings.fit.density, member_seed(self.settings.seed, hypothesis.member), fit.outside
+        )
+        geometry = replace(hypothesis.look.geometry, intrinsics=fit.intrinsics)
+        run = freed.run_of(replace(geometry, world_to_camera=fit.world_to_camera), member, self.progress)
+        return Entrant(number, of, hypothesis, geometry, run, freed.settings.fit.iterations, began)
+
+    def advance(self, entrants: Sequence[Entrant], share: float) -> tuple[Entrant, ...]:
+        """Continue fits side by side; return those whose numbers are finite.
+
+        Raises:
+            NumericsError: The first one is not finite from its first iteration on.
+        """
+        runs = [one.run for one in entrants]
+        sound = advance_together(runs, share, self.progress, self.halt, leader_alone=self.pace is not None)
+        self.clock.lap("fit")
+        return tuple(one for one in entrants if one.run in sound)
+
+    def mean(self, fits: tuple[CoarseFit, ...], stage: str = "fit") -> Ensemble:
+        """Return the mean of fits, which ends a stage."""
+        ensemble = combined(fits, self.holdout, self.refine)
+        self.clock.lap(stage)
+        return ensemble
+
+    def fine(self, fits: tuple[CoarseFit, ...], ensemble: Ensemble, renderer: ShotRenderer, fine: Fine) -> Ensemble:
+        """Take the best of several fits through the fine stage; return the mean of all."""
+        detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
+        fined = fit_fine(
+            self.fitted,
+            ensemble.best,
+            renderer,
+            fine,
+            self.settings.seed,
+            self._monitoring(self.progress),
+            detailed,
+        )
+        return self.mean((fined, *ensemble.others), "fine")
+
+    def beginning(self, look: FirstLook, views: F32, *, moving: bool = False) -> tuple[Geometry, Gaussians]:
+        """Return the poses and the Gaussians to start from, without what the settings withhold.
+
+        Args:
+            look: The first look.
+            views: They give the Gaussians their colours, [N, H, W, C].
+            moving: Whether the Gaussians start with the motion that the views show.
+        """
+        settings, lens = self.settings, self.lens
+        geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
+        start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+        if moving:
+            start = set_moving(start, geometry, views, settings.fit.motion)
+        # From here on intrinsics are in pixels of the sensor, no longer of the canvas of straightened views.
+        return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
+
+    def run_of(self, geometry: Geometry, member: Member, progress: Progress, pace: Pace | None = None) -> CoarseRun:
+        """Return one fit of the ensemble that has not begun."""
+        # Each fit needs a backend of its own: its buffers serve one fit at a time.
+        backend = load_backend(self.settings.backend, self.settings.raster)
+        one_picture = geometry.known_at_rest and member.start.motion is None
+        renderer = ShotRenderer(
+            self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments, one_picture=one_picture
+        )
+        return CoarseRun(
+            holdout=self.fitted,
+            renderer=renderer,
+            start=member.start,
+            geometry=geometry,
+            settings=replace(self.settings.fit, density=member.density),
+            seed=member.seed,
+            monitoring=self._monitoring(progress),
+            pace=pace,
+            outside=member.outside,
+        )
+
+    def _monitoring(self, progress: Progress) -> Monitoring:
+        return Monitoring(self.refine.decode, progress, self.score, self.clock.began_s, self.halt)
+
+    def _trying(self, fit: CoarseSettings) -> "Fits":
+        """Return the same for auxiliary fits: they are neither scored nor ended early."""
+        return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
+
+
+def released(fit: CoarseSettings) -> CoarseSettings:
+    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
+
+    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
+    first: without that, the first step took a fitted scene to four times its loss.
+    """
+    steps, iterations = fit.steps, max(1, fit.iterations // 2)
+    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
+    return replace(
+        fit,
+        iterations=iterations,
+        densify_until=0.0,
+        warm_up=iterations // 10,
+        mask_moments_from=0.0,
+        surfaces=None,
+        relief=None,
+        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
+    )

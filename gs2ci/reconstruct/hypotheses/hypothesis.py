@@ -1,0 +1,156 @@
+"""What is tried for one measurement, and what came of it.
+
+Here: the records. Not here: who proposes hypotheses (a file each), their fits (`fitting`), which go on (`race`).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Protocol
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+
+
+class Origin(StrEnum):
+    """Where a hypothesis comes from; the values stand in reports."""
+
+    FIRST = "first look"
+    AGAIN = "second look"
+    MATCHES = "wide"
+    REST = "rest"
+    TURNED = "other order of depth"
+    COMPANION = "other density rule"
+    MOVING = "moving from the first"
+    RELEASED = "released from the still scene"
+
+
+class DepthOrder(StrEnum):
+    """What is known of the order of depth, near against far."""
+
+    SETTLED = "settled"
+    """A stage gave it, tracks or short fits are sure of it, or there is no depth."""
+    TURNED = "turned over"
+    """Short fits are sure of the order opposite to that of the tracks."""
+    CONTRADICTED = "contradicted"
+    """Short fits are sure of the order opposite to that of a file."""
+    SHOWN = "shown"
+    """Two whole fits, one of each order, show which surfaces hide which."""
+    OPEN = "open"
+    UNTRIED = "untried"
+    """It is open, and nothing was done about it."""
+
+
+class RaceOutcome(StrEnum):
+    """What became of a hypothesis; the values stand in reports."""
+
+    LED = "taken"
+    AVERAGED = "counts in the mean"
+    LESS = "explains less"
+    BEHIND = "far behind after a quarter of its schedule"
+    NOT_NEEDED = "no longer needed"
+    FAILED = "diverged"
+
+
+@dataclass(frozen=True)
+class OrderFound:
+    """The order of depth, and how clearly it is preferred.
+
+    Args:
+        state: What is known.
+        errors: By how many standard errors the order that is used is preferred.
+        times: How many times as much evidence whole fits show for it.
+        less: The share by which short fits leave less in this order.
+    """
+
+    state: DepthOrder = DepthOrder.SETTLED
+    errors: float | None = None
+    times: float = 0.0
+    less: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A path, a start of the depths, their order, and whether things move.
+
+    Args:
+        origin: Where it comes from.
+        look: The measurement, its decoded views, path and depth.
+        views: They give the first Gaussians colours, and motion, [N, H, W, C].
+        order: Of its depths.
+        moves: Whether the scene may move.
+        member: Fits from one start differ by this number: in density rule, seed and a displacement of their Gaussians.
+        after: The fit of a still scene that it continues; None: it starts from the path and the depths.
+    """
+
+    origin: Origin
+    look: FirstLook
+    views: F32
+    order: OrderFound = OrderFound()
+    moves: bool = False
+    member: int = 0
+    after: CoarseFit | None = None
+
+    def companion(self, member: int) -> "Hypothesis":
+        """Return the same hypothesis for another member of the ensemble."""
+        return replace(self, origin=Origin.COMPANION, member=member)
+
+
+@dataclass(frozen=True, eq=False)
+class Leading:
+    """The leading fit so far, as proposers see it.
+
+    Args:
+        hypothesis: What it was made for.
+        views: Its views, refined, [N, H, W, C].
+        path: Its poses, [N, 4, 4]; None if they are those of the hypothesis.
+    """
+
+    hypothesis: Hypothesis
+    views: F32
+
+
+class Proposer(Protocol):
+    """Proposes hypotheses from the views of the leading fit."""
+
+    def __call__(self, leading: Leading) -> Iterable[Hypothesis]:
+        """Return what is worth a fit; nothing, if these views show nothing new."""
+
+
+@dataclass(frozen=True)
+class RaceEvidence:
+    """What came of a hypothesis.
+
+    Args:
+        origin: Where it comes from.
+        source: Of its path.
+        began: Iterations that all fits had made when it entered.
+        iterations: That its fit made.
+        schedule: Iterations that a whole fit of it has.
+        heldout: The held-out residual by iteration.
+        refined_rms: That of its refined views in the end; None if it was not judged.
+        outcome: What became of it.
+    """
+
+    origin: Origin
+    source: str
+    began: int
+    iterations: int
+    schedule: int
+    heldout: tuple[tuple[int, float], ...]
+    refined_rms: float | None
+    outcome: RaceOutcome
+
+    def summary(self) -> dict[str, object]:
+        """Return it as plain values."""
+        return {
+            "hypothesis": self.origin.value,
+            "path": self.source,
+            "began": self.began,
+            "iterations": self.iterations,
+            "schedule": self.schedule,
+            "heldout": [[iteration, rms] for iteration, rms in self.heldout],
+            "refined_rms": self.refined_rms,
+            "outcome": self.outcome.value,
+        }

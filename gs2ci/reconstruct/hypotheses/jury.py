@@ -1,0 +1,183 @@
+"""The jury of the race: what views leave of the held-out pixels, which hypothesis is taken, and which views count.
+
+Here: these comparisons, and the questions whether things move and from where moving scenes start. Not here: the
+schedule (`race`), thresholds of motion (`moving`), what hides what (`turned`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.stopping import has_clearly_risen
+from gs2ci.reconstruct.geometry.choose import is_doubtful
+from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
+from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, OrderFound, Origin
+from gs2ci.reconstruct.hypotheses.moving import (
+    BEHIND_DECODE,
+    BEHIND_PATCHES,
+    LEAST_GAIN,
+    LEAST_UNFOLLOWED,
+    MotionQuestion,
+    ask,
+    rested,
+    speaks_for_motion,
+)
+from gs2ci.reconstruct.hypotheses.turned import explain_alike, shown_by
+from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
+
+
+class Jury:
+    """Judges the fits of one measurement by its held-out pixels.
+
+    Args:
+        fits: What they share.
+
+    Attributes:
+        judged: The residuals of those that were compared, by their number.
+    """
+
+    def __init__(self, fits: Fits) -> None:
+        self.judged: dict[int, float | None] = {}
+        self._fits, self._settings = fits, fits.settings
+
+    def question(self, leader: Entrant, views: F32) -> MotionQuestion:
+        """Test still views' residual for motion, and if the test is positive, how much patches reduce it."""
+        look = leader.hypothesis.look
+        unfollowed = float(followed_by_other_alone(self._fits.holdout, views, look.decoded).mean())
+        left, at_rest = ask(self._fits.holdout, views), look.geometry.known_at_rest
+        asked = MotionQuestion(left, unfollowed=unfollowed, known_at_rest=at_rest)
+        if unfollowed >= LEAST_UNFOLLOWED or not speaks_for_motion(left, known_at_rest=at_rest):
+            return asked
+        if LeftOut.PATCH_TEST_OF_MOTION in self._settings.left_out:
+            return replace(asked, gain=1.0)
+        refined = self._fits.refine(views)
+        further = [self.further(refined)]
+        if look.is_decoded_at_length:
+            further.append(look.decoded)
+        return replace(
+            asked,
+            gain=max(self.gain(refined, decoded) for decoded in further),
+            behind_decode=self.is_behind_decode(look, leader.run.result().views),
+            got_worse=got_worse(leader),
+            no_path=not leader.geometry.has_path,
+        )
+
+    def moving_hypotheses(self, first: FirstLook, leader: Entrant, still: F32) -> list[Hypothesis]:
+        """Return a scene that moves from the first, and along a sure path the still one, released."""
+        result, look = leader.run.result(), leader.hypothesis.look
+        starts = (self.shown(still, first.decoded), first.decoded, self.further(self._fits.refine(still)))
+        views = min(starts, key=lambda shown: or_infinite(self._fits.holdout.residual_rms(shown)))
+        found = [Hypothesis(Origin.MOVING, rested(look), views, moves=True)]
+        sure = look.geometry.has_path and not is_doubtful(look.geometry, self._settings.geometry.criteria)
+        if sure and LeftOut.RELEASED_FITS not in self._settings.left_out:
+            found.append(Hypothesis(Origin.RELEASED, look, views, moves=True, after=result))
+        return found
+
+    def taken(self, field: tuple[Entrant, ...], asked: MotionQuestion) -> tuple[tuple[Entrant, ...], OrderFound]:
+        """Return the fits of a still scene, that of the hypothesis taken first, and what they say of its order."""
+        leader, order = field[0], field[0].hypothesis.order
+        rivals = [one for one in field if one.hypothesis.origin not in (Origin.COMPANION, Origin.TURNED)]
+        if len(rivals) > 1:
+            for rival in rivals:
+                self.judged[rival.number] = self.left(rival)
+            leader = min(rivals, key=lambda one: or_infinite(self.judged[one.number]))
+            pathless = next((one for one in rivals if one.geometry.lacks_path), leader)
+            if not clearly_less(self.judged[leader.number], self.judged[pathless.number]):
+                leader = pathless
+            order = leader.hypothesis.order
+        # What moves hides other things than a scene at rest would, also where a moving scene explains no more.
+        turned = [one for one in field if one.hypothesis.origin == Origin.TURNED and not asked.speaks_for_motion]
+        told = self._told(leader, turned[0]) if turned else None
+        if told is not None:
+            leader, order = (leader if told[0] else turned[0]), told[1]
+        return (leader, *(one for one in field if one.number != leader.number)), order
+
+    def _told(self, one: Entrant, other: Entrant) -> tuple[bool, OrderFound] | None:
+        """Tell whether the first of two fits hides what its refined views do not show; None if that is not clear."""
+        results = [entrant.run.result() for entrant in (one, other)]
+        refined = [self._fits.refine(result.views) for result in results]
+        if not explain_alike(*(self._fits.holdout.residual_rms(views) for views in refined)):
+            return None
+        return shown_by(*(self._fits.occlusion(result, views) for result, views in zip(results, refined, strict=True)))
+
+    def counting(self, field: Sequence[Entrant]) -> list[Entrant]:
+        """Return those whose views count in the mean: other hypotheses only if they do not raise its residual."""
+        leader = field[0]
+        own = [one for one in field if one.of == leader.of]
+        others = [one for one in field if one.of != leader.of]
+        if self._fits.mask_moments is not None:
+            # Views at the middle of the masks are rendered anew from all fits, with the camera matrix of the best.
+            focal_px = leader.geometry.intrinsics[0, 0]
+            others = [one for one in others if one.geometry.intrinsics[0, 0] == focal_px]
+        if not others:
+            return own
+        others.sort(key=lambda one: or_infinite(self.left(one)))
+        least = or_infinite(self.left(leader))
+        while others and self.left_of(self.mean_of([*own, *others])) > least:
+            others.pop()
+        return [*own, *others]
+
+    def mean_of(self, field: Sequence[Entrant]) -> F32:
+        """Return the mean of the views of fits, [N, H, W, C]."""
+        together = field[0].run.result().views.copy()
+        for one in field[1:]:
+            together += one.run.result().views
+        return together / np.float32(len(field))
+
+    def is_behind_decode(self, look: FirstLook, views: F32) -> bool:
+        """Tell whether views of a scene explain the held-out pixels barely better than a brief decode, or worse.
+
+        A whole decode by patches follows moving things, and may be better than a scene that is right: against it the
+        scene has to be clearly worse.
+        """
+        least = BEHIND_PATCHES if look.is_decoded_at_length else BEHIND_DECODE
+        fitted, decoded = (self._fits.holdout.residual_rms(one) for one in (views, look.decoded))
+        return fitted is not None and decoded is not None and fitted >= least * decoded > 0
+
+    def further(self, refined: F32) -> F32:
+        """Decode by patches, which may move, for a few steps from refined views, [N, H, W, C]."""
+        return patch_decode_from(self._fits.holdout.seen, refined, PatchSettings.from_scene_briefly())
+
+    def gain(self, refined: F32, decoded: F32) -> float:
+        """Return the share by which decoded views, [N, H, W, C], have less of a held-out residual than refined ones."""
+        before, after = (self._fits.holdout.residual_rms(views) for views in (refined, decoded))
+        return 0.0 if not before or after is None else 1 - after / before
+
+    def shown(self, views: F32, decoded: F32) -> F32:
+        """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
+        where = followed_by_other_alone(self._fits.holdout, views, decoded)
+        return self._fits.refine(replaced(views, decoded, where) if where.any() else views)
+
+    def left_of(self, views: F32) -> float:
+        """Return the held-out residual of views, [N, H, W, C], after their refinement."""
+        return or_infinite(self._fits.holdout.residual_rms(self._fits.refine(views)))
+
+    def left(self, entrant: Entrant, decoded: F32 | None = None) -> float | None:
+        """Return the held-out residual of a fit's views, refined; about as delivered if decoded."""
+        run = entrant.run
+        views = run.result().views if run.has_ended else run.views()
+        return self._fits.holdout.residual_rms(
+            self._fits.refine(views) if decoded is None else self.shown(views, decoded)
+        )
+
+
+def clearly_less(one: float | None, other: float | None) -> bool:
+    """Tell whether a held-out residual is so much smaller than another that this is not chance."""
+    return one is not None and other is not None and one < (1 - LEAST_GAIN) * other
+
+
+def or_infinite(rms: float | None) -> float:
+    """Return a held-out residual, or infinity if it is not known."""
+    return math.inf if rms is None or math.isnan(rms) else rms
+
+
+def got_worse(still: Entrant) -> bool:
+    """Tell whether the held-out residual of a fit ended clearly above its least value."""
+    left = [point.heldout for point in still.run.curve if point.heldout is not None]
+    return bool(left) and has_clearly_risen(min(left), left[-1])

@@ -1,0 +1,133 @@
+"""Views far apart, whose path tracks do not find or find roughly: features of all pairs matched again.
+
+    first look (few views join one scene, or a motion without tracks), or fits along a path that turns far, or no better
+    than a decode ─► decode by similar patches ─► features in tilted pictures ─► path
+
+Views 15° apart, in any order, share hardly a corner that can be tracked, and in views decoded by GAP-TV few features
+match. Similar patches, sought within each view and its neighbours, need no path, and decode such views 3 to 6 dB
+better (docs/decisions/wide-baseline.md).
+
+A uniform motion that no tracks confirm is the last resort: a scene along it is seldom kept. So features are matched
+again before anything is fitted along it.
+
+Around an object, tracks follow points from one view to the next, and lose them before it has been turned by 20°: errors
+add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).
+
+Here: when to match again, and the look that results. Not here: the features and the scene that grows from them
+(`geometry.wide`), the first look itself (`first_look`), the fits (`fitting`).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
+from gs2ci.reconstruct.geometry.evidence import carried_views
+from gs2ci.reconstruct.geometry.halves import squared_distance
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.sources import matched_motion
+from gs2ci.reconstruct.geometry.validity import halves_agree
+from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.settings import Settings
+
+# Paths whose centres are apart by no more than this share of their extent, and whose turns by no more than this angle,
+# are the same. Centres alone do not tell a nearly straight path from that of the reversed order of depth.
+_SAME_PATH: Final = 0.01
+_SAME_TURN_DEG: Final = 3.0
+
+
+def joins_in_part(first: FirstLook) -> bool:
+    """Tell whether features joined some views of a first look to a scene, and no source found a path for all."""
+    return first.geometry.joined > 0
+
+
+def look_far_apart(
+    first: FirstLook,
+    holdout: Holdout,
+    lens: Lens | None,
+    settings: Settings,
+    progress: Progress,
+    lap: Callable[[str], None],
+    path: F64 | None = None,
+) -> FirstLook | None:
+    """Decode longer, and estimate the path from features matched between all pairs of views.
+
+    Weights that were corrected along a path that is wrong are forgotten; the brightness of the views is only reported.
+
+    Args:
+        first: A first look whose path is wrong, or that has none.
+        holdout: The measurement with its weights as given, and its held-out pixels.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: Of all stages.
+        progress: Receives every stage and step.
+        lap: Called with a stage's name when it ends.
+        path: Of the best fit so far, [N, 4, 4].
+
+    Returns:
+        The first look with the longer decode, along the path found; None if not every view joins, or if the path
+        explains no more than a camera at rest and does not turn far or parts of the matches give others, or if it is
+        the path of the best fit, or if the settings allow no longer decode.
+    """
+    if settings.long_decode is None:
+        return None
+    progress.say("The views may lie far apart: features are matched again in a decode by similar patches.")
+    if not np.array_equal(first.holdout.shot.weights, holdout.shot.weights):
+        decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
+        brightness = Brightness(first.brightness.first, None, first.brightness.as_seen)
+        first = replace(
+            first,
+            holdout=holdout,
+            decoded=decoded,
+            brightness=brightness,
+            decoder=settings.first_look,
+            sigma=last_sigma(settings.first_look, settings.decode),
+            brief_rms=None,
+        )
+    longer = first if first.is_decoded_at_length else first.decoded_longer(settings.long_decode.sparse, progress)
+    lap("decode")
+    request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
+    geometry = matched_motion(request, first.geometry, tilted=True)
+    # Around an object, 80° from the first view to the last, views warped along the right path explained less than a
+    # camera at rest: there it is enough that halves of the matches agree. For a camera that did not move they
+    # once agreed to 5 %, along a path of 2 % of the depth.
+    agreed = halves_agree(geometry.path_error_expected, settings.geometry.criteria)
+    turned = agreed and turns_far(geometry.world_to_camera)
+    found = geometry.has_path and (turned or explains_more_than_rest(request, geometry))
+    if not found or (path is not None and _is_path(geometry, path)):
+        lap("geometry")
+        return None
+    light = estimate(holdout, carried_views(request.views, geometry, lens))
+    lap("geometry")
+    for note in geometry.notes:
+        progress.say(note.sentence)
+    return replace(longer, geometry=geometry, brightness=replace(longer.brightness, first=light))
+
+
+def _is_path(geometry: Geometry, path: F64) -> bool:
+    """Tell whether a path, [N, 4, 4], is that of a geometry, as far as it is known."""
+    centres = camera_centres(geometry.world_to_camera)
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    apart = squared_distance(camera_centres(path), centres) ** 0.5
+    one, other = (_turns(poses, geometry.reference) for poses in (geometry.world_to_camera, path))
+    turned = float((one * other.inv()).magnitude().max())
+    near = apart <= max(geometry.path_error_expected or 0.0, _SAME_PATH) * extent
+    return bool(near and turned <= math.radians(_SAME_TURN_DEG))
+
+
+def _turns(world_to_camera: F64, reference: int) -> Rotation:
+    """Return the turns of views, [N, 4, 4], against the reference view, in its axes."""
+    turns = Rotation.from_matrix(world_to_camera[:, :3, :3])
+    return turns * turns[reference].inv()

@@ -1,0 +1,279 @@
+"""Still or moving: when moving scenes are fitted, from which starts, and what the report says of it.
+
+    still fit ─► does its residual follow the masks' times? ─► do patches that may move explain more?
+    ─► moving hypotheses ─► the better
+
+The fit of a still scene mistakes the motion of things for that of the camera, or leaves it in the residual. A
+regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
+scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
+may move, continues from the fit's views for a few steps. Moving hypotheses enter the race only if the decode explains
+clearly more of the measurement, or if the still scene is barely better than the decode. Neither test is needed if the
+brightness of the still scene's views surely errs over time in places where that of the decode does not
+(`measurement.over_time`). There are two: a new fit that starts from the flow between the best views so far, with the
+camera at rest; and along a path that is sure, the still fit continued with motion allowed. The held-out pixels choose;
+a moving scene has more freedom than a still one, and has to be clearly better.
+
+Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fitting`), the
+choice (`race`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import torch
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.reconstruct.choices import MotionMode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.mask_moments import mask_times
+from gs2ci.reconstruct.fit.motion import moving_share
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far
+from gs2ci.reconstruct.hypotheses.hypothesis import Origin
+from gs2ci.reconstruct.hypotheses.rest import from_rest
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
+from gs2ci.render.gaussians import Gaussians
+
+# The names of the attempts in reports.
+STILL: Final = "still"
+RELEASED: Final = Origin.RELEASED.value
+MOVING: Final = Origin.MOVING.value
+
+# The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it
+# surely does: a first-order model explains little of a motion that is wider than the detail that moves
+# (docs/decisions/moving-scenes.md).
+_LEAST_EXPLAINED: Final = 0.006
+_LEAST_SURELY: Final = 0.08
+# The least share before a camera that is known to be at rest, where a still scene is one picture: 0.0000 of a wall that
+# does not move, 0.0041 to 0.0135 if a thing crosses it (`tests/reconstruct/hypotheses/test_moving.py`).
+_LEAST_EXPLAINED_AT_REST: Final = 0.004
+# The share by which a moving scene has to reduce the residual at the held-out pixels.
+LEAST_GAIN: Final = 0.02
+# The share by which a few steps of a decode by similar patches have to reduce it before moving scenes are tried. They
+# reduced it by up to 4.7 % on ten still measurements, since detail repeats in many places; by 8.3 % and more on three
+# crops of video.
+LEAST_PATCH_GAIN: Final = 0.065
+# A still scene whose held-out residual is at least this many times that of the decode explains hardly more than views
+# that share no scene. Where a box crosses half the picture it was 1.02 times as large; on paths that tracks confirm,
+# 0.6 to 0.8 times (`python -m tests.stability --only "moving object"`).
+BEHIND_DECODE: Final = 0.95
+# The same for a whole decode by similar patches, which may move. Photographs far apart, along a path that is right:
+# 1.03 times; a real fan, along a path that explains its turning badly: 1.23 times.
+BEHIND_PATCHES: Final = 1.1
+# If patches reduce the residual of such a scene by less than this, it is not motion that it lacks: a real fan, 1.5 %;
+# that box, 4.9 %. So for a scene whose fit only got worse, with motion in many blocks: a skater whom a camera follows,
+# 5.2 %, 66 % of the blocks; views are 1.2 dB better if things may move, the scene alone 3 dB. And for a scene without a
+# path: a ball in front of a room that hardly moves, 6.0 %, 43 % of the blocks; views are 2.3 dB better.
+LEAST_GAIN_BEHIND: Final = LEAST_PATCH_GAIN / 2
+# The share of the picture in which the still scene surely errs over time, and the decode does not, from which on moving
+# scenes are tried without further tests. Still scenes had none (39 drawn measurements); photographs far apart, 2 %.
+LEAST_UNFOLLOWED: Final = 0.03
+# Moving fits of scenes at rest move by up to a pixel if the path or the depth is wrong: only more is reported as
+# motion, px.
+_SURELY_PX: Final = 2.0
+# What moves less than this over the whole exposure is not reported as moving, px.
+_WORTH_SAYING_PX: Final = 0.5
+# Where more of the picture moves and no camera path was found, the camera may have moved instead.
+_MOST_OF_PICTURE: Final = 0.5
+# If the picture changes by less than this (full scale 1, averaged over a few pixels) between the middle of the exposure
+# and its ends, no motion is visible there.
+_VISIBLE_CHANGE: Final = 0.02
+_CHANGE_WINDOW_PX: Final = 3
+
+
+@dataclass(frozen=True)
+class MotionQuestion:
+    """The tests made before any moving scene is fitted.
+
+    Args:
+        left: What motion would explain of the still fits' residual; None if it was not tested.
+        gain: The share by which a few steps of the patch decode reduce the held-out residual of the still scene's
+            refined views, or by which that of a whole decode by patches is smaller, if there is one and it is more;
+            None if they were not tried.
+        behind_decode: Whether the held-out residual of the best still scene is barely smaller than that of the decode,
+            or larger; larger by a tenth than that of a whole decode by patches.
+        got_worse: Whether the held-out residual of the best still fit ended clearly above its least value.
+        no_path: Whether the camera was found at rest, or only to turn.
+        unfollowed: The share of the picture in which the still scene surely errs over time and the decode does not.
+        known_at_rest: Whether the camera is known to be at rest: a still scene is then one picture, without a path that
+            could explain part of what moves.
+    """
+
+    left: LeftByMotion | None = None
+    gain: float | None = None
+    behind_decode: bool = False
+    got_worse: bool = False
+    no_path: bool = False
+    unfollowed: float = 0.0
+    known_at_rest: bool = False
+
+    @property
+    def speaks_for_motion(self) -> bool:
+        """Get whether moving scenes should be fitted."""
+        if self.unfollowed >= LEAST_UNFOLLOWED:
+            return True
+        in_many_blocks = self.left is not None and self.left.surely >= _LEAST_SURELY
+        still_is_wrong = (
+            self.behind_decode or self.known_at_rest or ((self.got_worse or self.no_path) and in_many_blocks)
+        )
+        return (self.gain or 0.0) >= (LEAST_GAIN_BEHIND if still_is_wrong else LEAST_PATCH_GAIN)
+
+
+@dataclass(frozen=True)
+class MotionReport:
+    """Why the scene was fitted as still or as moving.
+
+    Args:
+        asked: The mode that the settings request.
+        question: The tests made before.
+        heldout_rms: The held-out residual of each attempt, by its name.
+        chosen: The name of the attempt that was chosen.
+        moves: Whether Gaussians move in it.
+    """
+
+    asked: MotionMode
+    question: MotionQuestion = MotionQuestion()
+    heldout_rms: tuple[tuple[str, float | None], ...] = ()
+    chosen: str = ""
+    moves: bool = False
+
+    @property
+    def tried(self) -> bool:
+        """Get whether fits that move were made."""
+        return self.moves or bool(self.heldout_rms)
+
+    @property
+    def polishing(self) -> tuple[PatchSettings, ...]:
+        """Get the dense schedules by which the patch decode may continue from the refined views."""
+        return (PatchSettings.polish(), PatchSettings.from_scene()) if self.tried else ()
+
+    def summary(self, speeds: "Speeds | None") -> dict[str, object]:
+        """Return it as plain values."""
+        left = self.question.left
+        return {
+            "asked": self.asked,
+            "tried": self.tried,
+            "moves": self.moves,
+            "explained": None if left is None else left.explained,
+            "blocks": None if left is None else left.surely,
+            "patch_gain": self.question.gain,
+            "behind_decode": self.question.behind_decode,
+            "got_worse": self.question.got_worse,
+            "no_path": self.question.no_path,
+            "known_at_rest": self.question.known_at_rest,
+            "unfollowed": self.question.unfollowed,
+            "heldout_rms": dict(self.heldout_rms),
+            "chosen": self.chosen,
+            "gaussians_share": None if speeds is None else speeds.gaussians_share,
+            "pixels_share": None if speeds is None else speeds.pixels_share,
+            "median_px": None if speeds is None else speeds.median_px,
+            "most_px": None if speeds is None else speeds.most_px,
+        }
+
+    def notes(self, speeds: "Speeds | None", path: F64 | None) -> tuple[Finding, ...]:
+        """Report what moves, or that moving scenes were tried and not confirmed.
+
+        Args:
+            speeds: Of the scene; None if it is still.
+            path: World-to-camera poses, [N, 4, 4], of a path or of a camera known to be at rest; None if neither was
+                found.
+        """
+        if speeds is not None and speeds.most_px < _SURELY_PX:
+            return (finding(Code.MOTION_SMALL, most_px=speeds.most_px),)
+        if speeds is not None:
+            share, median_px = speeds.pixels_share, speeds.median_px
+            if path is not None and turns_far(path):
+                turn_deg = largest_turn_deg(path)
+                return (finding(Code.MOTION_AROUND, share=share, median_px=median_px, turn_deg=turn_deg),)
+            whole = path is None and share > _MOST_OF_PICTURE
+            code = Code.MOTION_OR_CAMERA if whole else Code.SCENE_MOVES
+            return (finding(code, share=share, median_px=median_px, most_px=speeds.most_px),)
+        left = self.question.left
+        if left is not None and self.heldout_rms:
+            return (finding(Code.MOTION_NOT_TAKEN, explained=left.explained),)
+        return ()
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """How far things move in the picture over the whole exposure, seen from the camera of the middle view.
+
+    Args:
+        displacement_px: Displacement of what each pixel shows, [H, W, 2] float32 as (x, y).
+        pixels_share: Share of pixels that visibly move by at least half a pixel.
+        gaussians_share: Share of the Gaussians' opacity that moves at all.
+        median_px: Median displacement of the moving pixels; 0 if none moves.
+        most_px: Their 99th percentile.
+    """
+
+    displacement_px: F32
+    pixels_share: float
+    gaussians_share: float
+    median_px: float
+    most_px: float
+
+
+def rested(first: FirstLook) -> FirstLook:
+    """Return the first look with a camera at rest, since an estimated path may be the motion of things.
+
+    A given path is kept, and so is a camera that was found to stand still or only to turn.
+    """
+    return from_rest(first) if first.geometry.has_path and first.geometry.is_estimated else first
+
+
+def ask(holdout: Holdout, views: F32) -> LeftByMotion:
+    """Test whether motion explains the residual that still views, [N, H, W, C], leave of the measurement."""
+    return left_by_motion(holdout, views, mask_times(len(views)).double().numpy())
+
+
+def speaks_for_motion(left: LeftByMotion, *, known_at_rest: bool = False) -> bool:
+    """Tell whether motion explains enough of a residual to go on testing for it."""
+    least = _LEAST_EXPLAINED_AT_REST if known_at_rest else _LEAST_EXPLAINED
+    return left.explained >= least or left.surely >= _LEAST_SURELY
+
+
+def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:
+    """Measure how far things move in the picture; None for a scene without motion.
+
+    What moves without changing the picture, such as a plain wall along itself, counts as at rest.
+
+    Args:
+        renderer: Of the shot.
+        scene: The Gaussians.
+        world_to_camera: Poses of all views, [N, 4, 4].
+    """
+    if scene.motion is None:
+        return None
+    middle = len(world_to_camera) // 2
+    pose = torch.from_numpy(world_to_camera[middle]).float()
+    scene = scene.detach()
+    ends = [_on_screen(scene.at(moment).means, pose, renderer.intrinsics) for moment in (-1.0, 1.0)]
+    shift = ends[1] - ends[0]
+    colours = torch.cat([shift, torch.ones(len(scene), 1)], dim=1)[None]
+    image, _ = renderer.images(scene, pose[None], colours, torch.zeros(1))
+    weight = image[0, :, :, 2:].clamp(min=1e-3)
+    shown = renderer.views(scene, pose[None].repeat(3, 1, 1), torch.tensor([-1.0, 0.0, 1.0]))
+    change = np.abs(shown[[0, 2]] - shown[1]).max(axis=(0, 3))
+    visible = cv2.blur(change, (_CHANGE_WINDOW_PX, _CHANGE_WINDOW_PX)) >= _VISIBLE_CHANGE
+    displacement: F32 = (image[0, :, :, :2] / weight).numpy() * visible[..., None]
+    length = np.linalg.norm(displacement, axis=2)
+    moves = length >= _WORTH_SAYING_PX
+    return Speeds(
+        displacement_px=displacement,
+        pixels_share=float(moves.mean()),
+        gaussians_share=moving_share(scene),
+        median_px=float(np.median(length[moves])) if moves.any() else 0.0,
+        most_px=float(np.quantile(length[moves], 0.99)) if moves.any() else 0.0,
+    )
+
+
+def _on_screen(means: torch.Tensor, pose: torch.Tensor, intrinsics: torch.Tensor) -> torch.Tensor:
+    """Project centres, [G, 3], to pixels, [G, 2]; those behind the camera get some finite place."""
+    points = means @ pose[:3, :3].T + pose[:3, 3]
+    slopes = points[:, :2] / points[:, 2:].clamp(min=1e-2)
+    return slopes * intrinsics.diagonal()[:2] + intrinsics[:2, 2]

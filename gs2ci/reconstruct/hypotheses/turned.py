@@ -1,0 +1,43 @@
+"""Near and far exchanged: the hypothesis of the other order of depth, and what whole fits of both say.
+
+Fits of both orders explain the measurement about as well. Which of them hides what the views do not show tells them
+apart from about 3 px of parallax on (docs/decisions/depth-order.md). The fit of the other order is not in
+vain: its views count in the mean, in place of a companion.
+
+Here: the hypothesis, and what follows from its fit. Not here: the evidence (`geometry/occlusion.py`), short fits
+(`order`), which are asked first.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.reconstruct.geometry.occlusion import Occlusion, preferred
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound, Origin
+
+# A scene and its depth reversal leave about as much of the held-out pixels. Where one leaves more than so many times as
+# much, they differ by more than their order: a thing that crossed half the picture had 1.43 times, and much to hide.
+_AS_WELL: Final = 1.25
+# More is not said of how clearly one order is shown: the other may show nothing at all.
+_MOST_TIMES: Final = 99.0
+
+
+def turned_over(hypothesis: Hypothesis) -> Hypothesis:
+    """Return a hypothesis with its order of depth reversed."""
+    look = hypothesis.look
+    other = replace(look, geometry=reversed_geometry(look.geometry))
+    return replace(hypothesis, origin=Origin.TURNED, look=other)
+
+
+def explain_alike(one_rms: float | None, other_rms: float | None) -> bool:
+    """Tell whether two fits leave so alike that what hides what in them may decide."""
+    less, more = sorted((one_rms or 0.0, other_rms or 0.0))
+    return more <= _AS_WELL * less
+
+
+def shown_by(one: Occlusion, other: Occlusion) -> tuple[bool, OrderFound] | None:
+    """Tell whether the first of two fits hides what the views do not show, and how clearly; None if neither does."""
+    told = preferred(one, other)
+    if told is None:
+        return None
+    return told.first, OrderFound(DepthOrder.SHOWN, told.errors, min(told.times, _MOST_TIMES))

@@ -1,0 +1,147 @@
+"""All that is known before the race: the measurement as it is, its first look, and what its fits share.
+
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► views that hardly join: longer
+    decode, geometry) (─► order of depth) ─► moments within masks
+
+Here: the order of these. Not here: any of them.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gs2ci.core.findings import Finding
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import LeftOut
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
+from gs2ci.reconstruct.fit.fine import Fine
+from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.prior import GeometryPrior
+from gs2ci.reconstruct.hypotheses.fitting import Fits
+from gs2ci.reconstruct.hypotheses.hypothesis import OrderFound
+from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
+from gs2ci.reconstruct.hypotheses.rest import needs_rest
+from gs2ci.reconstruct.measurement.brightness import Brightness
+from gs2ci.reconstruct.measurement.doubts import doubts_about
+from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.holes import fill_holes
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.registration.register import Registered, register
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.render.backend import load_backend
+from gs2ci.render.interface import Backend
+
+
+@dataclass(frozen=True)
+class Tools:
+    """The parts that the settings name, loaded first, so that a wrong name is refused before any work is done."""
+
+    backend: Backend
+    fine: Fine | None
+    geometry_prior: GeometryPrior
+
+    @classmethod
+    def load(cls, settings: Settings) -> "Tools":
+        """Load them.
+
+        Raises:
+            InputError: There is none of a name.
+        """
+        backend = load_backend(settings.backend, settings.raster)
+        fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
+        return cls(backend, fine, load_geometry_prior(settings.poses))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What is known before anything is fitted.
+
+    Args:
+        registered: The measurement with corrected masks.
+        doubts: About the measurement.
+        first: Its decoded views, path, depth and brightness.
+        order: What is known of the order of depth.
+        fits: What all fits share.
+    """
+
+    registered: Registered
+    doubts: tuple[Finding, ...]
+    first: FirstLook
+    order: OrderFound
+    fits: Fits
+
+
+def observe(
+    shot: Shot,
+    settings: Settings,
+    tools: Tools,
+    progress: Progress,
+    score: Score | None,
+    halt: Halt,
+    registered: Registered | None,
+    *,
+    hurried: bool,
+) -> Observed:
+    """Observe a measurement; arguments and errors as for `pipeline.reconstruct`, `hurried` if within a budget."""
+    lens = Lens.of(shot.check())
+    settings, clock = replace(settings, mask_moments=settings.mask_moments.of(shot)), Stopwatch()
+    registered = registered or register(shot, settings.registration, progress, settings.seed)
+    clock.lap("registration")
+    sound, doubts = _examined(registered.shot, progress)
+    holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
+
+    again = not hurried and settings.may_look_again
+    first = (look_closer if again else look)(
+        holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
+    )
+    partly = joins_in_part(first)
+    matches = again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
+    if matches and (partly or (settings.poses == "auto" and needs_rest(first))):
+        # A motion without tracks explains the measurement so far that weights corrected along it are better than those
+        # given.
+        weighted = holdout if partly else first.holdout
+        first = look_far_apart(first, weighted, lens, settings, progress, clock.lap) or first
+    fits = Fits(
+        holdout=first.holdout,
+        fitted=Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels),
+        lens=lens,
+        settings=settings,
+        refine=Refinement(first.holdout, settings.residual),
+        progress=progress,
+        clock=clock,
+        score=_as_shown(score, first.brightness),
+        halt=halt,
+    )
+    first, order = fits.order_of(first, hurried=hurried)
+    fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))
+    return Observed(registered, doubts, first, order, fits)
+
+
+def _as_shown(score: Score | None, light: Brightness) -> Score | None:
+    """Return a score that gives evenly lit views the brightness of the delivered ones before it judges them."""
+    return None if score is None else lambda views: score(light.shown(views))
+
+
+def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
+    """Return the shot with dead lines and hot pixels closed (their masks set to zero), and the doubts about it."""
+    sound, faulty = close_faulty_pixels(shot)
+    doubts = (*doubts_about(shot), *faulty)
+    for doubt in doubts:
+        progress.say(doubt.sentence)
+    return sound, doubts
+
+
+def _mask_moments(first: FirstLook, lens: Lens | None, settings: Settings, progress: Progress) -> MaskMoments | None:
+    """Return the moments within each mask that the first path requires, and report them; None if one is enough."""
+    views, open_share = straightened(first.decoded, lens), np.clip(first.weights_given, 0, 1)
+    found = needed(first.geometry, views, open_share, settings.mask_moments)
+    if found is not None:
+        progress.say(found.note.sentence)
+    return found

@@ -1,0 +1,252 @@
+"""The Warp rasteriser behind the `Backend` interface. Users get it from `gs2ci.render.backend.load_backend`.
+
+Gaussians and results lie on the host and are copied for each rendering: a fit whose parameters stay on the device needs
+more than this (docs/gpu.md).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.render.adjoint import Pull, accumulate
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_seen
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.interface import MaskSet, Reuse
+from gs2ci.render.sampling import CanvasSampling, check_sampling
+from gs2ci.render.screen import ScreenStatistics
+from gs2ci.render.settings import RasterSettings
+from gs2ci.render.stopping import StoppedLight
+from gs2ci.render.warp.coding import OpenBlocks, code
+from gs2ci.render.warp.lists import WarpReuse
+from gs2ci.render.warp.rendering import Blended, HostInputs, Rendering
+
+_FULL_CODINGS_KEPT: Final = 4
+
+
+@dataclass(frozen=True)
+class WarpMaskSet(MaskSet):
+    """A mask set compacted into blocks on a device."""
+
+    coding: OpenBlocks
+    sampling: CanvasSampling | None = None
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What a rendering needs beside its tensors."""
+
+    coding: OpenBlocks
+    intrinsics: Tensor
+    termination: float
+    screen: ScreenStatistics | None = None
+    reuse: WarpReuse | None = None
+
+    def render(self, inputs: HostInputs) -> Rendering:
+        return Rendering(inputs, self.intrinsics, self.coding, self.termination, self.reuse)
+
+    def saw(self, sightings: F32) -> None:
+        if self.screen is not None:
+            self.screen.add(*torch.from_numpy(sightings).unbind(dim=1))
+
+
+class WarpBackend:
+    """Warp kernels on a CUDA device, or on the CPU by fibers: the same bits from run to run on one device.
+
+    Args:
+        settings: What may be left out; None takes the defaults.
+        device: A name of Warp's, such as "cuda:0"; None takes the first CUDA device there is, else the CPU.
+
+    Raises:
+        InputError: The settings make no sense, or there is no such device.
+    """
+
+    name = "warp"
+
+    def __init__(self, settings: RasterSettings | None = None, device: str | None = None) -> None:
+        self._settings = (settings or RasterSettings()).check()
+        self.device = device_named(device)
+        self._full_codings: dict[tuple[int, int, int, CanvasSampling | None], OpenBlocks] = {}
+
+    def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> WarpMaskSet:
+        """Compact the open pixels of a mask set; see `Backend.code`."""
+        check_masks(masks)
+        values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
+        views, height, width = values.shape
+        check_sampling(sampling, (height, width))
+        return WarpMaskSet(views, (height, width), code(values, self.device, sampling), sampling)
+
+    def reuse(self) -> WarpReuse:
+        """Share lists of Gaussians among renderings; see `Backend.reuse`."""
+        return WarpReuse(self._settings.relist_every, self._settings.list_margin_px)
+
+    def coded(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
+        times: Tensor | None = None,
+    ) -> Tensor:
+        """Render the coded sum; see `Backend.coded`."""
+        job = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, times)
+        outputs: Tensor = Blended.apply(job, *_parameters(scene, world_to_camera, times))
+        return outputs[:, :3].reshape(*mask_set.size, 3)
+
+    def coded_with_pull(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
+    ) -> tuple[F32, Pull]:
+        """Render the coded sum, and differentiate it without a graph; see `AdjointBackend`."""
+        job = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, None)
+        rendering: Rendering | None = job.render(HostInputs.of(*_parameters(scene, world_to_camera, None)))
+        assert rendering is not None
+        image = rendering.gathered()[:, :3].reshape(*mask_set.size, 3)
+
+        def pull(gradient: F32) -> F32:
+            nonlocal rendering
+            if rendering is None:
+                raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
+            padded = np.zeros((job.coding.outputs, 4), np.float32)
+            padded[:, :3] = gradient.reshape(-1, 3)
+            found, rendering = rendering.differentiate(padded), None
+            job.saw(found.sightings)
+            named = ("means", "log_scales", "quaternions", "colours")
+            of_scene = {name: getattr(found, name) for name in named} | {"opacity_logits": found.logits}
+            accumulate(scene, of_scene)
+            return found.poses
+
+        return image, pull
+
+    def _coded_job(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None,
+        reuse: Reuse | None,
+        times: Tensor | None,
+    ) -> _Job:
+        """Check what a coded sum is to be rendered from.
+
+        Raises:
+            InputError: See `Backend.coded`.
+        """
+        if not isinstance(mask_set, WarpMaskSet):
+            raise InputError(
+                f"a mask set of type {type(mask_set).__name__} given to the warp backend",
+                allowed="what this backend's code(masks) returned",
+            )
+        if reuse is not None and not isinstance(reuse, WarpReuse):
+            raise InputError(
+                f"shared work of type {type(reuse).__name__} given to the warp backend",
+                allowed="what this backend's reuse() returned",
+            )
+        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
+        check_screen(screen, scene)
+        shared = reuse if self._settings.relist_every > 1 else None
+        return self._job(mask_set.coding, intrinsics, mask_set.sampling, screen, shared)
+
+    def views(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None = None,
+        sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render whole views; see `Backend.views`."""
+        check_size(size)
+        check_sampling(sampling, size)
+        check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
+        shape = (int(world_to_camera.shape[0]), *size)
+        job = self._job(self._full_coding(shape, sampling), intrinsics, sampling)
+        outputs: Tensor = Blended.apply(job, *_parameters(scene, world_to_camera, times, colours))
+        return outputs[:, :3].reshape(*shape, 3), 1 - outputs[:, 3].reshape(shape)
+
+    def depths(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
+    ) -> StoppedLight:
+        """Find where light is stopped; see `Backend.depths`."""
+        check_size(size)
+        check_sampling(sampling, size)
+        check_rendering(scene, world_to_camera, intrinsics, times=times)
+        shape = (int(world_to_camera.shape[0]), *size)
+        job = self._job(self._full_coding(shape, sampling), intrinsics, sampling)
+        # What light looks like does not matter here.
+        plain = _parameters(scene, world_to_camera, times, scene.colours)
+        maps = torch.from_numpy(job.render(HostInputs.of(*plain)).stopped())
+        return StoppedLight(*(maps[:, k].reshape(shape).clone() for k in range(4)))
+
+    def _job(
+        self,
+        coding: OpenBlocks,
+        intrinsics: Tensor,
+        sampling: CanvasSampling | None,
+        screen: ScreenStatistics | None = None,
+        reuse: WarpReuse | None = None,
+    ) -> _Job:
+        on_canvas = intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
+        return _Job(coding, on_canvas, self._settings.termination_transmittance, screen, reuse)
+
+    def _full_coding(self, shape: tuple[int, int, int], sampling: CanvasSampling | None) -> OpenBlocks:
+        key = (*shape, sampling)
+        coding = self._full_codings.pop(key, None)
+        if coding is None:
+            coding = code(np.ones(shape, np.float32), self.device, sampling, apart=True)
+        self._full_codings[key] = coding
+        if len(self._full_codings) > _FULL_CODINGS_KEPT:
+            del self._full_codings[next(iter(self._full_codings))]
+        return coding
+
+
+def device_named(name: str | None) -> str:
+    """Return a device of Warp's; None takes the first CUDA device there is, else the CPU.
+
+    Raises:
+        InputError: There is no such device.
+    """
+    wp.init()
+    known = ["cpu", *(str(device.alias) for device in wp.get_cuda_devices())]
+    if name is None:
+        return known[0] if len(known) == 1 else known[1]
+    if name not in known:
+        raise InputError(
+            f"no device {name!r} for the warp backend",
+            allowed=", ".join(known),
+            remedy="NVIDIA's driver and a card from Turing on make a device cuda:0",
+        )
+    return name
+
+
+def _parameters(
+    scene: Gaussians, world_to_camera: Tensor, times: Tensor | None, colours: Tensor | None = None
+) -> tuple[Tensor, ...]:
+    """Return what is rendered in the order of `HostInputs`, float32, so that float64 poses get float64 gradients."""
+    if colours is None:
+        colours = scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera, times)
+    means = scene.means if times is None or scene.motion is None else scene.means_at(times)
+    parameters = (means, scene.log_scales, scene.quaternions, scene.opacity_logits, colours, world_to_camera)
+    return tuple(one.to(torch.float32) for one in parameters)

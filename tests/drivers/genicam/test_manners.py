@@ -1,0 +1,157 @@
+"""What GenICam cameras do where one would guess otherwise, by the twin, which has the sources."""
+
+import numpy as np
+import pytest
+
+from gs2ci_drivers.failures import FrameLostError, OutOfRangeError, UnsupportedError
+from gs2ci_drivers.genicam.driver import GenicamSensor
+from gs2ci_drivers.genicam.options import GenicamOptions
+from gs2ci_drivers.sensor import SensorConfig, TriggerMode
+from gs2ci_sims.faults import FaultSet
+from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
+from gs2ci_sims.world import Exposure, World
+
+LINE = "dmd0.out"
+
+
+class Level:
+    """Light of 400 DN everywhere."""
+
+    def collect(self, exposure: Exposure) -> np.ndarray:
+        return np.full((exposure.height, exposure.width), 400, np.uint16)
+
+
+class Bench:
+    def __init__(self, table=None, **model):
+        self.world, self.faults = World(Level()), FaultSet()
+        self.twin = GenicamTwin(self.world, GenicamModel(**({"trigger_line": LINE} | model)), self.faults)
+        options = GenicamOptions.model_validate({"kind": "genicam"} | (table or {}))
+        self.sensor = GenicamSensor("cam0", self.twin, self.world.clock, options)
+        self.sensor.connect()
+
+    def start(self, mode=TriggerMode.EDGE, **config):
+        self.sensor.configure(SensorConfig(**({"exposure_s": 2e-3, "trigger": mode} | config)))
+        self.sensor.start()
+
+    def pulse(self, count=1):
+        clock = self.world.clock
+        for i in range(count):
+            clock.after(5e-3 + 0.02 * i, lambda: self.world.bus.pulse(LINE, 1e-3))
+        return clock.now_s() + 5e-3
+
+    def take(self, **config):
+        self.start(**config)
+        self.pulse()
+        return self.sensor.read(0.5).pixels
+
+
+# ---- C1: the least trigger delay
+
+
+def test_the_least_delay_of_a_blackfly_is_taken_and_counted():
+    one = Bench(least_delay_us=9.0)
+    one.start()
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    assert one.world.exposures[-1].start_s == pytest.approx(rise_s + 9e-6, abs=1e-9)
+    assert one.sensor.settings.trigger_delay_s == pytest.approx(9e-6)
+    assert one.sensor.settings.recorded["TriggerDelay"] == 9.0
+
+
+def test_a_delay_below_the_least_is_refused_with_the_limits():
+    with pytest.raises(OutOfRangeError, match=r"TriggerDelay = 4.0; allowed: 9 to 1e\+06"):
+        Bench({"trigger_delay_s": 4e-6}, least_delay_us=9.0).start()
+
+
+# ---- C2: locked while the trigger is on
+
+
+@pytest.mark.parametrize("left_on", [False, True])
+def test_a_camera_that_locks_its_trigger_while_it_is_on_is_configured_again_and_again(left_on):
+    one = Bench(locks_triggers=True)
+    if left_on:
+        one.twin.nodes.write("TriggerMode", "On")
+    for delay_s in (1e-3, 2e-3):
+        one.sensor._options = one.sensor._options.model_copy(update={"trigger_delay_s": delay_s})
+        assert one.take().mean() == 400
+        assert one.sensor.settings.trigger_delay_s == pytest.approx(delay_s)
+        one.sensor.stop()
+    one.sensor.close()
+    assert one.twin.nodes.read("TriggerMode") == ("On" if left_on else "Off")
+
+
+# ---- C3: numbers that go on
+
+
+def test_numbers_that_go_on_after_a_stop_are_told_with_their_cure():
+    one = Bench(goes_on=True)
+    one.take()
+    one.sensor.stop()
+    one.start()
+    one.pulse()
+    with pytest.raises(
+        FrameLostError, match=r'goes on counting after a stop: set first_frame_id = "any" in \[sensor\]'
+    ):
+        one.sensor.read(0.5)
+    mended = Bench({"first_frame_id": "any"}, goes_on=True)
+    for _ in range(3):
+        mended.start()
+        mended.pulse(2)
+        assert [mended.sensor.read(0.5).sequence for _ in range(2)] == [0, 1]
+        mended.sensor.stop()
+
+
+# ---- C4 is in test_leftovers.py; C5: gain as a factor
+
+
+@pytest.mark.parametrize(
+    ("unit", "table", "times"), [("dB", {}, 2.0), ("x", {}, 2.0), ("", {"gain_unit": "factor"}, 2.0)]
+)
+def test_six_decibels_are_twice_the_reading_whatever_the_cameras_unit(unit, table, times):
+    one = Bench(table, gain_unit=unit)
+    bright = one.take(gain_db=6.0206).mean()
+    assert bright == pytest.approx(400 * times, rel=0.02)
+
+
+def test_a_gain_without_a_unit_is_refused_until_it_is_stated():
+    with pytest.raises(UnsupportedError, match=r"neither decibels nor a factor.*set gain_unit"):
+        Bench(gain_unit="").start(gain_db=6.0)
+    assert Bench(gain_unit="").take().mean() == 400  # without gain_db, it is at its least
+
+
+# ---- of the same kind: the unit of times
+
+
+@pytest.mark.parametrize("unit", ["us", "ms", "ns"])
+def test_times_are_in_the_unit_that_the_camera_names(unit):
+    one = Bench({"trigger_delay_s": 3e-3}, time_unit=unit, tells="rate", least_delay_us=0.0)
+    one.start(exposure_s=4e-3)
+    rise_s = one.pulse()
+    one.sensor.read(0.5)
+    last = one.world.exposures[-1]
+    assert last.end_s - last.start_s == pytest.approx(4e-3, rel=1e-3)
+    assert last.start_s == pytest.approx(rise_s + 3e-3, abs=1e-4)
+    assert one.sensor.settings.exposure_s == pytest.approx(4e-3, rel=1e-3)
+    assert one.sensor.info.min_exposure_s == pytest.approx(20e-6)
+
+
+def test_a_time_in_a_unit_that_is_none_is_refused():
+    with pytest.raises(UnsupportedError, match="ExposureTime has the unit 'px'"):
+        Bench(time_unit="px")
+
+
+# ---- C6: optional features of the trigger
+
+
+def test_a_camera_without_trigger_activation_is_used_for_rising_edges_only():
+    assert Bench(has_activation=False).take().mean() == 400
+    with pytest.raises(UnsupportedError, match="no feature TriggerActivation"):
+        Bench({"trigger_activation": "FallingEdge"}, has_activation=False).start()
+
+
+def test_a_camera_with_one_trigger_needs_no_selector():
+    one = Bench(has_selector=False)
+    assert TriggerMode.EDGE in one.sensor.info.triggers
+    assert one.take().mean() == 400
+    one.sensor.close()
+    assert one.twin.nodes.read("TriggerMode") == "Off"

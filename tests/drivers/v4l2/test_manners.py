@@ -1,0 +1,235 @@
+"""What cameras and their kernel drivers do where one would guess otherwise, by the twin, which has the sources."""
+
+import numpy as np
+import pytest
+
+from gs2ci_drivers.failures import (
+    AccessError,
+    DeviceFaultError,
+    DriverError,
+    FrameLostError,
+    UnsupportedError,
+)
+from gs2ci_drivers.sensor import FrameFlag, StampMeaning, TriggerMode
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_sims.wires.shutter import Shutting
+
+
+def options(**changes):
+    return V4l2Options.model_validate({"trigger_adapter": "control"} | changes)
+
+
+def exposed_s(b):
+    b.fire()
+    b.sensor.read(0.5)
+    return b.world.exposures[-1].end_s - b.world.exposures[-1].start_s
+
+
+# ---- V1: the unit of exposure
+
+
+def test_vc_mipi_without_libcamera_counts_exposure_in_microseconds(bench):
+    b = bench(exposure="microseconds")
+    b.begin(exposure_s=8e-3)
+    assert exposed_s(b) == pytest.approx(8e-3)
+    assert b.sensor.settings.exposure_s == pytest.approx(8e-3)
+    assert b.sensor.info.exposure_unsettled == ""
+    assert b.sensor.settings.recorded["vertical_blanking"] == 30  # a frame of more lines allows no longer exposures
+
+
+def test_vc_mipi_whose_device_tree_cannot_be_read_is_not_trusted_with_either_unit(bench):
+    for exposure in ("microseconds", "lines"):
+        b = bench(exposure=exposure, tree_known=False)
+        assert "lines of 10 us or microseconds" in b.sensor.connect().exposure_unsettled
+        stated = bench(options(exposure_unit_s=1e-6), exposure=exposure, tree_known=False)
+        assert stated.sensor.connect().exposure_unsettled == ""
+
+
+# ---- V3: numbers of the trigger
+
+
+@pytest.mark.parametrize(
+    ("module", "number", "mode"), [("imx477", 2, "edge"), ("imx296", 1, "level"), ("ov9282", 1, "edge")]
+)
+def test_a_modules_parameter_gets_the_number_that_this_module_takes(bench, module, number, mode):
+    b = bench(options(trigger_adapter="module", trigger_module=module), trigger="module", module=module)
+    assert b.sensor.connect().triggers == {TriggerMode.FREE_RUN, TriggerMode(mode)}
+    b.begin(trigger=TriggerMode(mode))
+    assert b.sensor.settings.recorded[f"{module}.trigger_mode"] == str(number)
+    b.world.clock.sleep_s(0.5)
+    assert not b.world.exposures, "it runs by its own clock"
+    b.sensor.close()
+    assert b.twin.read_file(f"/sys/module/{module}/parameters/trigger_mode") == b"0\n"
+
+
+def test_a_module_of_unknown_numbers_is_refused_until_they_are_stated(bench):
+    with pytest.raises(UnsupportedError, match=r"numbers of .*imx708.* not known.*set trigger_values"):
+        bench(
+            options(trigger_adapter="module", trigger_module="imx708"), trigger="module", module="imx708"
+        ).sensor.connect()
+    stated = options(trigger_adapter="module", trigger_module="imx708", trigger_values={"free-run": 0, "edge": 1})
+    b = bench(stated, trigger="module", module="imx708")
+    b.begin()
+    assert exposed_s(b) == pytest.approx(2e-3)
+
+
+def test_a_device_tree_that_overrides_the_parameter_is_named(bench):
+    table = options(trigger_adapter="module", trigger_module="imx477")
+    with pytest.raises(UnsupportedError, match=r"device tree fixes trigger-mode = 1 .*no effect.*dtoverlay"):
+        bench(table, trigger="module", module="imx477", tree_trigger=1).sensor.connect()
+    b = bench(table, trigger="module", module="imx477", tree_trigger=2)
+    assert b.sensor.connect().triggers == {TriggerMode.EDGE}
+    b.begin()
+    assert exposed_s(b) == pytest.approx(2e-3)
+
+
+# ---- V4: bits of Jetson's VI5
+
+
+@pytest.mark.parametrize(("code", "bits"), [("Y10 ", 10), ("Y12 ", 12)])
+def test_repeated_top_bits_are_read_and_the_advice_ends_there(bench, code, bits):
+    alignment, tried = "low", []
+    while alignment not in tried:
+        tried.append(alignment)
+        b = bench(options(alignment=alignment), formats=(code,), left_aligned=True, repeats_top=True)
+        b.begin()
+        b.fire()
+        try:
+            frame = b.sensor.read(0.5)
+        except DriverError as error:
+            alignment = str(error).split("set alignment = '")[1].split("' in [sensor] for this camera: their top")[0]
+    assert tried == ["low", "repeated"]
+    height, width = frame.pixels.shape
+    np.testing.assert_array_equal(frame.pixels, np.arange(height * width).reshape(height, width) % 2**bits)
+
+
+@pytest.mark.parametrize(
+    ("stated", "truth"), [("high", "repeated"), ("repeated", "high"), ("repeated", "low"), ("high", "low")]
+)
+def test_each_wrong_alignment_names_the_right_one(bench, stated, truth):
+    b = bench(
+        options(alignment=stated), formats=("Y12 ",), left_aligned=truth != "low", repeats_top=truth == "repeated"
+    )
+    b.begin()
+    b.fire()
+    with pytest.raises(DriverError, match=rf"set alignment = '{truth}' in \[sensor\]"):
+        b.sensor.read(0.5)
+
+
+def test_bits_that_fit_no_alignment_send_nobody_in_circles(bench):
+    b = bench(options(significant_bits=10), formats=("Y16 ",))
+    b.begin()
+    b.fire()
+    with pytest.raises(DriverError, match="no alignment of 10 bits fits: set significant_bits"):
+        b.sensor.read(0.5)
+
+
+# ---- V5: switched by other means
+
+
+@pytest.mark.parametrize("mode", ["edge", "level"])
+def test_a_camera_that_was_switched_outside_is_used_as_stated(bench, mode):
+    table = options(trigger_adapter="outside", outside_trigger=mode)
+    b = bench(table, trigger="outside", outside=Shutting(mode))
+    assert b.sensor.connect().triggers == {TriggerMode(mode)}
+    b.begin(trigger=TriggerMode(mode))
+    b.fire()
+    b.sensor.read(0.5)
+    assert b.sensor.settings.recorded["trigger, set outside"] == mode
+
+
+# ---- V6: the first frame's number
+
+
+def test_unicams_first_number_is_known(bench):
+    for first in (0, 1):
+        b = bench(driver="unicam", first_number=first, stamps="start-of-frame")
+        b.begin()
+        b.fire(3)
+        assert [b.sensor.read(0.5).sequence for _ in range(3)] == [0, 1, 2]
+
+
+def test_an_unknown_drivers_first_number_is_named_with_its_cure(bench):
+    b = bench(first_number=1)
+    b.begin()
+    b.fire(2)
+    with pytest.raises(FrameLostError, match=r"numbers its first frame 1: set first_sequence = 1 in \[sensor\]"):
+        b.sensor.read(0.5)
+    mended = bench(options(first_sequence=1), first_number=1)
+    mended.begin()
+    mended.fire(2)
+    assert [mended.sensor.read(0.5).sequence for _ in range(2)] == [0, 1]
+
+
+def test_a_frame_that_is_lost_later_is_not_explained_by_the_first_number(bench):
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.frame_dropped", skip=1)
+    b.fire(3)
+    b.sensor.read(0.5)
+    with pytest.raises(FrameLostError) as lost:
+        b.sensor.read(0.5)
+    assert "first_sequence" not in str(lost.value)
+
+
+# ---- V7: the clock of stamps
+
+
+def test_stamps_of_clock_realtime_are_named_although_they_are_flagged_as_monotonic(bench):
+    table = options(trigger_adapter="none", readout_s=1e-3)
+    b = bench(table, driver="uvcvideo", realtime=True, exposure="absolute", trigger="none", stamps="start-of-frame")
+    b.begin(trigger=TriggerMode.FREE_RUN)
+    with pytest.raises(DeviceFaultError, match=r"1\.79e\+09 s after the frame's arrival.*uvcvideo/parameters/clock"):
+        b.sensor.read(0.5)
+
+
+def test_a_single_stamp_of_another_clock_is_named_and_the_next_frame_is_right(bench):
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.frame_realtime")
+    b.fire(2)
+    with pytest.raises(DeviceFaultError, match="counts on another clock"):
+        b.sensor.read(0.5)
+    assert b.sensor.read(0.5).sequence == 1
+
+
+def test_an_exposure_that_is_shorter_than_set_is_one_in_the_world(bench):
+    """What a capture makes of it is in tests/system/test_faults.py."""
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.exposed_short")
+    assert exposed_s(b) == pytest.approx(2e-4)
+
+
+def test_stamps_that_count_from_somewhere_in_the_past_are_of_another_clock_too(bench):
+    b = bench()
+    b.begin()
+    b.faults.inject("v4l2.frame_stale", value=90_000.0)
+    b.fire()
+    with pytest.raises(DeviceFaultError, match=r"9e\+04 s before the frame's arrival"):
+        b.sensor.read(0.5)
+
+
+def test_uvcvideo_stamps_the_first_packet_and_flags_the_start_of_exposure(bench):
+    b = bench(driver="uvcvideo", stamps="start-of-frame", flags_start=True)
+    b.begin()
+    b.fire()
+    frame = b.sensor.read(0.5)
+    assert frame.flags & FrameFlag.STAMPED_AT_FRAME_START == StampMeaning.START_OF_FRAME.flag
+    assert frame.t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s)
+
+
+def test_unicam_stamps_the_frames_start_and_flags_nothing(bench):
+    b = bench(driver="unicam", stamps="start-of-frame")
+    b.begin()
+    b.fire()
+    frame = b.sensor.read(0.5)
+    assert frame.flags & FrameFlag.STAMPED_AT_FRAME_START
+    assert frame.t_kernel_ns * 1e-9 == pytest.approx(b.world.exposures[-1].end_s)
+
+
+def test_a_parameter_that_may_not_be_written_is_told_with_the_modules_number(bench):
+    b = bench(options(trigger_adapter="module", trigger_module="imx477"), trigger="module", module="imx477")
+    b.faults.inject("v4l2.parameter_denied")
+    with pytest.raises(AccessError, match="options imx477 trigger_mode=2"):
+        b.begin()

@@ -1,0 +1,293 @@
+"""Which hypotheses are fitted, how far, and which one is delivered, by what each leaves of the held-out pixels.
+
+The fits are replaced: a hypothesis leaves what the table says from its first look on.
+"""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Silent
+from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.occlusion import Occlusion
+from gs2ci.reconstruct.hypotheses import jury, race
+from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
+from gs2ci.reconstruct.hypotheses.fitting import Entrant
+from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, RaceOutcome
+from gs2ci.reconstruct.measurement.moving import LeftByMotion
+from gs2ci.reconstruct.settings import Settings
+
+LONG = 400
+QUIET, LOUD = LeftByMotion(0.0, 0.0, None), LeftByMotion(0.2, 0.5, None)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit whose views are the number that it leaves."""
+
+    views: np.float64
+    scene: object
+    beside: bool = False
+    world_to_camera: object = None
+    intrinsics: object = None
+
+
+class Run:
+    """A fit that leaves the same at each of its looks; it cannot begin if that is not a number."""
+
+    def __init__(self, leaves, schedule, moves):
+        self.leaves, self.schedule, self.iterations = leaves, schedule, 0
+        self.scene = SimpleNamespace(motion=np.ones(3) if moves else None)
+
+    @property
+    def curve(self):
+        looks = range(50, self.iterations + 1, 50)
+        return tuple(CurvePoint(1.0, done, 0.1, self.leaves, None, 5) for done in looks)
+
+    @property
+    def has_ended(self):
+        return self.iterations >= self.schedule
+
+    def advance(self, share):
+        if np.isnan(self.leaves):
+            raise NumericsError("the first iteration of the fit is not finite")
+        self.iterations = max(self.iterations, round(share * self.schedule))
+
+    def views(self):
+        return np.float64(self.leaves)
+
+    def result(self):
+        self.schedule = min(self.schedule, self.iterations)
+        return Fit(np.float64(self.leaves), self.scene, world_to_camera=np.eye(4)[None], intrinsics=np.eye(3))
+
+
+@dataclass
+class Fits:
+    """Makes fits that leave what a table says, by their origin."""
+
+    leaves: dict
+    settings: Settings
+    occluded: dict = field(default_factory=dict)
+    tries_orders: bool = True
+
+    def __post_init__(self):
+        self.holdout = SimpleNamespace(residual_rms=float, seen=None)
+        self.refine, self.progress, self.halt, self.lens, self.mask_moments = (
+            (lambda v: v),
+            Silent(),
+            Halt(),
+            None,
+            None,
+        )
+        self.clock = SimpleNamespace(lap=lambda _: None)
+        self.averaged = ()
+
+    def enter(self, hypothesis, number, of, began):
+        schedule = LONG if hypothesis.after is None else LONG // 2
+        run = Run(self.leaves.get(hypothesis.origin.value, self.leaves["first look"]), schedule, hypothesis.moves)
+        return Entrant(number, of, hypothesis, hypothesis.look.geometry, run, schedule, began)
+
+    def advance(self, field, share):
+        for one in field:
+            one.run.advance(share)
+        return tuple(field)
+
+    def order_of(self, look, *, hurried):
+        return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
+
+    def occlusion(self, fit, views):
+        share = self.occluded.get(float(fit.views), 0.0)
+        return Occlusion(np.full((4, 4), share / 16), 1.0)
+
+    def mean(self, fits):
+        self.averaged = fits
+        return SimpleNamespace(best=fits[0], averaged=len(fits))
+
+
+@pytest.fixture
+def first():
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = (-0.2, -0.1, 0, 0.1)
+    depth = np.tile(np.linspace(1.3, 0.7, 16, dtype=np.float32), (12, 1))
+    geometry = Geometry(poses, np.diag([200.0, 200, 1]), "file", depth, 2, 0, 0.0, 0.0, "full", ())
+    return FirstLook(None, np.float64(0.10), geometry, None)
+
+
+def run(monkeypatch, first, leaves, order=None, *, left=QUIET, settings=None, occluded=None, further=0.1):
+    """Race from a first look; return the result, and how many iterations each hypothesis got."""
+    fits = Fits(leaves, settings or Settings(), occluded or {})
+    again = "second look" in leaves
+    found = replace(first, geometry=replace(first.geometry, verdict="full", path_error_expected=0.01))
+    monkeypatch.setattr(race, "second_look", lambda *_: found if again else None)
+    matched = replace(first, geometry=replace(first.geometry, source="wide"))
+    monkeypatch.setattr(race, "look_far_apart", lambda *_: matched if "wide" in leaves else None)
+    monkeypatch.setattr(jury, "ask", lambda *_: left)
+    monkeypatch.setattr(race, "ask", lambda *_: left)
+    monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
+    monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
+    monkeypatch.setattr(race, "moving_share", lambda _: 1.0)
+    longer = replace(first, decoder="patches", decoded=np.float64(0.099))
+    monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
+    raced = race.Race(fits).run(first, order or OrderFound())
+    return raced, [(one.origin.value, one.iterations) for one in raced.course]
+
+
+DOUBTFUL, UNIFORM, PATHLESS = {"path_error_expected": 0.2}, {"source": "uniform"}, {"verdict": "rotation_only"}
+OPEN = OrderFound(DepthOrder.OPEN, 0.4)
+FIRST, SECOND, REST = "first look", "second look", "rest"
+TURNED, COMPANION, MATCHED = "other order of depth", "other density rule", "wide"
+
+
+@pytest.mark.parametrize(
+    ("geometry", "order", "leaves", "fitted", "taken"),
+    [
+        ({}, None, {FIRST: 0.03}, [(FIRST, 400), (COMPANION, 400)], FIRST),
+        ({}, OPEN, {FIRST: 0.03, TURNED: 0.031}, [(FIRST, 400), (TURNED, 400)], FIRST),
+        (DOUBTFUL, None, {FIRST: 0.03, SECOND: 0.02}, [(FIRST, 200), (SECOND, 400), (COMPANION, 400)], SECOND),
+        (DOUBTFUL, None, {FIRST: 0.022, SECOND: 0.02}, [(FIRST, 400), (SECOND, 400)], SECOND),
+        (DOUBTFUL, None, {FIRST: 0.02, SECOND: 0.03}, [(FIRST, 400), (SECOND, 100), (COMPANION, 400)], FIRST),
+        (DOUBTFUL, None, {FIRST: 0.02}, [(FIRST, 400), (COMPANION, 400)], FIRST),
+        (DOUBTFUL, OPEN, {FIRST: 0.02, SECOND: 0.021}, [(FIRST, 400), (SECOND, 100), (TURNED, 400)], FIRST),
+        (
+            UNIFORM,
+            OPEN,
+            {FIRST: 0.03, SECOND: 0.031, REST: 0.02},
+            [(FIRST, 200), (SECOND, 100), (REST, 400), (COMPANION, 400)],
+            REST,
+        ),
+        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.021}, [(FIRST, 400), (REST, 400)], FIRST),
+        (UNIFORM, OPEN, {FIRST: 0.02, REST: 0.03}, [(FIRST, 400), (REST, 100), (TURNED, 400)], FIRST),
+        (PATHLESS, None, {FIRST: 0.03, SECOND: 0.0299}, [(FIRST, 400), (SECOND, 400)], FIRST),
+        (PATHLESS, None, {FIRST: 0.03, SECOND: 0.029}, [(FIRST, 400), (SECOND, 400)], SECOND),
+        (
+            PATHLESS,
+            None,
+            {FIRST: 0.03, SECOND: 0.029, TURNED: 0.028, "opens": True},
+            [(FIRST, 200), (SECOND, 400), (TURNED, 400)],
+            SECOND,
+        ),
+        (DOUBTFUL, None, {FIRST: 0.02, SECOND: float("nan")}, [(FIRST, 400), (SECOND, 0), (COMPANION, 400)], FIRST),
+        ({}, None, {FIRST: 0.12, MATCHED: 0.05}, [(FIRST, 400), (COMPANION, 200), (MATCHED, 400)], MATCHED),
+        ({}, None, {FIRST: 0.12, MATCHED: 0.2}, [(FIRST, 400), (COMPANION, 400), (MATCHED, 100)], FIRST),
+        ({"source": "stage"}, None, {FIRST: 0.12, MATCHED: 0.05}, [(FIRST, 400), (COMPANION, 400)], FIRST),
+    ],
+)
+def test_what_is_most_in_doubt_is_fitted_beside_the_best(monkeypatch, first, geometry, order, leaves, fitted, taken):
+    first = replace(first, geometry=replace(first.geometry, **geometry))
+    raced, made = run(monkeypatch, first, leaves, order)
+    assert made == fitted
+    assert [one.origin.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
+    assert sum(iterations == LONG for _, iterations in made) <= 2
+
+
+MOVES, FREED = "moving from the first", "released from the still scene"
+
+
+@pytest.mark.parametrize(
+    ("leaves", "further", "fitted", "moves"),
+    [
+        ({FIRST: 0.03}, 0.0299, [(FIRST, 400), (COMPANION, 400)], False),
+        (
+            {FIRST: 0.03, MOVES: 0.031, FREED: 0.032},
+            0.02,
+            [(FIRST, 400), (COMPANION, 400), (MOVES, 200), (FREED, 200)],
+            False,
+        ),
+        (
+            {FIRST: 0.03, MOVES: 0.0298, FREED: 0.032},
+            0.02,
+            [(FIRST, 400), (COMPANION, 400), (MOVES, 400), (FREED, 200)],
+            False,
+        ),
+        (
+            {FIRST: 0.03, MOVES: 0.02, FREED: 0.025},
+            0.02,
+            [(FIRST, 400), (COMPANION, 400), (MOVES, 400), (FREED, 200)],
+            True,
+        ),
+        (
+            {FIRST: 0.03, MOVES: 0.028, FREED: 0.02},
+            0.02,
+            [(FIRST, 400), (COMPANION, 400), (MOVES, 200), (FREED, 200)],
+            True,
+        ),
+    ],
+)
+def test_things_may_move_if_that_is_clearly_better(monkeypatch, first, leaves, further, fitted, moves):
+    raced, made = run(monkeypatch, first, leaves, left=LOUD, further=further)
+    assert made == fitted
+    assert raced.motion.moves is moves
+    assert sum(iterations == LONG for _, iterations in made) <= 3
+
+
+@pytest.mark.parametrize("source", ["uniform", "tracks"])
+def test_along_a_path_in_doubt_nothing_is_released(monkeypatch, first, source):
+    first = replace(first, geometry=replace(first.geometry, source=source, path_error_expected=0.2))
+    _, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.02, REST: 0.04}, left=LOUD, further=0.02)
+    assert FREED not in dict(made)
+
+
+def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first):
+    settings = Settings(motion="on")
+    raced, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.05, FREED: 0.06}, settings=settings)
+    assert raced.motion.chosen == MOVES
+    assert dict(made)[MOVES] == LONG
+
+
+@pytest.mark.parametrize(
+    ("kept", "turned", "taken", "state"),
+    [
+        (0.02, 0.001, FIRST, DepthOrder.SHOWN),
+        (0.001, 0.02, TURNED, DepthOrder.SHOWN),
+        (0.02, 0.019, FIRST, DepthOrder.OPEN),
+        (1e-5, 0.0, FIRST, DepthOrder.OPEN),
+    ],
+)
+def test_what_hides_what_tells_two_orders_apart(monkeypatch, first, kept, turned, taken, state):
+    leaves, occluded = {FIRST: 0.03, TURNED: 0.031}, {0.03: kept, 0.031: turned}
+    raced, _ = run(monkeypatch, first, leaves, OPEN, occluded=occluded)
+    assert [one.origin.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
+    assert raced.order.state == state
+    assert [fit.beside for fit in raced.fits] == [False, True][: len(raced.fits)]
+
+
+def test_fits_that_differ_by_more_than_their_order_tell_nothing_of_it(monkeypatch, first):
+    raced, _ = run(monkeypatch, first, {FIRST: 0.03, TURNED: 0.04}, OPEN, occluded={0.03: 0.0, 0.04: 0.02})
+    assert raced.order == OPEN
+
+
+@pytest.mark.parametrize(("fits", "made"), [(1, 1), (2, 2), (4, 4)])
+def test_there_are_as_many_fits_as_are_asked_for(monkeypatch, first, fits, made):
+    raced, _ = run(monkeypatch, first, {FIRST: 0.03}, settings=Settings(fits=fits))
+    assert len(raced.fits) == made
+
+
+def test_views_that_raise_the_residual_of_the_mean_do_not_count(monkeypatch, first):
+    first = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
+    raced, _ = run(monkeypatch, first, {FIRST: 0.022, SECOND: 0.02})
+    assert [float(fit.views) for fit in raced.fits] == [0.02]
+    (ranked,) = course_findings(raced.course, {})
+    assert ranked.code == Code.ATTEMPTS_RANKED
+    assert "second look 0.0200, tracks 0.0220" in ranked.sentence
+
+
+def test_the_report_says_how_many_views_joined(first):
+    assert joined_findings(first.geometry) == ()
+    (said,) = joined_findings(replace(first.geometry, joined=3))
+    assert said.figures == {"joined": 3, "views": 4}
+
+
+def test_the_course_tells_when_each_entered_and_what_it_left(monkeypatch, first):
+    first = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
+    raced, _ = run(monkeypatch, first, {FIRST: 0.02, SECOND: 0.03})
+    second = raced.course[1].summary()
+    assert (second["hypothesis"], second["began"], second["iterations"]) == (SECOND, 200, 100)
+    assert second["heldout"] == [[50, 0.03], [100, 0.03]]
+    assert second["outcome"] == RaceOutcome.BEHIND.value

@@ -1,0 +1,65 @@
+"""What steers a reconstruction: enumerations and figures; no string stands for a type, no message is read, no object is
+recognised by being the same."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+R = Path(__file__).parents[2] / "gs2ci" / "reconstruct"
+POLICY = (
+    *sorted((R / "hypotheses").glob("*.py")),
+    *(R / f"{name}.py" for name in ("pipeline", "observe", "first_look", "fusion", "record", "settings")),
+    *(R / "geometry" / f"{name}.py" for name in ("choose", "sources", "direct", "initialise", "reversal", "occlusion")),
+    *(R / "geometry" / f"{name}.py" for name in ("prior", "validity")),
+    *(R / "fit" / f"{name}.py" for name in ("ensemble", "stopping", "pace", "combination", "coarse")),
+    R / "presets" / "budget.py",
+)
+TYPES = {"source", "verdict", "decoder", "origin", "state", "outcome", "kind"}
+
+
+def comparisons(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Compare):
+            yield from (
+                (node.lineno, op, node.left, other) for op, other in zip(node.ops, node.comparators, strict=True)
+            )
+
+
+def attribute(node):
+    return node.attr if isinstance(node, ast.Attribute) else None
+
+
+@pytest.mark.parametrize("path", POLICY, ids=lambda path: path.stem)
+def test_no_string_is_a_type(path):
+    strings = (ast.Constant, ast.Tuple, ast.Set, ast.List)
+    found = [
+        line
+        for line, _, left, right in comparisons(path)
+        for one, other in ((left, right), (right, left))
+        if attribute(one) in TYPES
+        and isinstance(other, strings)
+        and any(isinstance(part, ast.Constant) and isinstance(part.value, str) for part in ast.walk(other))
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("path", POLICY, ids=lambda path: path.stem)
+def test_no_message_is_read(path):
+    assert [line for line, _, *sides in comparisons(path) if "code" in map(attribute, sides)] == []
+
+
+@pytest.mark.parametrize("path", POLICY, ids=lambda path: path.stem)
+def test_no_object_is_recognised_by_being_the_same(path):
+    named = ast.walk(ast.parse(path.read_text()))
+    assert [node.lineno for node in named if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "id"] == []
+    found = [
+        line
+        for line, op, _, other in comparisons(path)
+        if isinstance(op, ast.Is | ast.IsNot) and not isinstance(other, ast.Constant)
+    ]
+    assert found == []
+
+
+def test_the_whole_reconstruction_is_one_page():
+    assert len((R / "pipeline.py").read_text().splitlines()) <= 120

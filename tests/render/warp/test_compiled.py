@@ -1,0 +1,19 @@
+"""Machine code for cards that are not here: every kernel compiles, and none spills registers."""
+
+import pytest
+
+from tests.benchmarks.gpu_kernels import ARCHITECTURES, compiled
+from tests.nightly import but
+
+pytest.importorskip("warp", reason="Warp is not installed")
+
+KERNELS = {"project", "project_backward", "sum_poses", "emit", "find_ranges", "blend", "blend_backward", "gather"}
+KERNELS |= {"depth_fields", "stop_light"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arch", but(1, sorted(ARCHITECTURES)))
+def test_every_kernel_compiles_and_none_spills(arch):
+    found = {one.name: one for one in compiled(arch)}
+    assert set(found) == KERNELS
+    assert [one for one in found.values() if one.stack] == []
