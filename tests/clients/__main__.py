@@ -194,7 +194,8 @@ def oiiotool(bench: Bench) -> Iterator[Row]:
     highest = float(re.findall(r"Stats Max:\s+([\d.eE+-]+)", told)[0])
     wanted = float(bench.run.depth[0].max())  # type: ignore[index]
     yield Row("oiiotool", "EXR, largest depth", f"{highest:g}", f"{wanted:g}", abs(highest / wanted - 1) < 1e-5)
-    yield Row("oiiotool", "EXR, unit", "".join(re.findall(r'unit: "(.*)"', told)), bench.run.report.length_unit)
+    unit = "".join(re.findall(r'unit: "(.*)"', told))
+    yield Row("oiiotool", "EXR, unit", unit, bench.run.report.length_unit, unit == bench.run.report.length_unit)
 
 
 def punx(bench: Bench) -> Iterator[Row]:
