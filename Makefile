@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install environment demo test quick nightly test-as stability kernel check wheel docs benchmarks clean
+.PHONY: help install environment demo test quick nightly test-as stability kernel check wheel docs benchmarks clients clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
@@ -25,6 +25,7 @@ help:
 	@echo "make wheel  build sdist and wheel into dist/, install them into empty environments, use them"
 	@echo "make docs   the documentation site, into site/"
 	@echo "make benchmarks  the measured figures: rasteriser against torch, bundle adjustments against each other"
+	@echo "make clients  what the newest of other people's programs make of a run's exports; RUN=runs/demo/run, needs npm"
 	@echo "make clean  remove .venv, caches and runs"
 
 install: $(KERNELS)
@@ -67,6 +68,11 @@ test-as: install
 
 stability: install
 	$(BIN)/python -m tests.stability
+
+# Every night, and not among the tests: other people's newest releases change without us.
+RUN ?= runs/demo/run
+clients: install
+	$(BIN)/python -m tests.clients $(RUN) -o docs/clients.md
 
 kernel: install
 	GS2CI_KERNEL_RIG="$(RIG)" $(BIN)/pytest -v tests/kernel

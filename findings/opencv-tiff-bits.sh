@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Guess: cv2.imread(..., cv2.IMREAD_UNCHANGED) returns the numbers of a TIFF as they are stored.
+# A good guess: cv2.imread(..., cv2.IMREAD_UNCHANGED) returns the numbers of a TIFF as they are stored.
 # Found: numbers of 10, 12 and 14 bits come back times 64, 16 and 4, in a uint16 that looks like the camera's own; a page
 # of 4 bits in another encoder's padding likewise. Nothing in the result tells.
 set -euo pipefail

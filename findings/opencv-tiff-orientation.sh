@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Guess: cv2.IMREAD_UNCHANGED gives the numbers of a TIFF as they are stored, unturned, in every function that reads.
+# A good guess: cv2.IMREAD_UNCHANGED gives the numbers of a TIFF as they are stored, unturned, in every function that reads.
 # Found: for a TIFF whose tag of orientation says 6 (a quarter turn), cv2.imdecodemulti turns the picture whatever the
 # flag, so that rows and columns change places, and cv2.imread gives None with an internal error. tifffile and MATLAB
 # give the numbers as stored: masks computed there lie across the picture that OpenCV reads.

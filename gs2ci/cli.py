@@ -9,6 +9,7 @@ import functools
 import importlib
 import inspect
 import io
+import itertools
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ import signal
 import sys
 import textwrap
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from contextvars import copy_context
@@ -125,6 +127,7 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
     try:
         with _unwound_when_told_to_end(), _optional_values(), silenced() if quiet else nullcontext():
             run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
+            _check_flags(run, arguments)
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
             run.__doc__ = re.sub(r"\n {8,}", " ", inspect.cleandoc(run.__doc__ or ""))
@@ -138,6 +141,12 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
         if missing is None:
             raise
         _print_error(missing)
+        return EXIT_USER_ERROR
+    except EOFError as error:
+        cut = _cut_bytecode(error)
+        if cut is None:
+            raise
+        _print_error(Gs2ciError(f"{cut}, which Python keeps of a module, is cut short", remedy="delete it"))
         return EXIT_USER_ERROR
     except BrokenPipeError:
         raise
@@ -159,6 +168,39 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             raise
         return _interrupted()
     return 0
+
+
+def _check_flags(run: Callable[..., Any], arguments: list[str]) -> None:
+    """Check that no option without a value is given one: the parser would set it, and take the value for a file.
+
+    Raises:
+        Gs2ciError: One is.
+    """
+
+    def is_flag(kind: Any) -> bool:
+        return kind is bool or (get_origin(kind) is Annotated and is_flag(get_args(kind)[0]))
+
+    options = inspect.signature(run).parameters.values()
+    flags = {"--" + one.name.replace("_", "-") for one in options if is_flag(one.annotation)}
+    for word in itertools.takewhile(lambda word: word != "--", arguments):
+        name, equals, value = word.partition("=")
+        plain = name.replace("_", "-")
+        if equals and (plain in flags or plain.replace("--no-", "--", 1) in flags):
+            raise Gs2ciError(
+                f"{name} has no value, and was given {value!r}",
+                allowed=f"{name} alone",
+                remedy=f"write {name}, or leave it out",
+            )
+
+
+def _cut_bytecode(error: EOFError) -> str | None:
+    """Return the file of byte code at whose end Python stood, if it was importing.
+
+    A disk that is full during a first import leaves one; versions before 3.14 take it for whole ever after.
+    """
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__) if frame.f_code.co_name == "get_code")
+    found = [frame.f_locals.get("bytecode_path") for frame in frames]
+    return str(found[-1]) if found and found[-1] else None
 
 
 def _about(docstring: str) -> str:

@@ -5,6 +5,7 @@
     docs/shot.schema.json     JSON schema of a shot file's description, from `gs2ci.core.storage`
     docs/bundle.schema.json   JSON schema of a calibration bundle's description, from `gs2ci_calibration.bundle`
     docs/findings.md          everything that a reconstruction may find worth telling, from `gs2ci.core.findings`
+    docs/devices.md           what real devices do otherwise than one would guess, from `gs2ci_drivers.manners`
     docs/idealisations.md     what the twins leave out, from `gs2ci_sims.idealisations`
     docs/rig-file.md          every key of a bench's rig file, from `gs2ci.rig.config`
     docs/mechanisms.md        mechanisms and constants of presets, from `gs2ci.reconstruct`; its figures stay
@@ -28,6 +29,7 @@ from gs2ci.reconstruct.mechanisms import MECHANISMS
 from gs2ci.reconstruct.presets.named import PRESETS, preset
 from gs2ci.rig.config import RigTable
 from gs2ci_calibration import bundle
+from gs2ci_drivers.manners import kinds, manners_of
 from gs2ci_sims.idealisations import IDEALISATIONS, Idealisation
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -52,6 +54,14 @@ better than real devices, and the setting that switches it. `devices = "typical"
 figures of the last column that the rig file does not set itself; `devices = "ideal"` sets none. The twins' protocols,
 errors and faults are not ideal in any case ([faults](faults.md)).
 Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
+"""
+
+_DEVICES_HEAD = """\
+# What real devices do
+
+What devices do where one would guess otherwise, by family and firmware, with the source and the test that plays it.
+`gs2ci doctor` prints the rows of the devices that it finds.
+Made from `drivers/gs2ci_drivers/manners/*.toml` by `python -m tests.docs`.
 """
 
 _MECHANISMS_HEAD = """\
@@ -108,6 +118,22 @@ def idealisations_page() -> str:
     ]
     head = ("| device | its twin | real ones | source | switched by | typical |", "|---|---|---|---|---|---|")
     return "\n".join((_IDEALISATIONS_HEAD, *head, *rows)) + "\n"
+
+
+def devices_page() -> str:
+    """Return the page that lists what real devices do otherwise than one would guess."""
+    parts = [_DEVICES_HEAD]
+    for kind in kinds():
+        rows = [
+            " | ".join((one.applies, one.guess, f"**{one.fact}**", one.source, f"`{one.test.split('::')[1]}`"))
+            .replace("\n", " ")
+            .replace("|", "\\|")
+            .replace(" \\| ", " | ")
+            for one in manners_of(kind)
+        ]
+        head = ("| which | one would guess | it does | source | played by |", "|---|---|---|---|---|")
+        parts.append("\n".join((f'\n## kind = "{kind}"\n', *head, *(f"| {row} |" for row in rows))) + "\n")
+    return "".join(parts)
 
 
 def as_toml(value: object) -> str:
@@ -321,6 +347,7 @@ PAGES = {
     "bundle.schema.json": bundle_schema,
     "report.schema.json": report_schema,
     "findings.md": findings_page,
+    "devices.md": devices_page,
     "idealisations.md": idealisations_page,
     "rig-file.md": rig_page,
     "mechanisms.md": mechanisms_page,

@@ -145,7 +145,19 @@ def named_tables():
             yield f"{page.name}: {' '.join(words)}", words[0], options
 
 
-GIVEN = {"", "--lines", "--cases", "--data", "--size", "--seeds", "--processes", "-o", "--output"}
+GIVEN = {
+    "",
+    "--mechanisms",
+    "--only",
+    "--lines",
+    "--cases",
+    "--data",
+    "--size",
+    "--seeds",
+    "--processes",
+    "-o",
+    "--output",
+}
 
 
 def cannot_be_made(table, options):

@@ -23,6 +23,7 @@ from gs2ci.evaluate import viewer
 from gs2ci.evaluate.exports import depth_files
 from gs2ci.reconstruct.learned import ffdnet
 from gs2ci.render.backend import load_backend
+from gs2ci_drivers.links.alp_library import AlpLibrary
 from gs2ci_drivers.links.gentl import GenTlPort
 from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_sims.scenes.meshes import mesh_from_file
@@ -123,6 +124,10 @@ def _list_cameras(folder):
     GenTlPort("cam0").list_cameras(str(folder / "producer.cti"))
 
 
+def _load_alp(folder):
+    AlpLibrary("dmd", "4.3", folder)
+
+
 def _render_on_a_device(folder):
     load_backend("warp")
 
@@ -164,6 +169,7 @@ ASKED = {
     "gpu": _render_on_a_device,
     "genicam": _list_cameras,
     "video": _draw,
+    "alp": _load_alp,
     "view": _serve,
     "mesh": _read_a_mesh,
     "export": _write_a_model,

@@ -21,6 +21,7 @@
             ├── FrameLostError       the sequence numbers have a gap
             ├── FrameCorruptError    the driver or the kernel marked the payload bad
             ├── FrameStaleError      the frame is older than its trigger
+            ├── ExposureError        the frame was exposed for a shorter time than was set
             └── ExtraFrameError      more frames than triggers were sent
 
 Here: the classes, and the command that remedies for a lost reference name. Not here: how they are handled

@@ -58,6 +58,7 @@ class ModulatorInfo:
         experimental: Whether the protocol is unconfirmed on real hardware.
         pulses_unsettled: What is still unknown about the trigger pulses, so that no capture may rely on them; "" if
             nothing is.
+        whole_pauses: Whether the pause after a pass is made of dark masks: a mask's dark time and whole periods.
         grey_unsettled: Why the light of a grey level may not be in proportion to it, so that only measured grey masks
             may be used; "" if it is.
     """
@@ -82,6 +83,7 @@ class ModulatorInfo:
     hardware_timed: bool = True
     experimental: bool = False
     pulses_unsettled: str = ""
+    whole_pauses: bool = False
     grey_unsettled: str = ""
 
     @property
@@ -104,6 +106,13 @@ class ModulatorInfo:
         """Return the shortest multiple of the step that is not shorter than a time."""
         step = self.exposure_step_s
         return ceil(time_s / step - 1e-6) * step  # 1e-6 steps: rounding error of the division
+
+    def pause_at_least_s(self, pause_s: float, exposure_s: float, dark_s: float) -> float:
+        """Return the shortest pause after a pass that the device can keep and that lasts a time above 0."""
+        if not self.whole_pauses:
+            return self.at_least_s(max(pause_s, self.min_dark_s))
+        period_s = self.quantise_s(exposure_s) + self.quantise_s(dark_s)
+        return dark_s + max(ceil((pause_s - dark_s) / period_s - 1e-6), 0 if dark_s else 1) * period_s
 
 
 @dataclass(frozen=True)

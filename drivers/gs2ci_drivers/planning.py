@@ -113,9 +113,10 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
         pause_s = dark_s
     elif settings.burst > 1:
         shown_s = len(settings.masks) * settings.mask_s + (len(settings.masks) - 1) * dark_s
-        pause_s = _allowed_dark(busy_s - shown_s, modulator)
+        pause_s = busy_s - shown_s
         if settings.mode is Mode.GATE:
-            pause_s = _allowed_dark(max(pause_s, setup.readout_s + settings.jitter_s), modulator)
+            pause_s = max(pause_s, setup.readout_s + settings.jitter_s)
+        pause_s = modulator.pause_at_least_s(pause_s, settings.mask_s, dark_s) if pause_s > 0 else 0.0
     return PatternSequence(
         masks=settings.masks,
         bit_depth=settings.bit_depth,

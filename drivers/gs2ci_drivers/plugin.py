@@ -15,13 +15,13 @@ from gs2ci.core.clock import Clock
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.plugins import PluginError, load
 from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort
+from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, LibraryPort, ScreenPort, SysPort
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 
-Port = BytePort | HidPort | SysPort | CameraPort | ScreenPort
-PortKind = Literal["bytes", "hid", "sys", "camera", "screen"]
-Access = Literal["tty", "usb", "video", "gentl", "none"]
+Port = BytePort | HidPort | SysPort | CameraPort | ScreenPort | LibraryPort
+PortKind = Literal["bytes", "hid", "sys", "camera", "screen", "library"]
+Access = Literal["tty", "usb", "video", "gentl", "library", "none"]
 
 BUILT_IN: Final[dict[str, dict[str, str]]] = {
     "gs2ci.modulators": {
@@ -29,6 +29,7 @@ BUILT_IN: Final[dict[str, dict[str, str]]] = {
         "scpi": "gs2ci_drivers.scpi_modulator.plugin:SCPI",
         "santec": "gs2ci_drivers.display_slm.plugin:SANTEC",
         "video": "gs2ci_drivers.video_out.plugin:VIDEO",
+        "alp": "gs2ci_drivers.alp.plugin:ALP",
     },
     "gs2ci.sensors": {
         "v4l2": "gs2ci_drivers.v4l2.plugin:V4L2",
@@ -37,6 +38,7 @@ BUILT_IN: Final[dict[str, dict[str, str]]] = {
     "gs2ci.stages": {
         "zaber": "gs2ci_drivers.zaber.plugin:ZABER",
         "grbl": "gs2ci_drivers.grbl.plugin:GRBL",
+        "kinesis": "gs2ci_drivers.kinesis.plugin:KINESIS",
     },
 }
 """Group of entry points -> kind of a built-in device -> its record, as an entry point would name it."""
@@ -65,7 +67,7 @@ class DriverPlugin:
         pulse_line: A modulator's trigger line that pulses, behind "modulator." on the simulated bus.
         gate_line: The line that is held while masks are shown, likewise.
         access: What must be permitted for the port, which `gs2ci doctor` examines: a tty, a USB device, a V4L2 node, a
-            GenTL producer, or nothing.
+            GenTL producer, a maker's library (`library_file` of the settings), or nothing.
         usb_ids: Vendor and product of a USB device, for its udev rule.
     """
 

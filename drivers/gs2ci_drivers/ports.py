@@ -1,10 +1,11 @@
-"""The five ports through which drivers reach hardware: interfaces only, no protocol.
+"""The six ports through which drivers reach hardware: interfaces only, no protocol.
 
     HidPort     64-byte reports (DLPC900)                     links.usb_hid
     BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk
     SysPort     system calls on a device node (V4L2)          links.v4l2_sys
     CameraPort  named features and filled buffers (GenICam)   links.gentl
     ScreenPort  whole pictures on a video output              links.sdl_screen
+    LibraryPort functions of a maker's library in C (ALP)     links.alp_library
 
 Rules every implementation keeps, the twins' included:
 
@@ -20,7 +21,7 @@ Here: the interfaces and the guard that translates a port's errors. Not here: re
 
 import errno
 import mmap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeVar, runtime_checkable
@@ -358,6 +359,34 @@ class ScreenPort(Protocol):
 
     def close(self) -> None:
         """Uncover the output; a second call does nothing."""
+        ...
+
+
+@runtime_checkable
+class LibraryPort(Protocol):
+    """The functions of a maker's library in C, called by their names.
+
+    Each returns a code of the library's own, which the driver interprets. OSError: the library cannot be loaded.
+    """
+
+    def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
+        """Call a function of whole numbers of 32 bits, and of a block of data behind them if there is one.
+
+        Returns:
+            The function's code.
+        """
+        ...
+
+    def ask(self, function: str, numbers: Sequence[int]) -> tuple[int, int]:
+        """Call a function of whole numbers and of a pointer behind them, to which it writes a signed number.
+
+        Returns:
+            The function's code, and the number.
+        """
+        ...
+
+    def close(self) -> None:
+        """Make no further call; a second call does nothing."""
         ...
 
 

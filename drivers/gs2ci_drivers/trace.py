@@ -10,7 +10,7 @@ ports' contract (`gs2ci_drivers.ports`).
 import base64
 import json
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any, Generic, Protocol, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
 from gs2ci.core.errors import StorageError, reason_of
-from gs2ci_drivers.ports import BytePort, HidPort, MappedMemory, SysPort
+from gs2ci_drivers.ports import BytePort, HidPort, LibraryPort, MappedMemory, SysPort
 
 T = TypeVar("T")
 Port = TypeVar("Port")
@@ -205,6 +205,28 @@ class TracedBytes(TracedPort[BytePort]):
         """Close port and trace."""
         self._port.close()
         self._trace.close()
+
+
+class TracedLibrary(TracedPort[LibraryPort]):
+    """A `LibraryPort` that writes down what passes."""
+
+    def call(self, function: str, numbers: Sequence[int], data: bytes = b"") -> int:
+        """Call and note."""
+        call = Call(function, args=list(numbers), sent=[data] if data else [])
+        return self._trace.note(call, lambda: self._port.call(function, numbers, data))
+
+    def ask(self, function: str, numbers: Sequence[int]) -> tuple[int, int]:
+        """Ask and note the code, and the number that was written."""
+        call = Call(function, args=list(numbers))
+        return self._trace.note(
+            call,
+            lambda: self._port.ask(function, numbers),
+            lambda found: call.returned([str(found[0]), str(found[1])]),
+        )
+
+    def close(self) -> None:
+        """Close and note."""
+        self._trace.note(Call("close"), self._port.close)
 
 
 class TracedSys(TracedPort[SysPort]):

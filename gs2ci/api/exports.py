@@ -109,6 +109,9 @@ def export(
     return write_to(target, _WRITERS[to](opened, opened.folder, options))
 
 
+# Where Gaussians far away leave a format's grid too coarse for the rest, they are brought to so many typical distances,
+# the first that does: a whole parallax of 20 px is a fiftieth of a pixel at the first, and a fifth at the second.
+_SPZ_DISTANCES: Final = (1000.0, 100.0)
 # Lengths of units that are known.
 _METRES: Final = {"mm": 1e-3}
 
@@ -201,16 +204,43 @@ def _ply(run: Run, folder: Path, options: _Options) -> _Write:
 
 
 def _spz(run: Run, folder: Path, options: _Options) -> _Write:
-    from gs2ci.render.spz import fitting_scale, write_spz
+    from gs2ci.render.spz import write_spz
 
-    scene = _scene_to_show(run, options)
-    scale = fitting_scale(scene)
+    scene, scale = _for_spz(_scene_to_show(run, options), run, options)
     if scale != 1:
         options.say(
             f"SPZ cannot hold these lengths: all of the file's are {scale:g} times those of the run. Divide by that to "
             f"have {run.report.length_unit}, or export ply, sog or glb."
         )
     return lambda path: write_spz(path, scene, version=options.spz_version, scale=scale)
+
+
+def _for_spz(scene: "Gaussians", run: Run, options: _Options) -> "tuple[Gaussians, float]":
+    """Return a scene that SPZ holds under a scale, and the scale.
+
+    Raises:
+        InputError: There is none.
+    """
+    import torch
+
+    from gs2ci.evaluate.exports.for_viewers import brought_nearer
+    from gs2ci.render.spz import fitting_scale
+
+    found, count = scene, 0
+    for distances in _SPZ_DISTANCES:
+        try:
+            scale = fitting_scale(found)
+            break
+        except InputError:
+            found, count = brought_nearer(scene, torch.from_numpy(run.path), distances)
+    else:
+        scale = fitting_scale(found)
+    if count:
+        options.say(
+            f"{count} of {len(scene)} Gaussians lie so much farther away than the rest that SPZ's grid of places does "
+            "not reach them: in the file they are nearer, and smaller by as much, so that they look the same."
+        )
+    return found, scale
 
 
 def _sog(run: Run, folder: Path, options: _Options) -> _Write:

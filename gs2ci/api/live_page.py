@@ -15,7 +15,7 @@ class LivePage:
 
     Args:
         rig: The bench.
-        host: Who may connect, and take control if it is free.
+        host: Address to listen on.
         port: Port of the local server, or the next free one; 0 for any.
     """
 
@@ -30,8 +30,7 @@ class LivePage:
         except BaseException:
             self._bench.close()
             raise
-        name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
-        self.address = f"http://{name}:{self._server.port}"
+        self.address = self._server.address
 
     def __enter__(self) -> Self:
         return self

@@ -37,7 +37,7 @@ def compile_kernels(progress: Progress | None = None) -> float:
         The seconds that it took.
 
     Example:
-        >>> gs2ci.compile_kernels() > 0
+        >>> gs2ci.compile_kernels(gs2ci.Silent()) > 0
         True
     """
     began_s = time.monotonic()

@@ -330,10 +330,11 @@ class OpenRig:
 
         Args:
             port: Port of the local server; if it is in use, the next free one; 0 for any.
-            host: Who may connect, and take control if it is free: 127.0.0.1 is only this machine.
+            host: Address to listen on: 127.0.0.1 is only this machine. Who has the secret of the printed address may
+                connect, and take control if it is free.
 
         Returns:
-            The page, with its `address`; `stop()`, or the end of a `with` block, ends it.
+            The page, with its `address`, which holds the secret; `stop()`, or the end of a `with` block, ends it.
 
         Raises:
             DeviceError: A device does not answer.

@@ -232,10 +232,11 @@ class Run:
 
         Args:
             port: Port of the local server; if it is in use, the next free one; 0 for any.
-            host: Who may connect: 127.0.0.1 is only this machine, 0.0.0.0 everybody who reaches it.
+            host: Address to listen on: 127.0.0.1 is only this machine, 0.0.0.0 everybody who reaches it. Who has the
+                secret of the printed address may connect.
 
         Returns:
-            viser's server; `stop()` ends it.
+            What serves it, with its `address`, which holds the secret; `stop()` ends it.
 
         Raises:
             InputError: viser is not installed, or no port is free.

@@ -123,7 +123,8 @@ def local_workers(processes: int) -> Iterator[Any]:
     """Start worker processes on this machine, one thread each; provide a client of them; end both.
 
     A worker that dies is replaced, also one that dies while it starts: Dask's own nannies give up in that case, or time
-    out on a busy machine. Nothing listens beyond this machine.
+    out on a busy machine. Nothing listens beyond this machine, and there only for who has the key of this command,
+    which its processes keep in memory: other users of a shared computer could run programs as this one otherwise.
 
     Raises:
         InputError: dask.distributed is not installed.
@@ -135,14 +136,21 @@ def local_workers(processes: int) -> Iterator[Any]:
     # Workers get one task at a time, so that a death is attributed to the task that ran.
     settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
     threads = max(1, int(machine()["usable_cores"]) // processes)
+    key = _own_key(distributed)
     with (
         _hushed(),
         dask.config.set(settings),
         distributed.LocalCluster(
-            n_workers=0, threads_per_worker=1, host=_HERE, dashboard_address=f"{_HERE}:0", silence_logs=_QUIET
+            n_workers=0,
+            threads_per_worker=1,
+            host=_HERE,
+            protocol="tls://",
+            security=key,
+            dashboard_address=f"{_HERE}:0",
+            silence_logs=_QUIET,
         ) as cluster,
         distributed.Client(cluster) as client,
-        _kept_running(cluster.scheduler_address, processes, threads),
+        _kept_running(cluster.scheduler_address, key, processes, threads),
     ):
         try:
             client.wait_for_workers(processes, timeout=START_S)
@@ -168,7 +176,7 @@ def _hushed() -> Iterator[None]:
 
 
 @contextmanager
-def _kept_running(scheduler: str, processes: int, threads: int) -> Iterator[None]:
+def _kept_running(scheduler: str, key: Any, processes: int, threads: int) -> Iterator[None]:
     """Keep `processes` workers of a scheduler running, each with `threads` kernel threads, and stop them at the end."""
     import dask  # noqa: PLC0415
 
@@ -177,7 +185,7 @@ def _kept_running(scheduler: str, processes: int, threads: int) -> Iterator[None
 
     def start() -> BaseProcess:
         # Daemons, so that none outlives this process. They are started as by Dask's nannies: one thread each.
-        process = spawning.Process(target=_serve, args=(scheduler,), daemon=True)
+        process = spawning.Process(target=_serve, args=(scheduler, key), daemon=True)
         begun_with = dict(dask.config.get("distributed.nanny.pre-spawn-environ")) | {"NUMBA_NUM_THREADS": threads}
         before = {name: os.environ[name] for name in begun_with if name in os.environ}
         os.environ.update({name: str(value) for name, value in begun_with.items()})
@@ -209,7 +217,22 @@ def _kept_running(scheduler: str, processes: int, threads: int) -> Iterator[None
             process.join()
 
 
-def _serve(scheduler: str) -> None:
+def _own_key(distributed: Any) -> Any:
+    """Make a key and a certificate for this command alone; both sides of every connection have to show it.
+
+    Raises:
+        InputError: cryptography is not installed.
+    """
+    try:
+        return distributed.Security.temporary()
+    except ImportError as error:
+        raise InputError(
+            "processes of their own need the package cryptography, which is not installed",
+            remedy="pip install 'gs2ci[cluster]', or take --processes 1",
+        ) from error
+
+
+def _serve(scheduler: str, key: Any) -> None:
     """Work for a scheduler until it goes away: the body of a worker process."""
     from dask import distributed  # noqa: PLC0415
 
@@ -221,7 +244,9 @@ def _serve(scheduler: str) -> None:
     async def work() -> None:
         # The system handles a lack of memory; Dask would pause or kill workers by its own estimates.
         here = {"host": _HERE, "dashboard_address": f"{_HERE}:0"}
-        async with distributed.Worker(scheduler, nthreads=1, memory_limit=0, dashboard=False, **here) as worker:
+        async with distributed.Worker(
+            scheduler, security=key, nthreads=1, memory_limit=0, dashboard=False, **here
+        ) as worker:
             await worker.finished()
 
     asyncio.run(work())

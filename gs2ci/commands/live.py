@@ -18,8 +18,9 @@ from gs2ci.api.rigs import OpenRig, open_rig
 def run(*, rig: Path, **options: Any) -> None:
     """Show a bench in a browser until Ctrl-C: the camera's picture, masks, focus, registration, stage, one exposure.
 
-    Nothing is shown, exposed or moved before a button is pressed. The first page that connects controls the bench,
-    others only watch; when that page closes, or this command ends, everything is disarmed.
+    Nothing is shown, exposed or moved before a button is pressed. Only who has the printed address, which holds a
+    secret, may connect; the first page that does controls the bench, others only watch. When that page closes, or
+    this command ends, everything is disarmed.
 
     Args:
         rig: The rig file.

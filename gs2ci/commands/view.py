@@ -37,11 +37,9 @@ def run(
 
     scene = load_scene(folder)
     server = serve(scene, **options)
-    host = "localhost" if options["host"] == "0.0.0.0" else options["host"]  # noqa: S104
-    address = f"http://{host}:{server.get_port()}"
     found = f"{len(scene.means)} Gaussians, {len(scene.camera_to_world)} cameras"
     try:
-        Console().print(f"{found} at {address}; Ctrl-C ends this", soft_wrap=True, highlight=False)
+        Console().print(f"{found} at {server.address}; Ctrl-C ends this", soft_wrap=True, highlight=False)
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
     finally:

@@ -10,13 +10,14 @@ from gs2ci.core.errors import InputError
 
 EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "reconstruct": ("imageio", "jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
-    "cluster": ("dask", "distributed"),
+    "cluster": ("cryptography", "dask", "distributed"),
     "view": ("viser",),
     "mesh": ("trimesh",),
     "export": ("onnx",),
     "exr": ("OpenEXR",),
     "genicam": ("genicam", "harvesters"),
     "video": ("sdl2",),
+    "alp": ("ALP4",),
     "gpu": ("warp",),
     "ophyd": ("bluesky", "ophyd_async"),
 }

@@ -34,13 +34,13 @@ EXACT: Final[frozenset[str]] = frozenset()
 """Every operation is rounded by itself."""
 
 f32, f64, i64, b1 = types.float32, types.float64, types.int64, types.boolean
-f32_1, f32_2, f32_3, f32_4, f32_5 = (types.float32[(slice(None),) * n + (slice(None, None, 1),)] for n in range(5))
-f64_1, f64_2, f64_3, f64_4 = (types.float64[(slice(None),) * n + (slice(None, None, 1),)] for n in range(4))
-i32_1, i32_2, i32_3 = (types.int32[(slice(None),) * n + (slice(None, None, 1),)] for n in range(3))
-i64_1, i64_2 = types.int64[::1], types.int64[:, ::1]
-u8_1, u32_1 = types.uint8[::1], types.uint32[::1]
-u32_2, u32_3 = types.uint32[:, ::1], types.uint32[:, :, ::1]
-b1_1, b1_2 = types.boolean[::1], types.boolean[:, ::1]
+f32_1, f32_2, f32_3, f32_4, f32_5 = (types.Array(types.float32, n, "C") for n in range(1, 6))
+f64_1, f64_2, f64_3, f64_4 = (types.Array(types.float64, n, "C") for n in range(1, 5))
+i32_1, i32_2, i32_3 = (types.Array(types.int32, n, "C") for n in range(1, 4))
+i64_1, i64_2 = (types.Array(types.int64, n, "C") for n in range(1, 3))
+u8_1 = types.Array(types.uint8, 1, "C")
+u32_1, u32_2, u32_3 = (types.Array(types.uint32, n, "C") for n in range(1, 4))
+b1_1, b1_2 = (types.Array(types.boolean, n, "C") for n in range(1, 3))
 """Types of arguments: `f32` is a number, `f32_2` an array of two dimensions in one piece of memory."""
 
 _Function = Callable[..., Any]
@@ -74,7 +74,7 @@ def kernel(*arguments: Any, fastmath: frozenset[str] = FUSED) -> Callable[[_Func
     """Compile a function when it is first called, and keep the machine code on disk if that can be.
 
     Args:
-        arguments: The types of its arguments, in order, such as `f32[:, ::1]`. Arguments of other types would be
+        arguments: The types of its arguments, in order, such as `f32_2`. Arguments of other types would be
             compiled for as well, once more: callers convert.
         fastmath: What may be relaxed.
     """

@@ -18,7 +18,7 @@ _UNIT: Final = re.compile(r"(?:nm|um|µm|μm|mm|cm|m|deg|rad|ms|us|s|px|V|mV|K|C
 
 
 @dataclass(frozen=True)
-class Order:
+class NameOrder:
     """An order of names.
 
     Args:
@@ -30,8 +30,8 @@ class Order:
     is_doubtful: bool
 
 
-def natural_order(names: Sequence[str]) -> Order:
-    """Order names by their numbers, from left to right.
+def natural_order(names: Sequence[str]) -> NameOrder:
+    """NameOrder names by their numbers, from left to right.
 
     A minus before a number is a sign if nothing stands before it that it could join to the number, or if other names
     have their number there without it. Names with a sign, and numbers before a unit, are decimal; others whole.
@@ -47,9 +47,9 @@ def natural_order(names: Sequence[str]) -> Order:
     )
     decimal = _sorted(names, _NUMBER, signed)
     if has_units or any(signed):
-        return Order(decimal, is_doubtful=False)
+        return NameOrder(decimal, is_doubtful=False)
     whole = _sorted(names, _WHOLE, signed)
-    return Order(whole, is_doubtful=whole != decimal)
+    return NameOrder(whole, is_doubtful=whole != decimal)
 
 
 def _stem(name: str) -> str:

@@ -149,6 +149,7 @@ def write_colmap_model(
         image = pycolmap.Image(name=name, camera_id=CAMERA_ID, image_id=image_id, keypoints=own)
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
     _add_points(model, points.astype(np.float64), np.round(255 * np.clip(colors, 0, 1)).astype(np.uint8), seen)
+    model.update_point_3d_errors()
     model.write_binary(folder)
     # pycolmap does not say that the disk has refused; the points are written last.
     wanted = 8 + _POINT_BYTES * len(points) + _OBSERVATION_BYTES * int(seen.sum())

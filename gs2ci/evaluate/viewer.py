@@ -14,7 +14,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, U8
+from gs2ci.core.door import LOCAL
 from gs2ci.core.errors import InputError
+from gs2ci.evaluate.gate import MOST_CONNECTIONS, Gate
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.render.gaussians import rotation_matrices
@@ -96,8 +98,35 @@ def load_scene(folder: Path) -> ViewerScene:
     )
 
 
-def serve(scene: ViewerScene, *, host: str, port: int) -> Any:
-    """Start serving a scene; return viser's server, which `stop()` ends.
+@dataclass(frozen=True)
+class Viewer:
+    """A scene being served.
+
+    Args:
+        server: viser's server, on a port of this machine alone.
+        gate: What lets those through to it who have the secret.
+    """
+
+    server: Any
+    gate: Gate
+
+    @property
+    def address(self) -> str:
+        """Get the address to open, with its secret."""
+        return self.gate.address
+
+    def get_port(self) -> int:
+        """Get the port of the address."""
+        return self.gate.port
+
+    def stop(self) -> None:
+        """End serving."""
+        self.gate.stop()
+        self.server.stop()
+
+
+def serve(scene: ViewerScene, *, host: str, port: int) -> Viewer:
+    """Start serving a scene; `stop()` of what is returned ends it.
 
     Args:
         scene: The contents.
@@ -111,15 +140,26 @@ def serve(scene: ViewerScene, *, host: str, port: int) -> Any:
         import viser  # noqa: PLC0415
     except ImportError as error:
         raise InputError("viewing a scene needs the package viser", remedy="pip install 'gs2ci[view]'") from error
-    server = viser.ViserServer(host=host, port=free_port(host, port), verbose=False)
+    listener = listen(host, port)
+    server = viser.ViserServer(host=LOCAL[0], port=free_port(LOCAL[0], 0), verbose=False)
     # The share button would send the scene through a foreign server. A dark background stands for no light.
     server.gui.configure_theme(show_share_button=False, dark_mode=True)
     _show(server, scene)
-    return server
+    return Viewer(server, Gate("gs2ci view", listener, host, server.get_port()))
 
 
 def free_port(host: str, port: int) -> int:
-    """Find a free port: this one or one of the next; any if it is 0.
+    """Find a free port, as `listen` does, and leave it free.
+
+    Raises:
+        InputError: As `listen`.
+    """
+    with listen(host, port) as listener:
+        return int(listener.getsockname()[1])
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Listen on a port: this one or one of the next; any if it is 0.
 
     Raises:
         InputError: There is none, or the host is no address of this machine.
@@ -129,8 +169,7 @@ def free_port(host: str, port: int) -> int:
     tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
     for candidate in tried:
         try:
-            with socket.create_server((host, candidate)) as listener:
-                return int(listener.getsockname()[1])
+            return socket.create_server((host, candidate), backlog=MOST_CONNECTIONS)
         except OSError as error:
             reason = error
     raise InputError(

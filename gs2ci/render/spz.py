@@ -46,7 +46,7 @@ LOG_SIZE_MOST: Final = LOG_SIZE_LEAST + 255 / _SCALE_STEPS
 _THIN: Final = 1 / 8
 # Positions are to be exact to this share of the widths of all but the smallest Gaussians, of which this share may be
 # coarser.
-_STEP_OF_WIDTH, _MAY_BE_COARSE = 1 / 8, 0.01
+_STEP_OF_WIDTH, _MAY_BE_COARSE = 1 / 2, 0.02
 _WHOLE_LOG: Final = (_WHOLE_BITS - LEAST_FRACTION_BITS) * math.log(2)
 # Readers that keep logits make infinities of 0 and 255.
 _OPACITIES: Final = (1, 254)

@@ -6,7 +6,7 @@ here: printing (`gs2ci.commands.doctor`), the devices' own checks.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,6 +24,7 @@ from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import HOME_COMMAND
 from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
+from gs2ci_drivers.manners import manners_of
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.plugin import known_driver
@@ -72,7 +73,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         yield _finding_of_error("opening the ports", error)
         return
     found: dict[str, Any] = {}
-    answering = True
+    answering, connected = True, list[str]()
     try:
         for what, look in (
             ("modulator", _modulator),
@@ -81,6 +82,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
         ):
             try:
                 yield from look(devices)
+                connected.append(what)
             except Gs2ciError as error:
                 answering = answering and what == "stage"
                 yield _finding_of_error(what, error)
@@ -89,6 +91,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
             yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
         devices.close()
+    yield from _manners(rig, connected)
     if trigger_loop and answering:
         # The settings found hold for the rest of the examination, whatever the rig file says.
         yield from _with_settings(rig, found)
@@ -273,6 +276,8 @@ def _permission(device: str, table: Any) -> Iterator[BenchFinding]:
         )
     elif record.access == "gentl":
         yield from _producer(table)
+    elif record.access == "library":
+        yield _library(table)
     elif record.access == "video":
         yield from _node(device, table.port, VIDEO_RULE)
     elif record.access == "tty":
@@ -323,6 +328,26 @@ def _producer(sensor: Any) -> Iterator[BenchFinding]:
         )
         return
     yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
+
+
+def _manners(rig: Rig, connected: Sequence[str]) -> Iterator[BenchFinding]:
+    """Return what is known of the devices that answer and that one would not guess (docs/devices.md)."""
+    tables = {"modulator": rig.table.modulator, "sensor": rig.table.sensor, "stage": rig.table.stage}
+    for device in connected:
+        table = tables[device]
+        for one in manners_of(table.kind) if table is not None else ():
+            yield BenchFinding(f"{device}, to know", "ok", f"{one.applies}: {one.fact}")
+
+
+def _library(table: Any) -> BenchFinding:
+    """Return the finding about the maker's library of a device that is reached through one."""
+    file: Path = table.library_file
+    return BenchFinding(
+        "maker's library",
+        "ok" if file.is_file() else "bad",
+        str(file) if file.is_file() else f"{file} does not exist",
+        "" if file.is_file() else "install the maker's software, or set `library` and `version` in [modulator]",
+    )
 
 
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:

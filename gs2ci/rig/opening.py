@@ -17,7 +17,7 @@ from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plugin import PortKind, known_driver
 from gs2ci_drivers.ports import port_errors
-from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedLibrary, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ _TRACED: Final[dict[PortKind, Callable[[Any, CallLog], Any]]] = {
     "hid": TracedHid,
     "sys": TracedSys,
     "camera": TracedCamera,
+    "library": TracedLibrary,
 }
 
 

@@ -296,9 +296,6 @@ class _Recorder:
             sensor=[sensor.model, sensor.serial, sensor.driver],
             stage=[] if stage is None else [stage.info.model, stage.info.serial, stage.info.firmware],
         )
-        settings = dict(self._devices.sensor.settings.recorded)
-        self._writer.event("settings", sensor=settings)
-        self._log.note("settings", sensor=settings)
         plan = self._prepared.plan
         scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
         if self._prepared.calibrated is not None:
@@ -306,6 +303,9 @@ class _Recorder:
         figures = {figure.what: figure.value for figure in plan.figures}
         self._writer.event("plan", scale=scale, **figures)
         self._log.note("plan", scale=scale, figures=figures)
+        settings = dict(self._devices.sensor.settings.recorded)
+        self._writer.event("settings", sensor=settings)
+        self._log.note("settings", sensor=settings)
 
     def note_ring(self, ring: WritingRing) -> None:
         """Write how full the ring became, and how often the capture waited for the disk."""

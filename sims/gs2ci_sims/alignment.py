@@ -17,13 +17,16 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
+from gs2ci.core.kernels import f64, f64_1, kernel
 
 # Weights are counted in so many steps, each taken for its upper end.
 STEPS: Final = 512
+# By which rounding moves a weight beyond a step, in steps: of float64 and of float32.
+_TOLERANCE: Final = 1e-9
+_TOLERANCE_OF_SINGLES: Final = 1e-4
 
 
 class TopMean:
@@ -36,10 +39,11 @@ class TopMean:
     def __init__(self, weights: NDArray[Any]) -> None:
         self.largest = float(weights.max(initial=0.0))
         step = self.largest / STEPS or 1.0
-        kind = weights.dtype if np.issubdtype(weights.dtype, np.floating) else np.dtype(np.float64)
         # The tolerance keeps a weight that is a step but for rounding from counting as the next one.
-        flat = weights.astype(kind, copy=False).ravel()
-        self._shares, self._sums = _added_up(flat, kind.type(step), kind.type(1e-9), step)
+        tolerance = _TOLERANCE_OF_SINGLES if weights.dtype == np.float32 else _TOLERANCE
+        shares, sums = np.zeros(STEPS + 2), np.zeros(STEPS + 2)
+        _add_up(np.ascontiguousarray(weights, np.float64).ravel(), step, tolerance, shares, sums)
+        self._shares, self._sums = shares, sums
 
     def worst_rms(self, rms: float, peak: float) -> float:
         """Return the largest rms of weights times a field of this rms and peak; the peak is at least the rms."""
@@ -51,31 +55,27 @@ class TopMean:
         return rms * min(float(np.sqrt(mean_square)), self.largest)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _added_up(weights: NDArray[Any], step: float, tolerance: float, wide_step: float) -> tuple[F64, F64]:
-    """Return which share of the weights is at least each step, from the largest down, and the sum of their squares.
+@kernel(f64_1, f64, f64, f64_1, f64_1)
+def _add_up(weights, step, tolerance, shares, sums):  # type: ignore[no-untyped-def]
+    """Store which share of the weights is at least each step, from the largest down, and the sum of their squares.
 
     Compiled: the passes of numpy over a small mask, and their calls, take several times as long.
 
     Args:
         weights: [P].
-        step: In the weights' precision.
-        tolerance: Likewise.
-        wide_step: The step in float64.
-
-    Returns:
-        Both [STEPS + 2], from 0.
+        step: Between the steps.
+        tolerance: By which a weight may be beyond a step, in steps.
+        shares: Written: [STEPS + 2], from 0.
+        sums: Written: likewise.
     """
     counts = np.zeros(STEPS + 1, np.int64)
-    for weight in weights:
-        counts[min(max(int(np.ceil(weight / step - tolerance)), 0), STEPS)] += 1
-    shares, sums = np.zeros(STEPS + 2), np.zeros(STEPS + 2)
+    for index in range(len(weights)):
+        counts[min(max(int(np.ceil(weights[index] / step - tolerance)), 0), STEPS)] += 1
     for place in range(STEPS + 1):
         share = counts[STEPS - place] / max(len(weights), 1)
-        value = (STEPS - place) * wide_step
+        value = (STEPS - place) * step
         shares[place + 1] = shares[place] + share
         sums[place + 1] = sums[place] + share * (value * value)
-    return shares, sums
 
 
 class WeightSet:

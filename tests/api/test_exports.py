@@ -34,7 +34,7 @@ from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
 from tests.evaluate.reports import GEOMETRY
 
-__all__ = ["small_files", "tab"]
+__all__ = ["tab"]
 
 
 @pytest.fixture
@@ -80,6 +80,22 @@ def test_lengths_that_spz_cannot_hold_are_said_to_be_rescaled(run, gs2ci, capsys
     np.testing.assert_allclose(
         gsply.read_spz("scene.spz").means / scale, scene.means.numpy() * (1, -1, -1), rtol=0, atol=2.0
     )
+
+
+def test_gaussians_too_far_away_for_spz_are_brought_nearer_and_said_to_be(run):
+    scene = run.scene
+    direction = scene.means[0] / scene.means[0].norm()
+    scene.means[0], scene.log_scales[0] = 1e9 * direction, scene.log_scales[0] + 10
+    heard = gs2ci.Silent()
+    write_ply(run.folder / "scene.ply", scene)
+    gs2ci.export("run", "spz", as_fitted=True, progress=heard)
+    assert heard.sentences[0].startswith(f"1 of {len(scene)} Gaussians lie so much farther away")
+    found = gsply.read_spz("scene.spz").means * (1, -1, -1)
+    np.testing.assert_allclose(found[0] / np.linalg.norm(found[0]), direction, atol=0.01)
+    scene.log_scales[1], scene.log_scales[2] = 16, -18
+    write_ply(run.folder / "scene.ply", scene)
+    with pytest.raises(InputError, match="under one scale for all"):
+        gs2ci.export("run", "spz", "none.spz", as_fitted=True)
 
 
 def test_a_known_unit_stands_in_a_glb_files_node(run):
@@ -219,11 +235,11 @@ def test_a_nexus_file_that_cannot_be_written_is_told(run):
 @pytest.mark.parametrize(
     "to", ["gif", "mp4", "nexus", "ply", "spz", "sog", "glb", "colmap", "nerfstudio", "instant-ngp"]
 )
-def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, small_files, tmp_path, to):
+def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothing(run, tmp_path, to):
     folder = tmp_path / "full"
     folder.mkdir()
     target = folder / exports.NAMES[to]
-    with pytest.raises(StorageError, match="cannot be written") as told:
+    with small_files(), pytest.raises(StorageError, match="cannot be written") as told:
         gs2ci.export(run, to, target)
     assert told.value.problem.startswith(str(target))
     assert f"{folder}/." not in told.value.problem
@@ -231,12 +247,12 @@ def test_a_disk_that_fills_up_is_told_by_the_name_of_the_output_and_leaves_nothi
     assert list(folder.iterdir()) == []
 
 
-def test_a_picture_that_the_disk_cuts_is_told(small_files, tmp_path):
+def test_a_picture_that_the_disk_cuts_is_told(tmp_path):
     """OpenCV's own writing says that it is written."""
     views = np.random.default_rng(0).random((2, 64, 64, 3), np.float32)
-    with pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
+    with small_files(), pytest.raises(StorageError, match=r"view_000\.png cannot be written: File too large"):
         write_pictures(tmp_path / "views", views)
-    with pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
+    with small_files(), pytest.raises(StorageError, match=r"depth_000\.png cannot be written: File too large"):
         depth_files.write_depth_png(tmp_path, views[..., 0], "mm")
 
 

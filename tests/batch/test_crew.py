@@ -27,6 +27,7 @@ from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci.reconstruct.presets.named import PRESETS
 from tests.batch import dying
+from tests.batch.keys import admitted
 
 pytestmark = pytest.mark.slow
 
@@ -91,6 +92,24 @@ def test_a_worker_that_dies_while_it_starts_is_replaced(tmp_path, monkeypatch):
     assert (tmp_path / "started").exists()
 
 
+def test_only_who_has_the_key_of_the_command_can_send_work(monkeypatch):
+    """Whoever reaches a Dask scheduler can run programs as its user, and every local user reaches 127.0.0.1."""
+    with local_workers(1) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        for other in (None, distributed.Security.temporary()):
+            with pytest.raises((OSError, TypeError, ValueError)):
+                distributed.Client(address, timeout=5, security=other)
+        assert client.submit(os.getpid).result() != os.getpid()
+    monkeypatch.setattr(distributed.Security, "temporary", _without_cryptography)
+    with pytest.raises(InputError, match=r"cryptography.*pip install 'gs2ci\[cluster\]'"), local_workers(1):
+        pass
+
+
+def _without_cryptography():
+    raise ImportError("no cryptography")
+
+
 def test_a_cluster_that_ends_prints_nothing(monkeypatch):
     printed, handler, closing = [], logging.Handler(), distributed.LocalCluster.__exit__
     monkeypatch.setattr(handler, "emit", printed.append)
@@ -149,7 +168,7 @@ def test_a_run_goes_the_same_way_through_a_scheduler(tmp_path):
     masks = (draws.random((3, 16, 20)) < 0.5).astype(np.float32)
     shot = Shot(draws.random((16, 20, 1), dtype=np.float32), masks, np.ones(3, np.float32))
     exposures = list_exposures([write_shots(tmp_path / "a.h5", [shot])], every=True)
-    with local_workers(1) as client:
+    with local_workers(1) as client, admitted(client):
         (row,) = reconstruct_many(exposures, tmp_path / "runs", QUICK, scheduler=client.scheduler.address)
         assert sum(workers_by_host(client).values()) == 1
     assert row.state == "done"

@@ -30,6 +30,7 @@ BENCHMARKS = (
     "video_out",
     "proxies",
     "compiling",
+    "endings",
     "small_matrices",
     "digests",
     "decoders",
@@ -86,6 +87,7 @@ BENCHMARKS = (
 )
 
 LONG = (
+    "endings",
     "gpu",
     "photograph_rings",
     "motion_within_masks",

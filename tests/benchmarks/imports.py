@@ -2,6 +2,7 @@
 
     python -m tests.benchmarks imports
     GS2CI_DRAWS=50 python -m tests.benchmarks imports     fewer of them
+    GS2CI_DRAWS=0 GS2CI_AGAINST=FOLDER python -m tests.benchmarks imports     the cost, paired with another checkout
 
 500 right measurements (`import_forms.right`) and, where the shared data are, its real exposures: how many raise an
 alarm. 500 spoiled ones, those of F1 to F4 of the report on people's files in turn, then 60 of each other way: how many
@@ -10,7 +11,10 @@ GAP-TV with the imported masks against the views that were shown, after the best
 of a file is another question.
 """
 
+import json
 import os
+import subprocess
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
@@ -21,7 +25,25 @@ import numpy as np
 from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from tests.benchmarks import import_forms as forms
+from tests.processes import ONE_THREAD
 
+ROOT = Path(__file__).parents[2]
+_ROUNDS = 3
+# Import and write each file a few times; the least counts, since other load only adds.
+_COST = """
+import json, pathlib, sys, tempfile, time
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.storage import write_shots
+found = {}
+for name in sys.argv[1:]:
+    for k in range(5):
+        with tempfile.TemporaryDirectory() as folder:
+            start = time.process_time()
+            shots = import_shots(pathlib.Path(name), None, ImportOptions()).shots
+            write_shots(pathlib.Path(folder) / "shot.h5", shots)
+            found[name] = min(found.get(name, 1e9), 1e3 * (time.process_time() - start))
+print(json.dumps(found))
+"""
 DRAWS = int(os.environ.get("GS2CI_DRAWS", "500"))
 MAIN = ("divided", "gamma", "srgb", "wrapped", "more")
 # Said of right measurements as well, and right to say: not alarms about what was measured.
@@ -30,6 +52,10 @@ NO_ALARMS = ("count as clipped", "are exactly", "looks like a colour mosaic")
 
 def run() -> None:
     """Print the figures."""
+    if other := os.environ.get("GS2CI_AGAINST"):
+        _print_cost(Path(other))
+    if not DRAWS:
+        return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.npz"
         false = [drawn.kinds for drawn in _right(DRAWS) if alarms(taken(path, drawn))]
@@ -41,6 +67,29 @@ def run() -> None:
         for how in forms.SPOILS:
             if how not in MAIN:
                 _print_named(path, [how] * min(60, DRAWS))
+
+
+def _print_cost(other: Path) -> None:
+    """Import and write the shared measurements by both checkouts in turns, and print processor milliseconds."""
+    files = [
+        str(file) for file in sorted(Path(os.environ.get("GS2CI_SHARED_DATA", "../shared/data")).glob("**/*.[nm]*"))
+    ]
+    files = [file for file in files if file.endswith(("fern_smooth.npz", "cr16.npz", "_cacti.mat", "base.npz"))]
+    found: dict[Path, list[dict[str, float]]] = {ROOT: [], other: []}
+    for _ in range(_ROUNDS):
+        for folder, times in found.items():
+            done = subprocess.run(
+                [sys.executable, "-P", "-c", _COST, *files],
+                env={**os.environ, **ONE_THREAD, "PYTHONPATH": str(folder)},
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            times.append(json.loads(done.stdout))
+    for file in files:
+        mine, theirs = (min(times[file] for times in found[folder]) for folder in (ROOT, other))
+        print(f"{Path(file).name}: {mine:.0f} ms of processor time instead of {theirs:.0f} ({mine / theirs - 1:+.0%})")
 
 
 def _right(count: int) -> Iterator[forms.Drawn]:

@@ -1,31 +1,65 @@
-"""What the command does with its small exposure; that it compiles everything is measured by hand (docs/decisions)."""
+"""What the command does with modules of its own; that the product's are compiled is seen by `make wheel`."""
 
-from gs2ci.api import preparing, reconstruction
+import subprocess
+
+import pytest
+
+from gs2ci.api import preparing
 from gs2ci.commands import compile as compiling
-from gs2ci.core.storage import read_shot
+from gs2ci.core import kernels
+from gs2ci.core.progress import Silent
+
+SMALL = "gs2ci.reconstruct.fit.gaussian_kernels"
 
 
-def test_a_small_exposure_is_taken_and_reconstructed_in_a_folder_that_goes(monkeypatch, capsys):
-    seen = {}
-    # Half its size, of a width that is a multiple of 4, as of real cameras: `make install` takes the whole one.
-    monkeypatch.setattr(preparing, "SIZE", (34, 52))
+def test_all_modules_with_kernels_are_found_and_no_other():
+    found = preparing.modules_with_kernels()
+    assert {SMALL, "gs2ci.render.cpu.blend", "gs2ci_sims.rays.meshes", "gs2ci_drivers.dlpc900.erle"} <= set(found)
+    assert len(set(found)) == len(found)
+    assert "gs2ci.core.kernels" not in found
 
-    class Run:
-        interrupted = False
 
-        def save(self, folder):
-            seen["folder"] = folder.parent
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    monkeypatch.setattr(preparing, "modules_with_kernels", lambda: (SMALL,))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    return tmp_path
 
-    def recover(shot, *, iterations, progress):
-        seen["shot"], seen["iterations"] = read_shot(shot), iterations
-        return Run()
 
-    monkeypatch.setattr(reconstruction, "reconstruct", recover)
-    assert compiling.run() >= 0
-    assert seen["shot"].size == preparing.SIZE
-    assert seen["shot"].views == preparing.VIEWS
-    # Surfaces are sought from a quarter of the schedule on, and held-out pixels looked at every fiftieth iteration.
-    assert seen["iterations"] >= 50
-    assert not seen["folder"].exists()
-    # Its standing in `make install` is one line.
-    assert capsys.readouterr().out.count("\n") == 1
+def test_they_are_compiled_on_disk_and_told_in_a_line(small, capsys):
+    assert compiling.run() > 0
+    assert list(small.rglob("*adam_step*.nbc"))
+    assert "All kernels are compiled" in capsys.readouterr().out
+
+
+def test_what_a_process_that_ended_leaves_is_compiled_here(small, monkeypatch):
+    monkeypatch.setattr(preparing, "_SERVE", "")
+    monkeypatch.setattr(preparing, "_MOMENT_S", 0.0)
+    seen = []
+    monkeypatch.setattr(kernels, "compile_module", seen.append)
+    preparing.compile_kernels(Silent())
+    assert seen == [SMALL]
+
+
+def test_an_interruption_ends_it(small, monkeypatch):
+    monkeypatch.setattr(preparing, "_SERVE", "")
+
+    def interrupt(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "Popen", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        preparing.compile_kernels(Silent())
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_first_run_compiles_before_it_begins_if_the_code_can_be_kept(small, monkeypatch, kept):
+    listener, taken = Silent(), []
+    monkeypatch.setattr("gs2ci.render.backend.needs_compiling", lambda name: name == "cpu")
+    monkeypatch.setattr(kernels, "cache_folder", lambda module: str(small) if kept else None)
+    monkeypatch.setattr(preparing, "compile_kernels", taken.append)
+    preparing.prepare_first_run("reference", listener)
+    assert not listener.sentences
+    preparing.prepare_first_run("cpu", listener)
+    assert "compiles its kernels" in listener.sentences[0]
+    assert taken == ([listener] if kept else [])

@@ -69,7 +69,7 @@ def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_pat
 def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(backend, "needs_compiling", lambda name: name == "cpu")
     quickly(measured, tmp_path / "run", iterations=1)
-    assert "compiles the rasteriser" in capsys.readouterr().out
+    assert "compiles its kernels" in capsys.readouterr().out
 
 
 def test_an_earlier_run_is_replaced_only_when_asked_and_the_index_chooses_the_shot(measured, tmp_path):

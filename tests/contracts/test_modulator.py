@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from gs2ci_drivers.alp.driver import AlpModulator
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
@@ -12,6 +13,7 @@ from gs2ci_drivers.testing.modulator import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.modulator import TwinBench
 from gs2ci_drivers.video_out.driver import VideoOut
 from gs2ci_drivers.video_out.options import VideoOutOptions
+from gs2ci_sims.wires.alp import AlpTwin
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
@@ -46,7 +48,13 @@ def _video_out() -> TwinBench:
     return TwinBench(VideoOut, "modulator0", session, world, settings, **lines, exclusive=False)
 
 
-MAKERS = {"video_out": _video_out, "dlpc900": _dlpc900, "scpi": _scpi, "display_slm": _display_slm}
+def _alp() -> TwinBench:
+    world = World()
+    twin = AlpTwin(world, height=96, width=128, memory=64)
+    return TwinBench(AlpModulator, "modulator0", twin, world, pulse_line="alp0.out", stale="alp.stale")
+
+
+MAKERS = {"alp": _alp, "video_out": _video_out, "dlpc900": _dlpc900, "scpi": _scpi, "display_slm": _display_slm}
 
 
 @pytest.fixture(params=sorted(MAKERS))

@@ -9,12 +9,15 @@ import pytest
 
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_drivers.kinesis.driver import KinesisStage
+from gs2ci_drivers.kinesis.options import KinesisOptions
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.testing.stage import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.stage import StageBench
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.wires.kinesis import BUILT, KinesisTwin
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 
@@ -44,7 +47,18 @@ def _grbl(referenced: bool) -> StageBench:
     return StageBench(reopen(), twin, clock, reopen, twin.reboot)
 
 
-MAKERS = {"zaber": _zaber, "grbl": _grbl}
+def _kinesis(referenced: bool) -> StageBench:
+    clock = VirtualClock()
+    twin = KinesisTwin(clock, {"x": BUILT["MLS203-X"], "y": BUILT["MLS203-Y"]}, homed=referenced)
+    settings = KinesisOptions(axes={"x": 1, "y": 2}, stages={"x": "MLS203-X", "y": "MLS203-Y"})
+
+    def reopen() -> Stage:
+        return KinesisStage("stage0", twin.open(), clock, settings)
+
+    return StageBench(reopen(), twin, clock, reopen, twin.power_cycle)
+
+
+MAKERS = {"zaber": _zaber, "grbl": _grbl, "kinesis": _kinesis}
 
 
 @pytest.fixture(params=sorted(MAKERS))

@@ -24,6 +24,7 @@ EXAMPLES = [
     failures.FrameLostError("cam0", 3, 2),
     failures.FrameCorruptError("cam0", 3, "marked"),
     failures.FrameStaleError("cam0", 3, 0.2),
+    failures.ExposureError("cam0", 3, 0.08, 0.008),
     failures.ExtraFrameError("cam0", "1 more", remedy="look for reflections"),
 ]
 

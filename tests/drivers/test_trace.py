@@ -8,10 +8,11 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci_drivers.failures import NoAnswerError
 from gs2ci_drivers.ports import port_errors
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
-from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedLibrary, TracedSys
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
+from gs2ci_sims.wires.alp import AlpTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
@@ -203,3 +204,18 @@ def test_a_disk_that_fills_up_under_a_trace_is_not_taken_for_the_device(tmp_path
     port.write(b"/1 stop", 1.0)  # what puts a device to rest still gets through
     port.close()
     assert full.closed
+
+
+def test_calls_of_a_makers_library_are_written_down_with_their_codes(tmp_path):
+    world = World()
+    trace = Trace(tmp_path / "alp.wire", "dmd0", "library", world.clock)
+    port = TracedLibrary(AlpTwin(world).open(), trace)
+    assert port.ask("AlpDevAlloc", [0, 0]) == (0, 7)
+    assert port.call("AlpDevControlEx", [7, 2023], bytes(18)) == 0
+    assert port.call("AlpSeqFree", [7, 3]) == 1003
+    port.close()
+    trace.close()
+    rows = [json.loads(line) for line in (tmp_path / "alp.wire").read_text().splitlines()][1:]
+    assert [row["op"] for row in rows] == ["AlpDevAlloc", "AlpDevControlEx", "AlpSeqFree", "close"]
+    assert [row.get("result") for row in rows] == [["0", "7"], 0, 1003, None]
+    assert rows[1]["sent"] == [bytes(18).hex()]

@@ -143,18 +143,19 @@ def test_viser_serves_the_scene_and_its_cameras(write, capsys):
     pytest.importorskip("viser", reason="the extra `view` is not installed")
     scene = load_scene(write())
     server = serve(scene, host="127.0.0.1", port=0)
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
-        with urllib.request.urlopen(f"http://127.0.0.1:{server.get_port()}", timeout=HANG_S) as answer:
+        with browser.open(server.address, timeout=HANG_S) as answer:
             assert "viser" in answer.read().decode().lower()
-        names = set(server.scene._handle_from_node_name)
+        names = set(server.server.scene._handle_from_node_name)
         assert {"/scene", "/cameras/1", "/cameras/2", "/cameras/3"} <= names
-        ahead_of_us = np.subtract(server.initial_camera.look_at, server.initial_camera.position)
+        ahead_of_us = np.subtract(server.server.initial_camera.look_at, server.server.initial_camera.position)
         middle = scene.camera_to_world[1]
-        place = np.subtract(server.initial_camera.position, middle[:3, 3])
+        place = np.subtract(server.server.initial_camera.position, middle[:3, 3])
         # On the middle camera's axis, between all symbols of cameras and what is looked at.
         np.testing.assert_allclose(np.cross(place, middle[:3, 2]), 0, atol=1e-6)
         tips = scene.camera_to_world[:, :3, 3] + scene.symbol * scene.camera_to_world[:, :3, 2]
-        assert ((tips - server.initial_camera.position) @ middle[:3, 2]).max() < 0.1
+        assert ((tips - server.server.initial_camera.position) @ middle[:3, 2]).max() < 0.1
         assert np.dot(ahead_of_us, middle[:3, 2]) >= 0.5 * SHOWN_DEPTH - 1e-6
     finally:
         server.stop()

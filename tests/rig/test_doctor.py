@@ -9,6 +9,7 @@ from gs2ci.rig.doctor import examine
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
+from gs2ci_drivers.manners import manners_of
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.trigger import ControlTrigger
@@ -157,6 +158,42 @@ def test_a_panel_behind_usb_is_given_its_own_udev_rule(tmp_path):
     found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
     assert found["permissions for the modulator"].verdict == "note"
     assert 'ATTRS{idVendor}=="0403"' in found["permissions for the modulator"].remedy
+
+
+def test_what_one_would_not_guess_of_the_devices_found_is_told(tmp_path):
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "alp"},
+            "sensor": {"kind": "v4l2"},
+            "stage": {"kind": "kinesis"},
+            "world": {"height": 8, "width": 16},
+        }
+    )
+    rig = Rig(table, "", tmp_path, build_bench(table, Darkness()))
+    rig.bench.stage.unplug()
+    rig.bench.stage.plug_in()
+    told = [one.detail for one in doctor.examine(rig, trigger_loop=False) if one.what == "stage, to know"]
+    assert told == [f"{one.applies}: {one.fact}" for one in manners_of("kinesis")]
+    devices = rig.open()
+    rig.bench.stage.faults.inject("serial.request_lost", times=99)
+    devices.close()
+    found = list(doctor.examine(rig, trigger_loop=False))
+    assert {one.what for one in found if one.what.endswith("to know")} >= {"modulator, to know"}
+    assert "stage, to know" not in {one.what for one in found}
+
+
+def test_the_library_of_a_vialux_device_is_looked_for(tmp_path):
+    def said():
+        modulator = {"kind": "alp", "port": "usb", "library": str(tmp_path)}
+        table = RigTable.model_validate({"modulator": modulator, "sensor": {"kind": "v4l2", "port": "/dev/null"}})
+        (found,) = [one for one in doctor._permissions(Rig(table, "", tmp_path)) if one.what == "maker's library"]
+        return found.verdict, found.detail, found.remedy
+
+    verdict, detail, remedy = said()
+    assert (verdict, "libalp43.so does not exist" in detail) == ("bad", True)
+    assert "`library`" in remedy
+    (tmp_path / "libalp43.so").touch()
+    assert said() == ("ok", str(tmp_path / "libalp43.so"), "")
 
 
 @pytest.mark.parametrize("fault", ["v4l2.frame_noisy", "v4l2.frame_corrupt", "v4l2.frame_dropped"])

@@ -35,8 +35,8 @@ def simulated(tmp_path, **tables):
     return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
-@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
-@pytest.mark.parametrize("stage", ["zaber", "grbl"])
+@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec", "alp"])
+@pytest.mark.parametrize("stage", ["zaber", "grbl", "kinesis"])
 def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulator, stage):
     rig = simulated(tmp_path, modulator={"kind": modulator}, stage={"kind": stage})
     for _ in range(2):

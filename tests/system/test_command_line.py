@@ -2,6 +2,7 @@
 
 import io
 import os
+import py_compile
 import signal
 import subprocess
 import sys
@@ -54,6 +55,38 @@ def measurement(tmp_path_factory):
     coded = (masks[..., None] * truth).sum(axis=0)
     np.savez(path, meas=coded, masks=masks, truth=truth, K=camera, world_to_camera=poses)
     return path
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--json", "False"), ("--json", "true"), ("--overwrite", ""), ("--no-json", "0")]
+)
+def test_an_option_without_a_value_refuses_one(monkeypatch, capsys, tmp_path, option, value):
+    """The parser would set it, and take the value for one more file."""
+    monkeypatch.chdir(tmp_path)
+    assert typed(monkeypatch, "reconstruct", "shot.h5", f"{option}={value}") == cli.EXIT_USER_ERROR
+    said = capsys.readouterr().err
+    assert f"{option} has no value, and was given {value!r}" in " ".join(said.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_cut_file_of_byte_code_is_named(monkeypatch, capsys, tmp_path):
+    (tmp_path / "cut_short.py").write_text("def run(): ...\n")
+    kept = Path(py_compile.compile(str(tmp_path / "cut_short.py"), doraise=True))
+    kept.write_bytes(kept.read_bytes()[:-10])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(cli.COMMANDS, "compile", ("cut_short", ""))
+    assert typed(monkeypatch, "compile") == cli.EXIT_USER_ERROR
+    assert f"{kept}, which Python keeps of a module, is cut short what to do: delete it" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
+def test_an_end_of_input_within_a_command_is_an_error_of_its_own(monkeypatch, tmp_path):
+    (tmp_path / "asks.py").write_text("def run() -> None:\n    raise EOFError('no answer')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(cli.COMMANDS, "compile", ("asks", ""))
+    with pytest.raises(EOFError, match="no answer"):
+        typed(monkeypatch, "compile")
 
 
 @pytest.fixture(scope="module")

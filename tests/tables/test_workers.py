@@ -18,6 +18,7 @@ from gs2ci.tables.cells import Cell, run
 from gs2ci.tables.store import Store
 from gs2ci.tables.workers import complete
 from gs2ci.tables.works import reconstruct_case
+from tests.batch.keys import admitted
 from tests.patience import HANG_S
 
 DEADLY = Cell(os._exit, {"status": 1})
@@ -35,7 +36,7 @@ def store(tmp_path):
 @pytest.fixture
 def cluster():
     # Not Dask's own LocalCluster: its nannies raise if they are closed while they restart a worker that died.
-    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), local_workers(1) as client:
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), local_workers(1) as client, admitted(client):
         yield client.scheduler.address
 
 

@@ -72,6 +72,8 @@ HARMLESS: Final = ELSEWHERE | {
 GRAIN: Final = 2e-3
 """Share of its range to which a camera may round a number."""
 VALUES: Final = ("integer", "float", "boolean", "enumeration", "string")
+PICTURE: Final = ("PixelFormat", "Width", "Height", "OffsetX", "OffsetY")
+"""Recorded although a camera may offer no choice of them."""
 SETTINGS_OF_TRIGGERS: Final = ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerDelay", "TriggerOverlap")
 """Recorded although they may be locked while a trigger is on."""
 
@@ -186,7 +188,7 @@ class Leftovers:
             found = None if category in ELSEWHERE or name.endswith("Selector") else self._features.find(name)
             if found is None or found.kind not in VALUES or not found.readable:
                 continue
-            if not found.writable or name in SETTINGS_OF_TRIGGERS:
+            if name in SETTINGS_OF_TRIGGERS or not (found.writable or name in PICTURE):
                 continue
             for entry in self._entries(found):
                 try:

@@ -26,14 +26,15 @@ class SerialLine:
         device: Name of the device, for messages.
         path: The tty ("/dev/ttyUSB0", "/dev/serial/by-id/...").
         baud: Bits per second, 8N1.
+        rts_cts: Whether both sides hold each other back by RTS and CTS.
 
     Raises:
         AccessError: No such node, no permission, or in use.
         DisconnectedError: The node is there but does not work.
     """
 
-    def __init__(self, device: str, path: str, baud: int = 115200) -> None:
-        self._port = serial.Serial()
+    def __init__(self, device: str, path: str, baud: int = 115200, *, rts_cts: bool = False) -> None:
+        self._port = serial.Serial(rtscts=rts_cts)
         self._port.port = path
         self._port.exclusive = True
         with port_errors(device, f"open {path}"):

@@ -15,6 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
+from gs2ci.core.foreign.colours import one_reading
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.fields import Fields
@@ -22,7 +23,7 @@ from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
 from gs2ci.core.foreign.opening import open_foreign
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
-from gs2ci.core.foreign.settled import Settled, settle
+from gs2ci.core.foreign.settled import SettledReadings, settle
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -142,6 +143,11 @@ def _of_exposure(given: Array | None, index: int, count: int) -> Array | None:
 def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) -> list[Shot]:
     """Turn the arrays of a file into shots that share their masks."""
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
+    measurements, mosaic, reduced = one_reading(order.measurements)
+    if reduced:
+        guesses.append(f"{found.measurement.where}: {reduced}")
+        order = replace(order, measurements=measurements)
+        options = replace(options, cfa=options.cfa or mosaic)
     fields = Fields.of(found.container, options, order.measurements.shape[1:], guesses)
     stack = fields.without_dark(chosen_masks(order.masks, found, options), found.masks.where, guesses)
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
@@ -205,7 +211,7 @@ class _Import:
 
     found: Found
     options: ImportOptions
-    settled: Settled
+    settled: SettledReadings
     guesses: list[str]
 
     @property

@@ -31,7 +31,7 @@ _RECORDED_DARK: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Frame:
+class FieldFrame:
     """The mean of one frame or several.
 
     Args:
@@ -71,14 +71,14 @@ class Fields:
         where: The white frame's place, for messages.
     """
 
-    white: Frame | None
-    dark: Frame | None
+    white: FieldFrame | None
+    dark: FieldFrame | None
     where: str
 
     @classmethod
     def of(cls, container: Container, options: FieldOptions, shape: tuple[int, ...], guesses: list[str]) -> "Fields":
         """Take the frames of a file for a measurement of shape [H, W, C]."""
-        found: dict[str, Frame | None] = {"white": None, "dark": None}
+        found: dict[str, FieldFrame | None] = {"white": None, "dark": None}
         where = ""
         for role, said in (("white", options.white_key), ("dark", options.dark_key)):
             key = roles.key_of(container, cast("roles.Role", role), said, guesses)
@@ -126,7 +126,7 @@ class Fields:
         return readings / seen
 
 
-def frame_from(given: Array, size: tuple[int, int], channels: int) -> Frame:
+def frame_from(given: Array, size: tuple[int, int], channels: int) -> FieldFrame:
     """Average frames.
 
     Args:
@@ -159,10 +159,10 @@ def frame_from(given: Array, size: tuple[int, int], channels: int) -> Frame:
         )
     count = len(stack)
     noise = float(np.sqrt(stack.var(axis=0, ddof=1).mean() / count)) if count > 1 else 0.0
-    return Frame(stack.mean(axis=0), noise, count)
+    return FieldFrame(stack.mean(axis=0), noise, count)
 
 
-def response(white: Frame, dark: Frame | None) -> F64:
+def response(white: FieldFrame, dark: FieldFrame | None) -> F64:
     """Return what each pixel sees of an even light, 1 at the brightest, [H, W, C].
 
     Structure finer than vignetting is kept as far as it stands out from the frames' noise (Wiener's share).
@@ -199,7 +199,7 @@ def were_recorded(masks: F64, seen: F64) -> bool:
     return bool(stated.std() > _VARIES and left.std() < _FOLLOWS * stated.std())
 
 
-def have_dark(masks: F64, dark: Frame) -> bool:
+def have_dark(masks: F64, dark: FieldFrame) -> bool:
     """Tell whether masks, [N, H, W], as stored, lie on a dark frame, as those recorded by the same camera do."""
     level = float(np.median(dark.values))
     return level > 0 and float(np.quantile(masks, 0.001)) > _RECORDED_DARK * level

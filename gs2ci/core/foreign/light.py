@@ -29,6 +29,7 @@ from gs2ci.core.linearity import Growth, growth
 # ones, whose readings are selected for being dark, within more (`python -m tests.benchmarks imports`).
 _SLOPE, _CURVATURE = 0.12, 0.06
 _SLOPE_CLIPPED, _CURVATURE_CLIPPED = 0.2, 0.15
+_SLOPE_OVER: Final = 0.15
 _SLOPE_BIASED: Final = 0.72
 _SIGMAS: Final = 4.0
 # Once the right curve is undone.
@@ -66,7 +67,7 @@ class Examined:
 
 
 @dataclass(frozen=True)
-class Question:
+class LightQuestion:
     """Readings and the masks under which they were taken.
 
     Args:
@@ -134,7 +135,7 @@ def clip_of(image: F64, said: float | None) -> float:
     return level if piled >= max(_FEWEST_PILED, _PILE_UP * image.size, close) else np.inf
 
 
-def examine(question: Question, said: CurveName, guesses: list[str]) -> Examined:
+def examine(question: LightQuestion, said: CurveName, guesses: list[str]) -> Examined:
     """Ask whether readings are in proportion to light, and undo what the file shows to have been done to them.
 
     Args:
@@ -158,12 +159,18 @@ def examine(question: Question, said: CurveName, guesses: list[str]) -> Examined
         )
         return Examined(question.readings)
     clipped = bool(np.isfinite(clip_of(question.image, question.saturation)))
+    if not clipped and found.slope > 1 + _SLOPE_OVER + _SIGMAS * found.slope_error:
+        guesses.append(
+            f"WARNING: {question.measurement.where}: readings grow {found.slope:.2f} times as fast as the masks open: "
+            "was too much subtracted as the reading without light, or do the masks lie on a background?"
+        )
+        return Examined(question.readings, growth=found)
     if _is_line(found, clipped=False) and not found.is_biased:
         return Examined(question.readings, growth=found)
     return _which_curve(question, found, clipped, guesses)
 
 
-def _as_said(question: Question, said: CurveName, guesses: list[str]) -> Examined:
+def _as_said(question: LightQuestion, said: CurveName, guesses: list[str]) -> Examined:
     if said == "linear":
         return Examined(question.readings)
     if said == "overflow":
@@ -174,7 +181,7 @@ def _as_said(question: Question, said: CurveName, guesses: list[str]) -> Examine
                 allowed="readings of whole numbers >= 0 up to the end of 8, 10, 12, 14 or 16 bits",
                 remedy="leave --curve out",
             )
-        guesses.append(f"readings that went round after {wrap:.0f} were put back, as stated")
+        guesses.append(f"readings that went round after {wrap:.6g} were put back, as stated")
         return Examined(question.put_back(wrap), "overflow")
     curve = next(curve for curve in CURVES if curve.name == said)
     guesses.append(f"readings: {curve.words} was undone, as stated")
@@ -191,7 +198,7 @@ def _is_line(found: Growth, clipped: bool) -> bool:
     )
 
 
-def _gone_round(question: Question, found: Growth | None, guesses: list[str]) -> Examined | None:
+def _gone_round(question: LightQuestion, found: Growth | None, guesses: list[str]) -> Examined | None:
     """Put readings back that went round, if that explains them."""
     wrap = wrap_of(question.measurement.values)
     if wrap is None or found is None or np.isfinite(clip_of(question.image, question.saturation)):
@@ -206,7 +213,7 @@ def _gone_round(question: Question, found: Growth | None, guesses: list[str]) ->
     if not _is_line(better, clipped=False) or _distance(better) > _distance(found):
         return None
     guesses.append(
-        f"WARNING: {question.measurement.where}: {share:.1%} of the readings went round at {wrap:.0f}, as a sum does "
+        f"WARNING: {question.measurement.where}: {share:.1%} of the readings went round at {wrap:.6g}, as a sum does "
         f"in integers that are too small for it: against the open masks they have {_told(found)}. Put back by what "
         f"their neighbours read, they have {_told(better)}. Sum in larger integers, or say --curve linear if "
         "that is wrong"
@@ -214,7 +221,7 @@ def _gone_round(question: Question, found: Growth | None, guesses: list[str]) ->
     return Examined(question.put_back(wrap), "overflow", growth=found)
 
 
-def _which_curve(question: Question, found: Growth, clipped: bool, guesses: list[str]) -> Examined:
+def _which_curve(question: LightQuestion, found: Growth, clipped: bool, guesses: list[str]) -> Examined:
     tried = {curve: grown for curve in (*CURVES, *LOGARITHMS) if (grown := question.grow(curve)) is not None}
     fitting = {curve: grown for curve, grown in tried.items() if _is_undone(grown, clipped)}
     if found.is_biased:

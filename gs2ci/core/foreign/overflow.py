@@ -14,6 +14,9 @@ from gs2ci.core.linearity import lattices, local_mean
 BITS: Final = (8, 10, 12, 14, 16)
 # A sum that overflows anywhere comes close to the end of the range somewhere.
 _NEAR_END: Final = 0.9
+# Numbers in float32 are whole multiples up to this share of one; so many of them are asked.
+_WHOLE: Final = 0.02
+_SAMPLE: Final = 4096
 _MOST_ROUNDS: Final = 16
 _STEPS: Final = 40
 # Of readings below zero, a few codes at the very end of the range are taken, and next to none below them.
@@ -24,12 +27,22 @@ _FEWEST: Final = 3
 
 
 def wrap_of(stored: NDArray[Any]) -> float | None:
-    """Return the range after which readings of whole numbers begin again at 0 if they overflow; None: they cannot."""
-    if stored.dtype.kind not in "ui" and not bool((stored == np.rint(stored)).all()):
-        return None
+    """Return the range after which readings of whole numbers begin again at 0 if they overflow; None: they cannot.
+
+    Whole numbers that were divided by the end of their range, to lie in 0..1, count as well.
+    """
     low, high = float(stored.min()), float(stored.max())
-    wrap = next((2.0**bits for bits in BITS if high < 2**bits), None)
-    return wrap if wrap is not None and low >= 0 and high >= _NEAR_END * wrap else None
+    if low < 0:
+        return None
+    unit = 1.0
+    if stored.dtype.kind not in "ui" and not bool((stored == np.rint(stored)).all()):
+        ends = (end for bits in BITS for end in (2**bits - 1, 2**bits)) if high <= 1 else ()
+        sample = stored.reshape(-1)[:: max(stored.size // _SAMPLE, 1)].astype(np.float64)
+        unit = next(
+            (1 / end for end in ends if float(np.abs(sample * end - np.rint(sample * end)).max()) < _WHOLE), 0.0
+        )
+    wrap = next((2.0**bits for bits in BITS if unit and high < 2**bits * unit * (1 - 1e-6)), None)
+    return wrap * unit if wrap is not None and high >= _NEAR_END * wrap * unit else None
 
 
 def unwrapped(readings: F64, open_masks: F64, wrap: float, *, is_mosaic: bool = False) -> F64:

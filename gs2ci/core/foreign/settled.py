@@ -31,6 +31,7 @@ _PATTERN_OF_IT: Final = 0.75
 _STEEP: Final = 0.08
 _CLOSED: Final = 0.3
 _HALVINGS: Final = 8
+_MOST_ASKED: Final = 8
 _LEAST_BACKGROUND: Final = 0.01
 
 
@@ -59,7 +60,7 @@ class LightOptions(Protocol):
 
 
 @dataclass(frozen=True)
-class Settled:
+class SettledReadings:
     """Masks and readings as the numbers show them.
 
     Args:
@@ -116,6 +117,19 @@ class _Settling:
         coding = CodingConvention(np.asarray(1 - coding.masks, np.float32), coding.weights)
         return coding, self.pattern(readings, coding)
 
+    def differing(self, readings: F64, coding: CodingConvention, first: Traces, traced: PatternTrace | None) -> bool:
+        """Say so if a later measurement of the file shows masks that the first one does not."""
+        for k in range(1, min(len(readings), _MOST_ASKED)):
+            other = self.traces(readings[k:], coding, traced)
+            if other is not None and (other.shown & ~first.shown).any():
+                listed = [_listed(np.flatnonzero(one.shown)) for one in (first, other)]
+                self.guesses.append(
+                    f"WARNING: {self.masks.where}: measurement 0 shows masks {listed[0]}, measurement {k} masks "
+                    f"{listed[1]}: masks of their own. Save them as [K, N, H, W], or import each with its masks"
+                )
+                return True
+        return False
+
     def traces(self, readings: F64, coding: CodingConvention, traced: PatternTrace | None) -> Traces | None:
         """Find the trace of each mask."""
         image = readings[0, :, :, readings.shape[3] // 2]
@@ -141,10 +155,10 @@ class _Settling:
         self.guesses.append(f"{told}: they were not shown and are left out; say --views {len(every)} to keep all")
         return CodingConvention(coding.masks[list(shown)], coding.weights[list(shown)]), shown
 
-    def question(self, readings: F64, coding: CodingConvention, traced: PatternTrace | None) -> light.Question:
+    def question(self, readings: F64, coding: CodingConvention, traced: PatternTrace | None) -> light.LightQuestion:
         """Return the question whether readings are in proportion to light."""
         opened = coding.multiplicity if traced is None else traced.moved(coding.multiplicity)
-        return light.Question(self.measurement, readings, opened, self.saturation, self.is_mosaic)
+        return light.LightQuestion(self.measurement, readings, opened, self.saturation, self.is_mosaic)
 
     def without_background(
         self, readings: F64, coding: CodingConvention, traced: PatternTrace | None
@@ -221,7 +235,7 @@ def settle(
     is_mosaic: bool,
     has_dark: bool = False,
     guesses: list[str],
-) -> Settled:
+) -> SettledReadings:
     """Find out what the numbers show of masks and readings.
 
     Args:
@@ -240,6 +254,8 @@ def settle(
     given = len(coding.masks)
     coding, traced = work.upright(readings, coding)
     found = work.traces(readings, coding, traced)
+    if found is not None and not found.shown.all() and work.differing(readings, coding, found, traced):
+        found = None
     coding, shown = work.choose(coding, found)
     if len(shown) < given:
         traced = work.pattern(readings, coding)
@@ -253,7 +269,7 @@ def settle(
     agreement.report_pattern(traced, measurement, masks, guesses)
     if options.offset is None:
         agreement.check_closed_pixels(examined.readings[0], coding.multiplicity, guesses)
-    return Settled(examined.readings, coding, traced, shown, given, examined.undone, examined.curved)
+    return SettledReadings(examined.readings, coding, traced, shown, given, examined.undone, examined.curved)
 
 
 def _listed(indices: np.ndarray[tuple[int], np.dtype[np.intp]]) -> str:

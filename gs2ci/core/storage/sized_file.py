@@ -16,6 +16,9 @@ class SizedFile(io.RawIOBase):
         size_bytes: The length.
     """
 
+    # While there is none: a file that could not be opened is closed as any other when it goes.
+    _handle = -1
+
     def __init__(self, handle: int, size_bytes: int) -> None:
         super().__init__()
         self._handle = handle
@@ -50,6 +53,6 @@ class SizedFile(io.RawIOBase):
 
     def close(self) -> None:
         """Close the file on disk; may be called twice."""
-        if not self.closed:
+        if not self.closed and self._handle >= 0:
             os.close(self._handle)
         super().close()

@@ -6,7 +6,7 @@ while others lower it so that its light stays the same (Yu et al., "Mip-Splattin
 file cannot say which. So sizes get a part of the widening in space, which leaves less to the viewer, and then colours,
 opacities and sizes are fitted under both conventions together to what the scene shows in the run's own views.
 
-Here: `for_viewers`. Not here: files.
+Here: `for_viewers`; `brought_nearer`, for formats whose places have few bits. Not here: files.
 """
 
 import math
@@ -104,6 +104,30 @@ def for_viewers(
         fitted, after = clamped, before
     own = _scaled(fitted.map(torch.Tensor.double), 1 / scale)
     return ForViewers(replace(own, means=whole.means).map(torch.Tensor.float), before, after)
+
+
+def brought_nearer(scene: Gaussians, world_to_camera: Tensor, distances: float) -> tuple[Gaussians, int]:
+    """Bring Gaussians that are very far away nearer, their sizes with them: from the cameras they look as before.
+
+    A few of a fit lie thousands of times as far away as what the cameras look at, without any parallax to hold them,
+    and a format with one grid of places for all then has no steps left for the others.
+
+    Args:
+        scene: The Gaussians.
+        world_to_camera: The run's path, [N, 4, 4].
+        distances: The farthest that is left, in typical distances from the middle of the path.
+
+    Returns:
+        The scene, and how many Gaussians are brought nearer.
+    """
+    whole = scene.detach().map(torch.Tensor.double)
+    poses = world_to_camera.double()
+    middle = torch.linalg.inv(poses)[:, :3, 3].mean(dim=0)
+    most = distances * _typical_depth(whole.means, poses)
+    away = (whole.means - middle).norm(dim=1)
+    share = (most / away.clamp(min=most))[:, None]
+    nearer = replace(whole, means=middle + share * (whole.means - middle), log_scales=whole.log_scales + share.log())
+    return nearer.map(torch.Tensor.float), int((share < 1).sum())
 
 
 @dataclass(frozen=True)

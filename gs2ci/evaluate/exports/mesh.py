@@ -6,6 +6,7 @@ marching cubes after Lewiner); `write_mesh`. Not here: depth. A surface is close
 elsewhere the mesh ends with what is seen.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -95,7 +96,10 @@ def fuse(
     # A cube is used only if everything around it is known; the library checks only one of its corners.
     sure = binary_erosion(known, np.ones((3, 3, 3), bool))
     try:
-        vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=sure, gradient_direction="descent")
+        with warnings.catch_warnings():
+            # scikit-image up to 0.26 sets the shapes of its arrays, of which NumPy 2.5 says that it will end.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=sure, gradient_direction="descent")
     except (ValueError, RuntimeError) as error:
         raise InputError(
             "the depths of this run make no surface", remedy="give more --voxels, or look at points.ply"

@@ -20,7 +20,7 @@ _STEEP: Final = 0.9
 
 def bent_growth(shot: Shot) -> Growth | None:
     """Return how the readings of a shot grow with its open masks if they bend; None if not, or if it cannot be told."""
-    readings = shot.measurement[:, :, shot.measurement.shape[2] // 2].astype(np.float64)  # one behind a mosaic
+    readings = shot.measurement[:, :, shot.measurement.shape[2] // 2].astype(np.float64)
     clip = np.inf
     if shot.saturated is not None and shot.saturated.any():
         clip = float(readings[shot.saturated].min())

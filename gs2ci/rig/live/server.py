@@ -1,14 +1,18 @@
-"""The page of a live bench, served on this machine: who may view it, who may control it, what happens at the end.
+"""The page of a live bench, served on this machine: who may control it, what happens at the end.
 
-The first page that connects controls the bench: only it may press buttons, by a secret that it sends with each request.
-Other pages see the same but have no buttons. If the controlling page sends nothing for `LAPSE_S`, or reports that it
-closes, it loses control, and everything is disarmed. Requests for another host name are refused, so that a foreign web
-page in the same browser cannot control the bench.
+Only who knows the secret of the address enters (`gs2ci.core.door`). The first page that connects controls the bench:
+only it may press buttons, by a token that it sends with each request. Other pages see the same but have no buttons. If
+the controlling page sends nothing for `LAPSE_S`, or reports that it closes, it loses control, and all is disarmed.
+
+A request has `REQUEST_S` to arrive, a connection without one `IDLE_S`; there are at most `MOST_CONNECTIONS`. Whoever
+opens connections and sends nothing keeps nobody out.
 
 Here: `LiveServer`. Not here: what the buttons do (`bench`).
 """
 
+import contextlib
 import json
+import socket
 import sys
 import threading
 import time
@@ -17,7 +21,9 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any, Final
+from urllib.parse import quote
 
+from gs2ci.core.door import LOCAL, PARAMETER, Door
 from gs2ci.core.errors import Gs2ciError, InputError, reason_with_file
 from gs2ci.core.json_text import parse_json
 from gs2ci.rig.live.bench import LiveBench
@@ -25,6 +31,11 @@ from gs2ci.rig.live.bench import LiveBench
 LAPSE_S: Final = 4.0
 """After this time without a request the controlling page counts as gone."""
 WATCH_S: Final = 0.25
+REQUEST_S: Final = 10.0
+"""Time for a request to arrive, from its first wait on."""
+IDLE_S: Final = 30.0
+"""Time for which a connection that has been used may wait for the next request."""
+MOST_CONNECTIONS: Final = 256
 LARGEST_REQUEST: Final = 4096
 PORTS_TRIED: Final = 20
 HIGHEST_PORT: Final = 65_535
@@ -35,7 +46,6 @@ ASSETS: Final = {
 }
 POLICY: Final = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'"
 TOKEN: Final = "X-Live-Token"  # noqa: S105 - the name of a header
-LOCAL: Final = ("127.0.0.1", "localhost", "[::1]")
 
 
 class LiveServer:
@@ -56,7 +66,8 @@ class LiveServer:
         self._holder = ""
         self._last_call_s = 0.0
         self._ended = threading.Event()
-        self._local = host in LOCAL
+        self.door = Door("gs2ci live", local=host in LOCAL)
+        self._name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
         self._server = _listen(host, port, self)
         self._threads = [
             threading.Thread(target=self._server.serve_forever, name="live server", daemon=True),
@@ -70,6 +81,11 @@ class LiveServer:
         """Get the port on which the server listens."""
         return int(self._server.server_address[1])
 
+    @property
+    def address(self) -> str:
+        """Get the address of the page, with its secret."""
+        return f"http://{self._name}:{self.port}/?{PARAMETER}={quote(self.door.secret)}"
+
     def stop(self) -> None:
         """Stop the server; its caller closes the bench."""
         self._ended.set()
@@ -77,10 +93,6 @@ class LiveServer:
         self._server.server_close()
         for thread in self._threads:
             thread.join()
-
-    def allows(self, name: str) -> bool:
-        """Return whether a request with this host name may be answered."""
-        return not self._local or name.rsplit(":", 1)[0] in LOCAL
 
     def hold(self, token: str) -> bool:
         """Note that a page is connected; return whether it controls the bench, which it does if no other page does."""
@@ -138,6 +150,7 @@ class LiveServer:
     def _watch(self) -> None:
         """Disarm everything if the controlling page disappears without a message."""
         while not self._ended.wait(WATCH_S):
+            self._server.end_the_silent()
             with self._lock:
                 # The page's last action may still be running: the disarming below then waits for its end.
                 gone = self._holder and time.monotonic() - self._last_call_s > LAPSE_S
@@ -151,16 +164,59 @@ _Assets = dict[str, tuple[bytes, str]]
 
 
 class _Listener(ThreadingHTTPServer):
-    """A server that prints nothing when a browser closes a connection early."""
+    """A server that ends connections on which nothing comes, and prints nothing when a browser closes one early."""
 
     daemon_threads = True
+    request_queue_size = MOST_CONNECTIONS
+
+    def __init__(self, *arguments: Any) -> None:
+        self._due_s: dict[socket.socket, float] = {}
+        self._open = 0
+        self._due_lock = threading.Lock()
+        super().__init__(*arguments)
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Accept a connection while there are not too many."""
+        with self._due_lock:
+            accepted = self._open < MOST_CONNECTIONS
+            self._open += accepted
+            if accepted:
+                self._due_s[request] = time.monotonic() + REQUEST_S
+        return accepted
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            with self._due_lock:
+                self._open -= 1
+                self._due_s.pop(request, None)
+
+    def expect(self, connection: socket.socket, within_s: float | None) -> None:
+        """Note within which time something has to come on a connection; None while it is answered."""
+        with self._due_lock:
+            if within_s is None:
+                self._due_s.pop(connection, None)
+            else:
+                self._due_s[connection] = time.monotonic() + within_s
+
+    def end_the_silent(self) -> None:
+        """End the connections on which nothing has come in time: their threads then end, too."""
+        now_s = time.monotonic()
+        with self._due_lock:
+            late = [one for one, due_s in self._due_s.items() if due_s < now_s]
+            for one in late:
+                del self._due_s[one]
+        for one in late:
+            with contextlib.suppress(OSError):  # its other end may have closed it just now
+                one.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
-def _listen(host: str, port: int, live: LiveServer) -> ThreadingHTTPServer:
+def _listen(host: str, port: int, live: LiveServer) -> _Listener:
     if not 0 <= port <= HIGHEST_PORT:
         raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
     tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
@@ -191,16 +247,25 @@ class _Handler(BaseHTTPRequestHandler):
     """
 
     protocol_version = "HTTP/1.1"
+    server: _Listener
 
     def __init__(self, live: LiveServer, assets: _Assets, *connection: Any) -> None:
         self._live, self._assets = live, assets
         super().__init__(*connection)
 
+    def handle_one_request(self) -> None:
+        """Answer one request, which has to come in time."""
+        super().handle_one_request()
+        self.server.expect(self.connection, IDLE_S)
+
     def do_GET(self) -> None:
-        path = self.path.partition("?")[0]
-        if not self._allowed():
+        self.server.expect(self.connection, None)
+        path, _, query = self.path.partition("?")
+        if not self._allowed(query):
             return
-        if path in self._assets:
+        if path == "/" and self._live.door.knows_by_query(query):
+            self._enter()
+        elif path in self._assets:
             self._answer(HTTPStatus.OK, *self._assets[path])
         elif path == "/state":
             self._tell(HTTPStatus.OK, self._live.state(self.headers.get(TOKEN, "")))
@@ -210,13 +275,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such page"})
 
     def do_POST(self) -> None:
-        length = int(self.headers.get("Content-Length") or 0)
-        if not 0 <= length <= LARGEST_REQUEST:
-            self.close_connection = True
-            self._tell(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "too long"})
-            return
-        body = self.rfile.read(length)
-        if not self._allowed():
+        body = self._body()
+        if body is None or not self._allowed(self.path.partition("?")[2]):
             return
         if self.path == "/leave":
             self._live.leave(body.decode("ascii", "replace"))
@@ -234,17 +294,45 @@ class _Handler(BaseHTTPRequestHandler):
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
         """Print nothing on the terminal."""
 
-    def _allowed(self) -> bool:
-        if self._live.allows(self.headers.get("Host", "")):
+    def _body(self) -> bytes | None:
+        """Read a request's body; None if it cannot be, which is answered."""
+        given = self.headers.get("Content-Length", "0").strip()
+        refused = None
+        if self.headers.get("Transfer-Encoding") or len(self.headers.get_all("Content-Length", [])) > 1:
+            refused = HTTPStatus.LENGTH_REQUIRED, "a request has one Content-Length, and no Transfer-Encoding"
+        elif not (given.isascii() and given.isdecimal()):
+            refused = HTTPStatus.BAD_REQUEST, "Content-Length is no number"
+        elif len(given) > len(str(LARGEST_REQUEST)) or int(given) > LARGEST_REQUEST:
+            refused = HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too long"
+        body = b"" if refused else self.rfile.read(int(given))
+        self.server.expect(self.connection, None)
+        if refused is None and len(body) < int(given):
+            refused = HTTPStatus.BAD_REQUEST, "the request ended early"
+        if refused is None:
+            return body
+        self.close_connection = True  # what follows on it would be taken for another request
+        self._tell(refused[0], {"error": refused[1]})
+        return None
+
+    def _allowed(self, query: str) -> bool:
+        refused = self._live.door.refusal(self._live.port, lambda name: self.headers.get(name, ""), query)
+        if refused is None:
             return True
-        self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "the request was sent to another host name"})
+        self._tell(refused[0], {"error": refused[1]})
         return False
+
+    def _enter(self) -> None:
+        """Give a browser its cookie and send it to the address without the secret."""
+        cookie = self._live.door.cookie(self._live.port)
+        self._answer(HTTPStatus.SEE_OTHER, b"", "text/plain", Location="/", Set_Cookie=cookie)
 
     def _tell(self, status: HTTPStatus, answer: dict[str, Any]) -> None:
         self._answer(status, json.dumps(answer).encode(), "application/json")
 
-    def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
+    def _answer(self, status: HTTPStatus, body: bytes, kind: str, **more: str) -> None:
         self.send_response(status)
+        for name, value in {name.replace("_", "-"): value for name, value in more.items()}.items():
+            self.send_header(name, value)
         for name, value in {
             "Content-Type": kind,
             "Content-Length": str(len(body)),

@@ -8,7 +8,7 @@ from gs2ci.commands.import_ import run
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.fields import Frame, frame_from, response
+from gs2ci.core.foreign.fields import FieldFrame, frame_from, response
 from gs2ci.core.storage import read_shot
 
 
@@ -87,7 +87,7 @@ def test_frames_that_do_not_fit_are_refused(bench, take):
     with pytest.raises(InputError, match=r"frames of shape \[3, 4\].*--white-key none"):
         take(meas=meas, masks=masks, white=np.ones((3, 4)))
     with pytest.raises(InputError, match="no brighter than the dark one"):
-        response(Frame(np.ones((8, 9, 1)), 0, 1), Frame(np.ones((8, 9, 1)), 0, 1))
+        response(FieldFrame(np.ones((8, 9, 1)), 0, 1), FieldFrame(np.ones((8, 9, 1)), 0, 1))
 
 
 def test_what_a_file_holds_beside_is_named(bench, take, said):

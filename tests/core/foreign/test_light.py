@@ -88,6 +88,15 @@ def test_a_sum_that_overflowed_is_put_back(bench, take, said, bits, gain):
     assert (back != counts).mean() < 0.03
 
 
+def test_a_sum_that_overflowed_before_it_was_scaled_to_1_is_put_back(bench, take, said):
+    masks, meas = bench()
+    counts = np.rint(meas * 0.5).astype(np.int64)
+    imported = take(ImportOptions(scale=127.5 / 255), meas=(counts % 256 / 255).astype(np.float32), masks=masks)
+    assert said(imported, "went round at 1.00392")
+    back = np.rint(imported.shots[0].measurement[..., 0].astype(float) * 127.5)
+    assert (back != counts).mean() < 0.01
+
+
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint8, np.uint32])
 def test_differences_below_zero_that_were_stored_without_a_sign_get_it_back(bench, take, said, dtype):
     """F12: -3 became 65533, and the question was whether masks and measurement belong together."""
@@ -114,6 +123,9 @@ def test_what_overflowed_is_whole_numbers_that_fill_a_range():
     assert wrap_of(np.array([0.0, 4090.0])) == 4096
     assert wrap_of(np.array([0, 2000], np.uint16)) is None
     assert wrap_of(np.array([0.5, 250.0])) is None
+    assert wrap_of(np.array([3, 250], np.float32) / 255) == pytest.approx(256 / 255)
+    assert wrap_of(np.array([3, 1020], np.float32) / 1023) == pytest.approx(1024 / 1023)
+    assert wrap_of(np.array([0.1234567, 0.99])) is None
     assert wrap_of(np.array([-1, 250], np.int16)) is None
     assert wrap_of(np.array([0, 2**20], np.int32)) is None
 

@@ -1,6 +1,7 @@
 """Files by programs that are not ours are read to the bit, or refused by name with the way out."""
 
 import pickle
+import struct
 import zipfile
 from pathlib import Path
 
@@ -165,3 +166,50 @@ def test_the_table_of_formats_names_every_file_and_no_other():
     for name in [*READ, *REFUSED, *BY_KEY, "octave_struct.mat"]:
         assert f"`{name}`" in table, name
     assert {path.name for path in FILES.iterdir()} == {*READ, *REFUSED, *BY_KEY, "octave_struct.mat", "README.md"}
+
+
+def packed(values, bits, order, rows_per_strip):
+    """Write a TIFF of packed numbers, rows padded to whole bytes, in strips (TIFF 6.0, sections 2 and 3)."""
+    height, width = values.shape
+    planes = (values[..., None] >> np.arange(bits - 1, -1, -1)) & 1
+    rows = [np.packbits(row.reshape(-1).astype(np.uint8)).tobytes() for row in planes]
+    strips = [b"".join(rows[at : at + rows_per_strip]) for at in range(0, height, rows_per_strip)]
+    stored = bytearray((b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 0))
+    places = []
+    for strip in strips:
+        places.append(len(stored))
+        stored += strip + b"\0" * (len(strip) % 2)
+    lists = {}
+    for name, numbers in (("places", places), ("sizes", [len(strip) for strip in strips])):
+        lists[name] = len(stored) if len(numbers) > 1 else numbers[0]
+        stored += struct.pack(f"{order}{len(numbers)}I", *numbers) if len(numbers) > 1 else b""
+    stored[4:8] = struct.pack(order + "I", len(stored))
+    tags = [(256, 1, width), (257, 1, height), (258, 1, bits), (259, 1, 1), (262, 1, 1)]
+    tags += [
+        (273, len(strips), lists["places"]),
+        (277, 1, 1),
+        (278, 1, rows_per_strip),
+        (279, len(strips), lists["sizes"]),
+    ]
+    stored += struct.pack(order + "H", len(tags))
+    for tag, count, value in tags:
+        short = tag in (258, 259, 262, 277)
+        body = struct.pack(order + "H", value) + b"\0\0" if short else struct.pack(order + "I", value)
+        stored += struct.pack(order + "HHI", tag, 3 if short else 4, count) + body
+    return bytes(stored) + struct.pack(order + "I", 0)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_drawn_packed_pictures_come_as_counts(tmp_path, seed):
+    """Any size, bits, order of bytes and strips; one frame alone and a folder of them."""
+    rng = np.random.default_rng(seed)
+    bits = int(rng.choice([10, 12, 14]))
+    size = tuple(int(side) for side in rng.integers(5, 40, 2))
+    frames = rng.integers(0, 2**bits, (3, *size))
+    order, strip = str(rng.choice(["<", ">"])), int(rng.integers(1, size[0] + 1))
+    for k, frame in enumerate(frames):
+        (tmp_path / f"{k - 1}.tif").write_bytes(packed(frame, bits, order, strip))
+    assert np.array_equal(open_foreign(tmp_path / "0.tif").load("").values, frames[1])
+    together = open_foreign(tmp_path)
+    assert np.array_equal(together.load("").values, frames)
+    assert f"{bits} bits" in together.note

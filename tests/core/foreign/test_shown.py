@@ -127,3 +127,17 @@ def test_an_offset_that_is_too_large_for_masks_that_close_is_named(many, take, s
     assert said(imported, "is the offset too large?")
     right = take(ImportOptions(scale=255.0, offset=40.0), meas=40 + read(range(8)), masks=masks[:8])
     assert not [guess for guess in right.guesses if guess.startswith("WARNING")]
+
+
+def test_measurements_with_masks_of_their_own_in_one_list_are_named(many, take, said):
+    masks, read = many
+    meas = np.stack([read(range(8)), read(range(8, 16))])
+    imported = take(ImportOptions(scale=255.0), meas=meas, masks=masks)
+    assert said(imported, "measurement 0 shows masks 0 to 7, measurement 1 masks 8 to 15")
+    assert len(imported.shots[0].masks) == 16
+
+
+def test_a_black_level_that_was_subtracted_too_far_is_named(many, take, said):
+    masks, read = many
+    meas = np.maximum(read(range(8)) - 250, 0)
+    assert said(take(ImportOptions(scale=255.0), meas=meas, masks=masks[:8]), "too much subtracted")

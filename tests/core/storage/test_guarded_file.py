@@ -95,6 +95,23 @@ def test_a_file_that_exists_is_left_alone(tmp_path):
     assert (tmp_path / "file").read_bytes() == b"mine"
 
 
+def test_a_refused_file_goes_without_a_word(tmp_path):
+    (tmp_path / "file").touch()
+    words = """
+import sys
+from pathlib import Path
+from gs2ci.core.storage.guarded_file import GuardedFile
+try:
+    GuardedFile(Path(sys.argv[1]))
+except FileExistsError:
+    print("refused")
+"""
+    # Only then does Python before 3.13 tell of errors in closing.
+    command = [sys.executable, "-X", "dev", "-W", "ignore", "-c", words, str(tmp_path / "file")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("refused\n", "")
+
+
 def test_a_reader_in_another_process_is_refused_meanwhile(tmp_path):
     file = GuardedFile(tmp_path / "file")
     words = "import fcntl, sys; fcntl.flock(open(sys.argv[1]), fcntl.LOCK_SH | fcntl.LOCK_NB)"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.evaluate.exports.for_viewers import for_viewers
+from gs2ci.evaluate.exports.for_viewers import brought_nearer, for_viewers
 from gs2ci.render.gaussians import logit
 from gs2ci.render.reference import ReferenceBackend, project
 from tests.render.scenes_in_units import SIZE, drawn, psnr_db, scaled
@@ -90,3 +90,17 @@ def test_a_moving_scene_is_taken_at_the_middle_and_an_empty_one_as_it_is():
     assert math.isfinite(nothing.after.light_db)
     behind = for_viewers(replace(scene, means=-scene.means), path(), INTRINSICS, SIZE, steps=2)
     torch.testing.assert_close(behind.scene.colours, scene.colours.clamp(0, 1))
+
+
+def test_what_is_brought_nearer_looks_as_before():
+    scene = fine(6)
+    far = replace(scene, means=scene.means.clone(), log_scales=scene.log_scales.clone())
+    middle = -path()[:, :3, 3].mean(dim=0)
+    # Some are four thousand times as far away, on the same lines of sight from the middle of the path.
+    far.means[:20] = (middle + 4000 * (scene.means[:20].double() - middle)).float()
+    far.log_scales[:20] += math.log(4000)
+    found, count = brought_nearer(far, path(), 1000.0)
+    assert count == 20
+    assert found.means.abs().max() < 1000 * 12
+    assert psnr_db(seen(found, light_kept=False, clamped=False), seen(far, light_kept=False, clamped=False)) > 60
+    torch.testing.assert_close(found.means[20:], scene.means[20:])

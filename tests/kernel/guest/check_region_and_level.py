@@ -14,6 +14,7 @@ from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import AccessError, FrameLostError, OutOfRangeError, UnsupportedError
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.sensor import Frame, SensorConfig, TriggerMode
+from gs2ci_drivers.v4l2.abi import ControlFlag
 from gs2ci_drivers.v4l2.controls import ControlTable
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.node import VideoNode
@@ -31,6 +32,19 @@ def sensor_with(**options: object) -> V4l2Sensor:
         {"port": NODE, "trigger_adapter": "none", "fixed_exposure_s": 0.01, "first_sequence": -1, **options}
     )
     return V4l2Sensor("cam0", PORT, WallClock(), settings)
+
+
+@pytest.fixture(autouse=True)
+def as_loaded() -> None:
+    """Put back what an earlier check left set: the driver refuses private controls off their defaults."""
+    for path in (NODE,):
+        node = VideoNode(PORT, path, "hand")
+        table = ControlTable(node)
+        for control in table:
+            idle = control.settable and control.has_value and not control.flags & ControlFlag.INACTIVE
+            if idle and table.get(control.cid) != control.default:
+                table.set(control.cid, control.default)
+        node.close()
 
 
 @pytest.fixture

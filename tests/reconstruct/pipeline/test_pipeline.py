@@ -1,5 +1,6 @@
 """The whole reconstruction: what it returns, that it repeats, and settings that it refuses."""
 
+import sys
 from dataclasses import replace
 
 import numba
@@ -8,6 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from gs2ci.core import kernels
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
@@ -107,6 +109,23 @@ def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_
 def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_briefly, monkeypatch):
     monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
     assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
+
+
+def test_kernels_are_called_with_the_types_that_they_declare(shot):
+    """Else `gs2ci compile` compiles what nobody calls, and the first call compiles once more."""
+
+    def compiled_for():
+        return {(one, types) for _, one, _ in kernels_of_the_product() for types in one.signatures}
+
+    before = compiled_for()
+    reconstruct(shot, BRIEF)
+    declared = {(one, types) for _, one, types in kernels_of_the_product()}
+    assert [(one.__name__, types) for one, types in compiled_for() - before - declared] == []
+
+
+def kernels_of_the_product():
+    modules = [name for name in tuple(sys.modules) if name.startswith("gs2ci")]
+    return [(module, *each) for module in modules for each in kernels.declared(module)]
 
 
 def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):

@@ -380,7 +380,7 @@ def test_settings_that_make_no_sense_are_refused(bench, settings):
     [
         lambda y, total: 4 * (np.clip(y, 0, 4) / 4) ** (1 / 2.2),
         lambda y, total: y / np.maximum(total, 1),
-        lambda y, total: np.mod(y, 1.5),
+        lambda y, total: np.mod(np.maximum(y, 0), 1.5),
     ],
 )
 def test_readings_that_bend_are_not_explained_by_a_leak(bench, bend):

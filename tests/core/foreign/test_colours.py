@@ -1,0 +1,38 @@
+"""Mosaics that were saved as colour pictures hold one reading for each pixel."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.foreign.colours import one_reading
+from gs2ci.core.records import CFA_PATTERNS
+from tests.benchmarks.import_forms import mosaic
+
+
+@pytest.mark.parametrize("cfa", CFA_PATTERNS)
+def test_a_mosaic_with_zeros_in_the_other_colours_is_recognised(scene, take, said, cfa):
+    made = scene(height=48, width=64)
+    raw = mosaic(made.meas, cfa)
+    channel = np.array(["RGB".index(colour) for colour in cfa]).reshape(2, 2)
+    where = channel[np.arange(48)[:, None] % 2, np.arange(64)[None] % 2]
+    sparse = np.where(where[..., None] == np.arange(3), raw[..., None], 0)
+    imported = take(meas=sparse, masks=made.masks)
+    assert said(imported, f"taken as a mosaic {cfa}")
+    assert imported.shots[0].cfa == cfa
+    assert np.allclose(imported.shots[0].measurement[..., 0], raw, rtol=1e-5)
+
+
+def test_three_equal_channels_are_one_and_a_mosaic_among_them_is_doubted(scene, take, said):
+    made = scene(height=48, width=64)
+    colourful = mosaic(made.meas * [0.3, 1.0, 0.5], "RGGB")
+    imported = take(ImportOptions(scale=1.0), meas=np.dstack([colourful] * 3), masks=made.masks)
+    assert said(imported, "three equal channels were taken as one")
+    assert said(imported, "looks like a colour mosaic")
+
+
+def test_colours_stay_colours():
+    colours = np.random.default_rng(0).random((1, 8, 8, 3))
+    assert one_reading(colours)[0] is colours
+    assert one_reading(0 * colours)[2] == ""
+    red = colours * [1, 0, 0]
+    assert one_reading(red)[2] == ""

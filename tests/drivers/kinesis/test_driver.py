@@ -1,0 +1,245 @@
+"""The Kinesis driver on its twin: what Thorlabs' controllers do where one would guess otherwise."""
+
+import pytest
+from pydantic import ValidationError
+
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    MoveFailedError,
+    NoAnswerError,
+    ReferenceLostError,
+    UnsupportedError,
+)
+from gs2ci_drivers.kinesis.driver import KinesisStage
+from gs2ci_drivers.kinesis.options import KinesisOptions
+from gs2ci_sims.faults import FaultSet
+from gs2ci_sims.wires.kinesis import BUILT, AptAxis, KinesisTwin
+from gs2ci_sims.world import VirtualClock
+from tests.drivers.scripted import ScriptedPort
+
+
+def make(twin_axes=None, options=None, **twin):
+    clock = VirtualClock()
+    device = KinesisTwin(clock, twin_axes or {"x": BUILT["MTS50-Z8"]}, FaultSet(), **twin)
+    return clock, device, KinesisStage("stage0", device.open(), clock, options)
+
+
+def test_a_cube_says_what_it_is_and_its_axis_is_the_stages():
+    _, _, stage = make()
+    info = stage.connect()
+    assert (info.model, info.serial, info.firmware) == ("Thorlabs KDC101", "27250001", "1.2.3")
+    axis = info.axes["x"]
+    assert (axis.min_mm, axis.max_mm, axis.max_speed_mm_s) == (0.0, 50.0, 2.4)
+    assert axis.step_mm == pytest.approx(1 / 34554.96)
+    assert axis.acceleration_mm_s2 == pytest.approx(4.5, rel=1e-3)
+
+
+def test_a_stage_with_other_counts_on_its_label_goes_where_it_should():
+    built = AptAxis(34304.0, 50.0, 2.4, 4.5, 2048 / 6e6, 25.0)
+    clock, twin, right = make({"x": built}, KinesisOptions(counts_per_mm={"x": 34304.0}))
+    right.connect()
+    right.move_to({"x": 40.0})
+    assert twin.positions_mm_at(clock.now_s())["x"] == pytest.approx(40.0, abs=1e-4)
+    clock, twin, wrong = make({"x": built})
+    wrong.connect()
+    wrong.move_to({"x": 40.0})
+    assert twin.positions_mm_at(clock.now_s())["x"] == pytest.approx(40.0 * 34554.96 / 34304.0, abs=1e-3)
+
+
+def test_power_that_fails_in_a_move_loses_the_reference_and_is_told():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("kinesis.power_cycle")
+    with pytest.raises(ReferenceLostError, match=r"lost power.*--home"):
+        stage.move_to({"x": 30.0})
+    assert not stage.status().referenced
+    stage.home()
+    assert stage.move_to({"x": 30.0})["x"] == pytest.approx(30.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"), [("kinesis.stall", "motion error"), ("kinesis.beside", "short"), ("kinesis.wheel", "wheel")]
+)
+def test_a_move_that_ends_elsewhere_is_an_error(fault, said):
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject(fault)
+    with pytest.raises(MoveFailedError, match=said):
+        stage.move_to({"x": 30.0})
+    assert stage.status().referenced
+    assert bool(stage.status().faults) == (fault == "kinesis.stall")
+
+
+def test_a_homing_that_finds_nothing_is_an_error():
+    clock, twin, stage = make(homed=False)
+    stage.connect()
+    clock.after(2.0, lambda: twin._stop(0x50, twin._axes["x"], at_once=True))
+    with pytest.raises(MoveFailedError, match="without a reference"):
+        stage.home()
+
+
+def test_end_of_move_messages_are_not_relied_on():
+    _, twin, stage = make()
+    twin.suspend_end_of_move_messages()
+    stage.connect()
+    assert stage.move_to({"x": 26.0})["x"] == pytest.approx(26.0, abs=1e-4)
+
+
+def test_updates_of_another_program_are_switched_off_and_never_taken_for_answers():
+    clock, twin, stage = make()
+    twin.begin_updates()
+    clock.sleep_s(0.35)
+    stage.connect()
+    assert twin._updates_left == 0
+    twin.begin_updates()
+    stage.begin_move({"x": 26.0})
+    for _ in range(20):
+        assert stage.positions_mm()["x"] == pytest.approx(twin.positions_mm_at(clock.now_s())["x"], abs=0.02)
+        clock.sleep_s(0.03)
+    stage.wait_idle(10.0)
+
+
+def test_updates_end_by_themselves_unless_they_are_acknowledged():
+    clock, twin, _ = make()
+    twin.begin_updates()
+    clock.sleep_s(20.0)
+    assert twin._updates_left == 0
+    assert len(twin._outgoing) == 50 * 20
+
+
+def test_the_speed_that_was_found_is_put_back():
+    _, twin, stage = make()
+    stage.connect()
+    found = twin._axes["x"].speed
+    stage.move_to({"x": 26.0}, speed_mm_s=1.0)
+    assert twin._axes["x"].speed == round(772981.3692)
+    stage.close()
+    assert twin._axes["x"].speed == found
+
+
+def test_the_speed_of_a_killed_session_is_no_limit():
+    clock, twin, stage = make()
+    stage.connect()
+    stage.move_to({"x": 26.0}, speed_mm_s=0.2)
+    stage._link.close()  # killed: nothing was put back
+    again = KinesisStage("stage0", twin.open(), clock)
+    assert again.connect().axes["x"].max_speed_mm_s == 2.4
+    begin_s = clock.now_s()
+    again.move_to({"x": 31.0})
+    assert clock.now_s() - begin_s < 5.0
+
+
+def test_a_motor_that_is_off_is_switched_on_for_a_move_and_that_is_told():
+    _, _, stage = make(enabled=False)
+    stage.connect()
+    assert stage.move_to({"x": 26.0})["x"] == pytest.approx(26.0, abs=1e-4)
+    assert any("was off and has been switched on" in one for one in stage.incidents)
+
+
+def test_a_stop_brakes():
+    clock, twin, stage = make()
+    stage.connect()
+    stage.begin_move({"x": 45.0})
+    clock.sleep_s(1.0)
+    before = twin.positions_mm_at(clock.now_s())["x"]
+    stage.stop()
+    assert twin.positions_mm_at(clock.now_s())["x"] - before == pytest.approx(2.4**2 / 2 / 4.5, abs=0.1)
+
+
+def test_a_stop_before_the_status_shows_the_motion_waits_for_rest():
+    clock, twin, stage = make()
+    stage.connect()
+    stage.begin_move({"x": 45.0})
+    stage.stop()
+    rest = twin.positions_mm_at(clock.now_s())["x"]
+    clock.sleep_s(2.0)
+    assert twin.positions_mm_at(clock.now_s())["x"] == rest
+
+
+def test_a_controller_at_its_limit_switch_warns():
+    _, _, stage = make({"x": AptAxis(travel_mm=50.0, start_mm=50.0)}, KinesisOptions(stages={"x": "MLS203-X"}))
+    stage.connect()
+    assert stage.status().warnings == ("axis x: at a limit switch",)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "serial.reply_lost",
+        "serial.reply_in_pieces",
+        "serial.noise",
+        "serial.reply_cut",
+        "serial.request_lost",
+        "serial.reply_twice",
+        "kinesis.complains",
+    ],
+)
+def test_faults_of_the_line_are_survived(fault):
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject(fault, about="0x0412" if fault != "serial.request_lost" else "0x0411")
+    assert stage.positions_mm()["x"] == pytest.approx(25.0, abs=1e-4)
+    assert twin.faults.struck
+    if fault == "kinesis.complains":
+        assert "error 7: a text that says what is wrong" in stage.incidents[0]
+
+
+def test_noise_without_an_end_is_told_as_such():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("serial.babble", about="0x0412", times=2)
+    with pytest.raises(BadReplyError, match="bytes that are no message"):
+        stage.positions_mm()
+
+
+def test_an_answer_that_is_too_short_is_refused():
+    clock = VirtualClock()
+    info = bytes.fromhex("06 00 04 00 81 50 00 00 00 00")
+    stage = KinesisStage("stage0", ScriptedPort(clock, [info, info]), clock)
+    with pytest.raises(BadReplyError, match="too few bytes"):
+        stage.connect()
+
+
+def test_errors_without_a_text_are_noted():
+    clock = VirtualClock()
+    stage = KinesisStage("stage0", ScriptedPort(clock, [bytes.fromhex("80 00 00 00 01 50")]), clock)
+    with pytest.raises(NoAnswerError):
+        stage.connect()
+    assert any("an error without a text" in one for one in stage.incidents)
+
+
+def test_a_stage_without_acceleration_is_refused():
+    _, twin, stage = make()
+    twin._axes["x"].acceleration = 0
+    with pytest.raises(BadReplyError, match="no acceleration"):
+        stage.connect()
+
+
+def test_a_bay_that_the_controller_does_not_have_is_refused():
+    settings = KinesisOptions(axes={"x": 3}, stages={"x": "MLS203-X"})
+    _, _, stage = make({"x": AptAxis(), "y": AptAxis()}, settings, model="BBD202")
+    with pytest.raises(UnsupportedError, match="2 bays, an axis is in bay 3"):
+        stage.connect()
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"axes": {"x": 1, "y": 2}}, "must name the same axes"),
+        ({"stages": {"x": "MTS5O"}}, "'MTS5O'; allowed: MTS25-Z8"),
+        ({"counts_per_mm": {"y": 1.0}}, "some of them"),
+        ({"axes": {"x": 1, "y": 1}, "stages": {"x": "MLS203-X", "y": "MLS203-Y"}}, "different bays"),
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(table, said):
+    with pytest.raises(ValidationError, match=said):
+        KinesisOptions(**table)
+
+
+def test_closing_a_dead_line_lets_go_of_it():
+    _, twin, stage = make()
+    stage.connect()
+    stage.move_to({"x": 26.0}, speed_mm_s=1.0)
+    twin.unplug()
+    stage.close()
+    stage.close()
