@@ -9,7 +9,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import observe
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -120,9 +120,9 @@ def test_readings_that_registration_averaged_judge_no_views(shot, monkeypatch):
         judging.append(holdout.pixels)
         raise InterruptedError
 
-    monkeypatch.setattr(pipeline, "register", lambda given, *_: Registered(given, averaged=averaged))
-    monkeypatch.setattr(pipeline, "look", stopped)
-    monkeypatch.setattr(pipeline, "look_closer", stopped)
+    monkeypatch.setattr(observe, "register", lambda given, *_: Registered(given, averaged=averaged))
+    monkeypatch.setattr(observe, "look", stopped)
+    monkeypatch.setattr(observe, "look_closer", stopped)
     with pytest.raises(InterruptedError):
         reconstruct(shot, replace(SHORT, fit=replace(SHORT.fit, hold_out=HoldOut(share=0.2))))
     assert judging[0].any()
