@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 KERNELS := $(VENV)/.compiled
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs), and so do
-# OpenBLAS's threads over matrices too small to share (docs/decisions/threads.md).
+# OpenBLAS's threads over matrices too small to share (docs/decisions/kernels.md).
 export OMP_WAIT_POLICY := PASSIVE
 export OPENBLAS_NUM_THREADS := 1
 # Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).

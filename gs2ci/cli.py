@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_
 # OpenMP reads this when it is first loaded, hence before any other import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # So does OpenBLAS, NumPy's and SciPy's. Its threads gain nothing on the small matrices here, and can make a
-# triangulation two thousand times slower beside another process (docs/decisions/threads.md).
+# triangulation two thousand times slower beside another process (docs/decisions/kernels.md).
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from gs2ci import __version__

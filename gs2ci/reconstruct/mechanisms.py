@@ -105,7 +105,7 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
         LeftOut.CANCELLING_ERRORS: "where patches explained much, errors of scenes are taken to cancel along the views",
         LeftOut.COUPLED_DECODE: "the decode that may join the delivered views may smooth between consecutive views",
     },
-    "noise-in-decodes": {
+    "residual-and-polish": {
         LeftOut.DECODE_WEIGHS_NOISE: "the decode that may join the delivered views weighs the noise of the readings",
     },
 }
@@ -150,7 +150,7 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "margin",
         "the scene is continued beyond the borders of all views",
         lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
-        "beyond-the-borders",
+        "surfaces",
     ),
     Mechanism(
         "plain-area votes",
