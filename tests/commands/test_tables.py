@@ -69,7 +69,7 @@ def test_mechanisms_have_a_page_of_what_leaving_them_out_costs(quick, tmp_path, 
     monkeypatch.setitem(tables.TABLES, "mechanisms", replace(tables.TABLES["mechanisms"], entries=entries))
     pages = bench.run("ablation", tmp_path, mechanisms=True, only=("margin",), seeds=1)
     assert pages[-1].name == "mechanisms-costs.md"
-    assert "| margin | beyond-the-borders | 1 | +1.00 |" in pages[-1].read_text()
+    assert "| margin | surfaces | 1 | +1.00 |" in pages[-1].read_text()
 
 
 def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):

@@ -77,11 +77,11 @@ def test_a_real_exposure_is_judged_by_what_it_leaves(tmp_path):
     page = write_paired(tmp_path, [found], "the command").read_text()
     assert page == paired_markdown([found], "the command")
     assert (
-        "| margin | beyond-the-borders | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
+        "| margin | surfaces | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
     )
 
 
 def test_a_line_in_one_fit_is_compared_with_one_fit():
     found = costs_of((GOOD, GOOD | {"psnr_db": 29.0}), line="one fit, no margin")
     assert found.mean_db("psnr_db") == 1.0
-    assert "| margin, in one fit | beyond-the-borders | 1 | +1.00 |" in paired_markdown([found], "the command")
+    assert "| margin, in one fit | surfaces | 1 | +1.00 |" in paired_markdown([found], "the command")
