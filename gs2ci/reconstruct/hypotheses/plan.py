@@ -84,7 +84,7 @@ class RacePlan:
         return "\n".join((*lines, f"{'in all':<{_WIDTH}} {self.seconds:7.1f} s  {total}"))
 
 
-_WIDTH: Final = 48
+_WIDTH: Final = 56
 
 
 def planned(fits: Fits, first: FirstLook, order: OrderFound) -> RacePlan:
