@@ -9,6 +9,8 @@ Here: names, counting, the record. Not here: what a fault does (each twin in `gs
 from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
 
 from gs2ci.core.errors import InputError
 
@@ -42,7 +44,8 @@ def declare(name: str, summary: str) -> FaultKind:
 
 
 def known() -> tuple[FaultKind, ...]:
-    """Return the faults of all twins that are imported, by name."""
+    """Return the faults of all twins of this package, and of others that are imported, by name."""
+    _import_twins()
     return tuple(_KINDS[name] for name in sorted(_KINDS))
 
 
@@ -53,6 +56,8 @@ def find(name: str) -> FaultKind:
         InputError: No such fault; the message gives the most similar name.
     """
     if name not in _KINDS:
+        _import_twins()
+    if name not in _KINDS:
         near = get_close_matches(name, _KINDS, n=1)
         raise InputError(
             f"no fault is called {name!r}",
@@ -60,6 +65,13 @@ def find(name: str) -> FaultKind:
             remedy=f"did you mean {near[0]!r}?" if near else "",
         )
     return _KINDS[name]
+
+
+def _import_twins() -> None:
+    """Import every twin's module, which declares its faults: a bench imports those of its own devices alone."""
+    folder = Path(__file__).parent / "wires"
+    for path in sorted(folder.glob("*.py")):
+        import_module(f"gs2ci_sims.wires.{path.stem}")
 
 
 @dataclass
