@@ -11,7 +11,7 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import observe
 from gs2ci.reconstruct.pipeline import Reconstruction
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.registration.register import register
@@ -150,12 +150,12 @@ def test_a_trial_holds_out_no_pixel_that_registration_averaged(photograph, monke
     coded = np.einsum("nhw,nhwc->hwc", were, photograph.truth.views).astype(np.float32)
     beside, held_out = replace(photograph, measurement=coded), []
 
-    class Spied(pipeline.Holdout):
+    class Spied(observe.Holdout):
         def __init__(self, shot, pixels):
             super().__init__(shot, pixels)
             held_out.append(pixels)
 
-    monkeypatch.setattr(pipeline, "Holdout", Spied)
+    monkeypatch.setattr(observe, "Holdout", Spied)
     tried(beside, quick(name), seed=1)
     rim = register(beside, seed=1).averaged
     # Half the resolution: six columns are three.
