@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Guess: alp4lib's DevInquire returns the signed 32-bit number that the ALP library writes, so that the documented
+# A good guess: alp4lib's DevInquire returns the signed 32-bit number that the ALP library writes, so that the documented
 # temperature (1/256 degree, signed) of a board at -1.5 degrees is read as -384.
 # Found: on 64-bit Linux alp4lib hands the library a c_long of 64 bits preset to 0 and returns all of it. The library
 # writes 32 bits (alp.h: int32_t, as alp4lib's own comment on tAlpLinePut says), so -384 is read as 4294966912, which is

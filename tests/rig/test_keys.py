@@ -19,7 +19,7 @@ SOURCES = sorted(
     for path in (ROOT / folder).rglob("*.py")
 )
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
-NOT_KEYS = {"exposure", "trigger_mode", "lsusb"}
+NOT_KEYS = {"exposure", "trigger_mode", "lsusb", "unprocessed_raw"}
 """Backticked in remedies and no keys: a control of the camera, a kernel module's parameter, a program."""
 
 

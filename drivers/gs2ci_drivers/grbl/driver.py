@@ -183,7 +183,7 @@ class GrblStage(Stage):
                 self.name,
                 f"state {status.state}",
                 asked=f"move to {dict(targets_mm)}",
-                remedy="close the safety door or release the hold at the controller; `stop` ends a hold and drops what "
+                remedy="close the safety door or release the hold at the controller; a stop ends a hold and drops what "
                 "waits behind it",
             )
         here = self._positions(status)

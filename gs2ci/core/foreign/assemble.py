@@ -15,7 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import CodingConvention
-from gs2ci.core.foreign.colours import one_reading
+from gs2ci.core.foreign.colours import COLOURS, one_reading
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.fields import Fields
@@ -144,7 +144,9 @@ def _shots(name: str, found: Found, options: ImportOptions, guesses: list[str]) 
     """Turn the arrays of a file into shots that share their masks."""
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
     measurements, mosaic, reduced = one_reading(order.measurements)
-    if reduced:
+    # A grey scene of a colour sensor has equal channels, too: its true views say that it has three.
+    is_grey_in_colour = mosaic is None and found.truth is not None and found.truth.values.shape[-1] == COLOURS
+    if reduced and not is_grey_in_colour:
         guesses.append(f"{found.measurement.where}: {reduced}")
         order = replace(order, measurements=measurements)
         options = replace(options, cfa=options.cfa or mosaic)

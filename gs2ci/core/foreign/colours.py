@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from gs2ci.core.records import CfaPattern
 
-_COLOURS: Final = "RGB"
+_NAMES: Final = "RGB"
+COLOURS: Final = len(_NAMES)
 
 
 def one_reading(measurements: NDArray[Any]) -> tuple[NDArray[Any], CfaPattern | None, str]:
@@ -19,7 +20,7 @@ def one_reading(measurements: NDArray[Any]) -> tuple[NDArray[Any], CfaPattern | 
     Returns:
         The measurements; the mosaic, where zeros show it; and what was done, empty if nothing was.
     """
-    if measurements.shape[3] != 3 or not measurements.any():
+    if measurements.shape[3] != COLOURS or not measurements.any():
         return measurements, None, ""
     if (measurements == measurements[..., :1]).all():
         return measurements[..., :1], None, "three equal channels were taken as one"
@@ -29,7 +30,7 @@ def one_reading(measurements: NDArray[Any]) -> tuple[NDArray[Any], CfaPattern | 
             lit = measurements[:, row::2, column::2].any(axis=(0, 1, 2))
             if lit.sum() != 1:
                 return measurements, None, ""
-            colours += _COLOURS[int(lit.argmax())]
+            colours += _NAMES[int(lit.argmax())]
     found: dict[str, CfaPattern] = {"RGGB": "RGGB", "BGGR": "BGGR", "GRBG": "GRBG", "GBRG": "GBRG"}
     cfa = found.get(colours)
     if cfa is None:
