@@ -76,9 +76,7 @@ def test_a_real_exposure_is_judged_by_what_it_leaves(tmp_path):
     assert (cost.heldout, cost.verdict, dict(cost.db)) == (1.5, True, {})
     page = write_paired(tmp_path, [found], "the command").read_text()
     assert page == paired_markdown([found], "the command")
-    assert (
-        "| margin | surfaces | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
-    )
+    assert "| margin | surfaces | 1 | – | – | – | – | – | – | – | – | +0 | +0 | 1.50 | 1 | 1.00 | no |" in page
 
 
 def test_a_line_in_one_fit_is_compared_with_one_fit():
