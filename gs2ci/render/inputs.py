@@ -1,12 +1,46 @@
 """Checks of a renderer's input, shared by all backends."""
 
+from typing import TypeVar
+
 import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians, check_tensor
+from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
+
+OwnMasks = TypeVar("OwnMasks", bound=MaskSet)
+OwnReuse = TypeVar("OwnReuse", bound=Reuse)
+
+
+def own_masks(given: MaskSet, kind: type[OwnMasks], backend: str) -> OwnMasks:
+    """Return a mask set as what a backend made of it.
+
+    Raises:
+        InputError: Another backend made it.
+    """
+    if not isinstance(given, kind):
+        raise InputError(
+            f"a mask set of type {type(given).__name__} given to the {backend} backend",
+            allowed="what this backend's code(masks) returned",
+        )
+    return given
+
+
+def own_reuse(given: Reuse | None, kind: type[OwnReuse], backend: str) -> OwnReuse | None:
+    """Return work that is shared, if any, as what a backend made of it.
+
+    Raises:
+        InputError: Another backend made it.
+    """
+    if given is not None and not isinstance(given, kind):
+        raise InputError(
+            f"shared work of type {type(given).__name__} given to the {backend} backend",
+            allowed="what this backend's reuse() returned",
+        )
+    return given
 
 
 def check_masks(masks: Tensor) -> None:

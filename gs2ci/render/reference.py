@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import (
     ALPHA_MAX,
     ALPHA_MIN,
@@ -21,7 +20,7 @@ from gs2ci.render.conventions import (
 )
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.harmonics import colours_seen
-from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks
 from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
@@ -325,20 +324,16 @@ class ReferenceBackend:
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`. Nothing is shared, whatever `reuse`."""
         del reuse
-        if not isinstance(mask_set, ReferenceMaskSet):
-            raise InputError(
-                f"a mask set of type {type(mask_set).__name__} given to the reference backend",
-                allowed="what this backend's code(masks) returned",
-            )
+        coded = own_masks(mask_set, ReferenceMaskSet, self.name)
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
         scene = scene.map(torch.Tensor.double)
         scenes = _moments(scene, len(world_to_camera), times)
         seen = _colours(scene, world_to_camera.double(), times)
-        intrinsics, frame, pixels = looked_at(intrinsics.double(), mask_set.size, mask_set.sampling)
+        intrinsics, frame, pixels = looked_at(intrinsics.double(), coded.size, coded.sampling)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
         self.margin = float("inf")
-        for now, pose, view_colours, mask in zip(scenes, world_to_camera.double(), seen, mask_set.masks, strict=True):
+        for now, pose, view_colours, mask in zip(scenes, world_to_camera.double(), seen, coded.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
             splats = project(now, pose, intrinsics, frame, view_colours)
             if screen is not None:

@@ -58,6 +58,11 @@ class CanvasSampling:
         return moved
 
 
+def on_canvas(intrinsics: Tensor, sampling: CanvasSampling | None) -> Tensor:
+    """Return the camera matrix, [3, 3], in the pixels of what is rendered: the canvas if there is a sampling."""
+    return intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
+
+
 def check_sampling(sampling: CanvasSampling | None, size: tuple[Any, ...]) -> None:
     """Check that a sampling, if given, is for an image of this size.
 

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.errors import InputError
 from gs2ci.render.adjoint import Pull, accumulate
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, RenderTarget, ViewImages, as_float32
 from gs2ci.render.cpu.harmonics import colours_of
@@ -19,9 +18,9 @@ from gs2ci.render.cpu.passes import Inputs, camera_fields, differentiate_cells, 
 from gs2ci.render.cpu.stopping import depth_fields, stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks, own_reuse
 from gs2ci.render.interface import MaskSet, Reuse
-from gs2ci.render.sampling import CanvasSampling, check_sampling
+from gs2ci.render.sampling import CanvasSampling, check_sampling, on_canvas
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
@@ -143,21 +142,12 @@ class CpuBackend:
         Raises:
             InputError: See `Backend.coded`.
         """
-        if not isinstance(mask_set, CpuMaskSet):
-            raise InputError(
-                f"a mask set of type {type(mask_set).__name__} given to the cpu backend",
-                allowed="what this backend's code(masks) returned",
-            )
-        if reuse is not None and not isinstance(reuse, CpuReuse):
-            raise InputError(
-                f"shared work of type {type(reuse).__name__} given to the cpu backend",
-                allowed="what this backend's reuse() returned",
-            )
+        coded, kept = own_masks(mask_set, CpuMaskSet, self.name), own_reuse(reuse, CpuReuse, self.name)
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        camera = _camera(_on_canvas(intrinsics, mask_set.sampling), mask_set.layout)
+        camera = _camera(on_canvas(intrinsics, coded.sampling), coded.layout)
         # Lists that serve once lie in the rendering's own workspace, without a margin.
-        return CodedSum(mask_set.layout), camera, reuse if self._settings.relist_every > 1 else None
+        return CodedSum(coded.layout), camera, kept if self._settings.relist_every > 1 else None
 
     def views(
         self,
@@ -179,7 +169,7 @@ class CpuBackend:
             return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = colours_of(scene, world_to_camera, times) if colours is None else colours
-        camera = _camera(_on_canvas(intrinsics, sampling), target.layout)
+        camera = _camera(on_canvas(intrinsics, sampling), target.layout)
         images, alphas = self._run(target, scene, used, world_to_camera, camera, times)
         return images, alphas
 
@@ -225,7 +215,7 @@ class CpuBackend:
                     getattr(found, field.name)[part] = getattr(one, field.name)
             return found
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
-        camera = _camera(_on_canvas(intrinsics, sampling), layout)
+        camera = _camera(on_canvas(intrinsics, sampling), layout)
         inputs = _inputs(scene, _means(scene, times), world_to_camera, camera)
         lease = self._pool.lease()
         assert lease.workspace is not None
@@ -287,10 +277,6 @@ def _inputs(scene: Gaussians, means: Tensor, world_to_camera: Tensor, camera: F3
 def _means(scene: Gaussians, times: Tensor | None) -> Tensor:
     """Return where centres are, [G, 3], or in each view, [V, G, 3], where they move."""
     return scene.means if times is None else scene.means_at(times)
-
-
-def _on_canvas(intrinsics: Tensor, sampling: CanvasSampling | None) -> Tensor:
-    return intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
 
 
 def _camera(intrinsics: Tensor, layout: Layout) -> F32:

@@ -17,9 +17,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.adjoint import Pull, accumulate
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
-from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks, own_reuse
 from gs2ci.render.interface import MaskSet, Reuse
-from gs2ci.render.sampling import CanvasSampling, check_sampling
+from gs2ci.render.sampling import CanvasSampling, check_sampling, on_canvas
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
@@ -146,20 +146,11 @@ class WarpBackend:
         Raises:
             InputError: See `Backend.coded`.
         """
-        if not isinstance(mask_set, WarpMaskSet):
-            raise InputError(
-                f"a mask set of type {type(mask_set).__name__} given to the warp backend",
-                allowed="what this backend's code(masks) returned",
-            )
-        if reuse is not None and not isinstance(reuse, WarpReuse):
-            raise InputError(
-                f"shared work of type {type(reuse).__name__} given to the warp backend",
-                allowed="what this backend's reuse() returned",
-            )
+        coded, kept = own_masks(mask_set, WarpMaskSet, self.name), own_reuse(reuse, WarpReuse, self.name)
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        shared = reuse if self._settings.relist_every > 1 else None
-        return self._job(mask_set.coding, intrinsics, mask_set.sampling, screen, shared)
+        shared = kept if self._settings.relist_every > 1 else None
+        return self._job(coded.coding, intrinsics, coded.sampling, screen, shared)
 
     def views(
         self,
@@ -208,8 +199,8 @@ class WarpBackend:
         screen: ScreenStatistics | None = None,
         reuse: WarpReuse | None = None,
     ) -> _Job:
-        on_canvas = intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
-        return _Job(coding, on_canvas, self._settings.termination_transmittance, screen, reuse)
+        termination = self._settings.termination_transmittance
+        return _Job(coding, on_canvas(intrinsics, sampling), termination, screen, reuse)
 
     def _full_coding(self, shape: tuple[int, int, int], sampling: CanvasSampling | None) -> OpenBlocks:
         key = (*shape, sampling)

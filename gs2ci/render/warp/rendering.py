@@ -47,7 +47,7 @@ class HostInputs:
 
 @dataclass(frozen=True)
 class HostGradients:
-    """HostGradients by the fields of `HostInputs`, and what each Gaussian's sightings were, [G, 3]."""
+    """Gradients by the fields of `HostInputs`, and what each Gaussian's sightings were, [G, 3]."""
 
     means: F32
     log_scales: F32
@@ -63,7 +63,7 @@ class Rendering:
 
     Args:
         inputs: The scene.
-        intrinsics: TiledCamera matrix on the canvas, [3, 3].
+        intrinsics: Camera matrix on the canvas, [3, 3].
         coding: The open pixels.
         termination: Blending of a pixel stops below this transmittance.
         reuse: Whose lists serve, and which keeps new ones.
