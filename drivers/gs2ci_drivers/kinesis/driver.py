@@ -131,7 +131,7 @@ class KinesisStage(Stage):
             self._enable(axis)
             self._link.send(short(Message.MOT_MOVE_HOME, self._dest[axis]), f"home {axis}")
         self._begun_s = self.clock.now_s()
-        self._wait_at_rest(tuple(self._dest), timeout_s, "home")
+        self._wait_at_rest(timeout_s, "home")
         missed = [axis for axis in axes if not self._bits(axis) & AptStatus.HOMED]
         if missed:
             raise MoveFailedError(
@@ -156,7 +156,7 @@ class KinesisStage(Stage):
 
     def _do_wait_idle(self, timeout_s: float) -> None:
         asked = f"move to {self._targets} counts"
-        self._wait_at_rest(tuple(self._dest), timeout_s, asked)
+        self._wait_at_rest(timeout_s, asked)
         targets, self._targets = self._targets, {}
         for axis, counts in targets.items():
             bits, model = self._bits(axis), self._models[axis]
@@ -184,15 +184,13 @@ class KinesisStage(Stage):
         return self._models[axis].mm(self._position(axis))
 
     def _do_path_faults(self) -> tuple[str, ...]:
-        return tuple(
-            f"axis {axis}: {words}" for axis in self._dest for bit, words in FAULTS.items() if self._bits(axis) & bit
-        )
+        return _faults({axis: self._bits(axis) for axis in self._dest})
 
     def _do_stop(self) -> None:
         self._targets, self._begun_s = {}, self.clock.now_s()
         for axis, dest in self._dest.items():
             self._link.send(short(Message.MOT_MOVE_STOP, dest, CHANNEL, PROFILED_STOP), f"stop {axis}")
-        self._wait_at_rest(tuple(self._dest), STOP_TIMEOUT_S, "stop")
+        self._wait_at_rest(STOP_TIMEOUT_S, "stop")
 
     def _do_status(self) -> StageStatus:
         bits = {axis: self._bits(axis) for axis in self._dest}
@@ -201,7 +199,7 @@ class KinesisStage(Stage):
             moving=any(word & MOVING for word in bits.values()) or self._may_begin(),
             referenced=all(word & AptStatus.HOMED for word in bits.values()),
             positions_mm=positions_mm,
-            faults=tuple(f"axis {axis}: {words}" for axis in bits for bit, words in FAULTS.items() if bits[axis] & bit),
+            faults=_faults(bits),
             warnings=tuple(
                 f"axis {axis}: at a limit switch"
                 for axis, word in bits.items()
@@ -225,12 +223,12 @@ class KinesisStage(Stage):
     def _all_arrived(self) -> bool:
         return all(abs(self._position(axis) - counts) <= 1 for axis, counts in self._targets.items())
 
-    def _wait_at_rest(self, axes: tuple[str, ...], timeout_s: float, asked: str) -> None:
+    def _wait_at_rest(self, timeout_s: float, asked: str) -> None:
         """Wait until no axis moves, nor may still begin to."""
         begin_s, still_since_s = self.clock.now_s(), None
         while True:
             now_s = self.clock.now_s()
-            if any(self._bits(axis) & MOVING for axis in axes):
+            if any(self._bits(axis) & MOVING for axis in self._dest):
                 still_since_s = None
             elif still_since_s is None:
                 still_since_s = now_s
@@ -270,3 +268,8 @@ class KinesisStage(Stage):
         if speed != self._set[axis]:
             self._link.send(set_speed(self._dest[axis], self._found[axis][0], speed), f"set the speed of {axis}")
             self._set[axis] = speed
+
+
+def _faults(bits: Mapping[str, int]) -> tuple[str, ...]:
+    """Return in words the faults among the status bits of axes."""
+    return tuple(f"axis {axis}: {words}" for axis in bits for bit, words in FAULTS.items() if bits[axis] & bit)
