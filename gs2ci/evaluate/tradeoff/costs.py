@@ -36,6 +36,7 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_left_over
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.exposure import Exposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -234,14 +235,13 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     geometry = _plane(shot)
     start = first_gaussians(seed_points(geometry, views, stride))
     watch = Timed(_ITERATIONS)
+    holdout, renderer = Holdout.of(shot, HELDOUT_SHARE, 0), ShotRenderer(shot, geometry.intrinsics, backend)
     fit_coarse(
-        holdout=Holdout.of(shot, HELDOUT_SHARE, 0),
-        renderer=ShotRenderer(shot, geometry.intrinsics, backend),
+        Exposure(holdout, renderer, geometry, lambda coded: decode_left_over(shot, coded, ResidualSettings())),
         start=start,
-        geometry=geometry,
         settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
         seed=0,
-        monitoring=Monitoring(lambda coded: decode_left_over(shot, coded, ResidualSettings())),
+        monitoring=Monitoring(),
         pace=watch,
     )
     return len(start), watch.iteration_s, watch.look_s

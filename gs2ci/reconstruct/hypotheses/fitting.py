@@ -20,6 +20,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, member_seed, members
+from gs2ci.reconstruct.fit.exposure import Exposure
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
@@ -246,7 +247,9 @@ class Fits:
             fine,
             self.settings.seed,
             self._monitoring(self.progress),
+            self.refine.decode,
             detailed,
+            self.score,
         )
         return self.mean((fined, *ensemble.others), "fine")
 
@@ -275,10 +278,8 @@ class Fits:
             self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments, one_picture=one_picture
         )
         return CoarseRun(
-            holdout=self.fitted,
-            renderer=renderer,
+            exposures=[Exposure(self.fitted, renderer, geometry, self.refine.decode, self.score)],
             start=member.start,
-            geometry=geometry,
             settings=replace(self.settings.fit, density=member.density),
             seed=member.seed,
             monitoring=self._monitoring(progress),
@@ -287,7 +288,7 @@ class Fits:
         )
 
     def _monitoring(self, progress: Progress) -> Monitoring:
-        return Monitoring(self.refine.decode, progress, self.score, self.clock.began_s, self.halt)
+        return Monitoring(progress, self.clock.began_s, self.halt)
 
     def _trying(self, fit: CoarseSettings) -> "Fits":
         """Return the same for auxiliary fits: they are neither scored nor ended early."""
