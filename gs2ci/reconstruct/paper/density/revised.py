@@ -1,8 +1,8 @@
 """Revised densification (Rota Bulò et al. 2024, "Revising densification in Gaussian splatting").
 
 Here: the rule. Candidates are chosen by their part in the error of the pixels instead of by gradients, duplicates
-preserve the transmittance (splits do not: `fit/density/osgr.py` adds that), growth per application is bounded, and each application
-lowers opacities a little instead of resetting them.
+preserve the transmittance (splits do not: `fit/density/osgr.py` adds that), growth per application is bounded, and each
+application lowers opacities a little instead of resetting them.
 """
 
 from dataclasses import dataclass, field, replace
