@@ -58,7 +58,7 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", exposure, "find_surfaces"),
     ("fit: density rule", coarse_state.FitState, "densify"),
-    ("fit: error blended back", gathering.Gathering, "_blended"),
+    ("fit: error blended back", gathering.Gathering, "_most_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
     ("iteration: opacity term", coarse_state, "add_regularisers"),
     ("iteration: surfaces' term", surfaces.Surfaces, "draw"),

@@ -36,7 +36,7 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_left_over
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -237,7 +237,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     watch = Timed(_ITERATIONS)
     holdout, renderer = Holdout.of(shot, HELDOUT_SHARE, 0), ShotRenderer(shot, geometry.intrinsics, backend)
     fit_coarse(
-        Exposure(holdout, renderer, geometry, lambda coded: decode_left_over(shot, coded, ResidualSettings())),
+        FittedExposure(holdout, renderer, geometry, lambda coded: decode_left_over(shot, coded, ResidualSettings())),
         start=start,
         settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
         seed=0,

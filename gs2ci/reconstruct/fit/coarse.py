@@ -20,7 +20,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Looks, Monitoring
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.stopping import Watch
@@ -82,7 +82,7 @@ class CoarseRun:
 
     def __init__(
         self,
-        exposures: Sequence[Exposure],
+        exposures: Sequence[FittedExposure],
         start: Gaussians,
         settings: CoarseSettings,
         seed: int,
@@ -169,7 +169,7 @@ class CoarseRun:
 
 
 def fit_coarse(
-    exposure: Exposure,
+    exposure: FittedExposure,
     start: Gaussians,
     settings: CoarseSettings,
     seed: int,

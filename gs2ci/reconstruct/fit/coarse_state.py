@@ -22,9 +22,9 @@ from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import change_among
 from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
-from gs2ci.reconstruct.fit.exposure import Exposure, ExposureState
+from gs2ci.reconstruct.fit.exposure import ExposureState, FittedExposure
 from gs2ci.reconstruct.fit.gathering import Gathering
-from gs2ci.reconstruct.fit.looks import Seen
+from gs2ci.reconstruct.fit.looks import LookedAt
 from gs2ci.reconstruct.fit.losses import add_regularisers
 from gs2ci.reconstruct.fit.margin import MarginSource, margin
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
@@ -65,7 +65,7 @@ class FitState:
 
     def __init__(
         self,
-        exposures: Sequence[Exposure],
+        exposures: Sequence[FittedExposure],
         start: Gaussians,
         settings: CoarseSettings,
         seed: int,
@@ -113,7 +113,7 @@ class FitState:
         """Render the scene as each mask of one exposure saw it, [N, H, W, C] float32, not clamped."""
         return self.exposures[number].views(self.scene)
 
-    def seen(self) -> Iterator[Seen]:
+    def seen(self) -> Iterator[LookedAt]:
         """Return what a look judges, exposure after exposure."""
         return (one.seen(self.scene) for one in self.exposures)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.looks import Decode, Score, Seen, nothing
+from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Score, nothing
 from gs2ci.reconstruct.fit.losses import DataTerm
 from gs2ci.reconstruct.fit.poses import PoseCorrections
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -23,7 +23,7 @@ from gs2ci.render.screen import ScreenStatistics
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
+class FittedExposure:
     """What a fit is given for one exposure.
 
     Args:
@@ -49,7 +49,7 @@ class ExposureState:
         settings: The schedule.
     """
 
-    def __init__(self, exposure: Exposure, settings: CoarseSettings) -> None:
+    def __init__(self, exposure: FittedExposure, settings: CoarseSettings) -> None:
         holdout, renderer, geometry = exposure.holdout, exposure.renderer, exposure.geometry
         self.exposure = exposure
         self.surfaces: Surfaces | None = None
@@ -96,12 +96,12 @@ class ExposureState:
         """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""
         return self.renderer.exposed(scene, self.poses.world_to_camera())
 
-    def seen(self, scene: Gaussians) -> Seen:
+    def seen(self, scene: Gaussians) -> LookedAt:
         """Return what a look at the fit judges for this exposure."""
         with torch.no_grad():
             coded = self.renderer.measurement(scene, self.poses.world_to_camera()).numpy()
         exposure = self.exposure
-        return Seen(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
+        return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 
     def find_surfaces(self, scene: Gaussians, settings: CoarseSettings, seed: int, search: Search) -> F32 | None:
         """Search for surfaces in the views as they would be delivered; return these views if some were found.

@@ -1,7 +1,7 @@
 """The looks at a running fit: how good its views would be if they were delivered now, and the curve of that.
 
 Here: a look, its point of the curve, and the record of what a fit calls while it runs (`Monitoring`). Not here: when a
-fit looks (`coarse.py`, `fine.py`), when it ends (`stopping.py`).
+fit looks (`coarse.py`, `paper/fine.py`), when it ends (`stopping.py`).
 """
 
 import math
@@ -43,7 +43,7 @@ class Monitoring:
 
 
 @dataclass(frozen=True)
-class Seen:
+class LookedAt:
     """What a look judges for one exposure of a fit.
 
     Args:
@@ -83,7 +83,7 @@ class Looks:
         self.curve: list[CurvePoint] = []
         self._since_s = time.monotonic() if since_s is None else since_s
 
-    def take(self, seen: Iterable[Seen], iteration: int, loss: float, gaussians: int) -> float | None:
+    def take(self, seen: Iterable[LookedAt], iteration: int, loss: float, gaussians: int) -> float | None:
         """Record one look; return the held-out residual of the refined views, None if no pixel is held out.
 
         Args:

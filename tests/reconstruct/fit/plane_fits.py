@@ -7,7 +7,7 @@ import numpy as np
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring, nothing
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -71,7 +71,7 @@ def paused(
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
     renderer = ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend(), mask_moments=mask_moments)
     fit = CoarseRun(
-        [Exposure(holdout, renderer, geometry, decode, score)],
+        [FittedExposure(holdout, renderer, geometry, decode, score)],
         start=first_gaussians(seed_points(geometry, grey, 2)),
         settings=settings,
         seed=seed,

@@ -12,7 +12,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.depth_field import DepthField
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.relief import Relief
@@ -83,7 +83,7 @@ def continued(moving_plane, warm_up, backend=None):
     )
     renderer = ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend())
     return fit_coarse(
-        Exposure(holdout, renderer, replace(geometry, world_to_camera=done.world_to_camera)),
+        FittedExposure(holdout, renderer, replace(geometry, world_to_camera=done.world_to_camera)),
         start=done.scene,
         settings=settings,
         seed=0,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.looks import Looks, Seen, nothing
+from gs2ci.reconstruct.fit.looks import LookedAt, Looks, nothing
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 
@@ -26,7 +26,7 @@ def test_refined_views_are_judged_and_scored(known):
     views, shot = known
     holdout, lacking = Holdout.of(shot, 0.2, 0), np.full_like(views, 0.1)
     looks = Looks()
-    seen = Seen(
+    seen = LookedAt(
         holdout,
         lambda coded: lacking,
         holdout.coded(views - lacking),
@@ -44,7 +44,7 @@ def test_without_held_out_pixels_and_a_truth_a_look_has_no_figures(known):
     views, shot = known
     holdout = Holdout.of(shot, 0.0, 0)
     looks = Looks()
-    assert looks.take([Seen(holdout, nothing, holdout.coded(views), never)], 10, 0.5, 3) is None
+    assert looks.take([LookedAt(holdout, nothing, holdout.coded(views), never)], 10, 0.5, 3) is None
     assert (looks.curve[0].heldout, looks.curve[0].psnr_db) == (None, None)
 
 
@@ -52,7 +52,7 @@ def test_seconds_count_from_where_they_are_told_to(known):
     _, shot = known
     holdout, began_s = Holdout.of(shot, 0.0, 0), time.monotonic() - 1000
     since, now = (Looks(at) for at in (began_s, None))
-    seen = Seen(holdout, nothing, shot.measurement, never)
+    seen = LookedAt(holdout, nothing, shot.measurement, never)
     for looks in (since, now):
         looks.take([seen], 1, 0.0, 1)
         looks.take([seen], 2, 0.0, 1)
@@ -68,8 +68,9 @@ def test_several_exposures_are_judged_together_by_those_that_hold_pixels_out(kno
     scored = [lambda given, one=one: one for one in (20.0, 30.0)]
     looks = Looks()
     seen = [
-        Seen(held, nothing, held.coded(one), lambda one=one: one, score) for one, score in zip(off, scored, strict=True)
+        LookedAt(held, nothing, held.coded(one), lambda one=one: one, score)
+        for one, score in zip(off, scored, strict=True)
     ]
-    heldout = looks.take([*seen, Seen(unheld, nothing, unheld.coded(views), never)], 10, 0.5, 3)
+    heldout = looks.take([*seen, LookedAt(unheld, nothing, unheld.coded(views), never)], 10, 0.5, 3)
     assert heldout == pytest.approx(np.sqrt(np.mean(np.square(alone))))
     assert looks.curve[0].psnr_db == 25.0

@@ -9,7 +9,7 @@ import torch
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse import CoarseRun
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import Exposure, ExposureState
+from gs2ci.reconstruct.fit.exposure import ExposureState, FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -39,7 +39,7 @@ def exposures(moving_plane):
     views = np.clip(fit.views, 0, 1)
     shots = [recoded(shot, views, seed) for seed in (1, 2, 3)]
     return [
-        Exposure(Holdout.of(one, 0.05, seed), ShotRenderer(one, geometry.intrinsics, CpuBackend()), geometry)
+        FittedExposure(Holdout.of(one, 0.05, seed), ShotRenderer(one, geometry.intrinsics, CpuBackend()), geometry)
         for seed, one in enumerate(shots)
     ], views
 
