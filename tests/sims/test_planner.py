@@ -7,8 +7,6 @@ import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.storage import read_shot, write_shots
-from gs2ci_sims import brute_force
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -34,6 +32,8 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims import brute_force
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 pytestmark = pytest.mark.slow
 
