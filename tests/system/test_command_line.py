@@ -242,8 +242,8 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "tradeoff", "--help") == 0
     told = capsys.readouterr().out
-    assert "standard took. Decode alone, draft and" in " ".join(told.split())
-    assert not any(line.rstrip(" │").endswith("Decode alone,") for line in told.splitlines())
+    assert "and keeps it when `gs2ci report`" in " ".join(told.split())
+    assert not any(line.rstrip(" │").endswith("and keeps it") for line in told.splitlines())
 
 
 @pytest.mark.parametrize("value", ["None", "200"])
