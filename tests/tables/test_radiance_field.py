@@ -5,7 +5,14 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from tests.tables.radiance_field import Frustum, HashGrid, RadianceField, cast, composite, edges_along
+from tests.tables.radiance_field import (
+    Frustum,
+    HashGrid,
+    RadianceField,
+    cast,
+    composite,
+    edges_along,
+)
 
 CAMERA = np.array([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]])
 FRUSTUM = Frustum(CAMERA, (24, 32), nearest=2.0, farthest=0.25)
