@@ -41,10 +41,10 @@ from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.kinds import Verdict
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.holdout import HELDOUT_SHARE, Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
