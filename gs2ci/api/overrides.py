@@ -31,6 +31,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import ablation
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.devices import check_device
 from gs2ci.render.harmonics import DEGREE_MAX
 
 
@@ -54,6 +55,7 @@ class Overrides:
     within_mask: WithinMask | None = None
     registration: RegistrationMode | None = None
     motion: MotionMode | None = None
+    device: str = "auto"
     seed: int = 42
 
     @property
@@ -75,7 +77,7 @@ class Overrides:
             "fits": self.fits,
         }
         changed = {name: value for name, value in given.items() if value is not None}
-        settings = replace(settings, seed=self.seed, **changed)
+        settings = replace(settings, seed=self.seed, device=self.device, **changed)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.light is not None:
@@ -134,6 +136,7 @@ def settings_of(name: PresetName, overrides: Overrides) -> Settings:
         ("--registration", overrides.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)
+    check_device(overrides.device)
     return overrides.on(preset(name))
 
 

@@ -1,0 +1,80 @@
+"""A whole draft whose scene Warp renders, on the CPU by fibers: the same stages, and views as good as the CPU's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("warp", reason="Warp is not installed")
+
+from gs2ci.core.findings import Code
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.render import devices
+from gs2ci.render.cards import Card, Cuda
+from gs2ci.render.devices import Probe
+from tests.nightly import NIGHTLY
+from tests.stability.benches import Bench
+
+# Warp's name of the CPU, as if it were a card.
+FIBERS = Card("cpu", "fibers", (7, 5), 100_000, 100_000)
+
+
+class Told:
+    """Keeps the stages that a reconstruction begins."""
+
+    def __init__(self):
+        self.stages = []
+
+    def stage(self, name, steps=None):
+        self.stages.append(name)
+
+    def step(self, *_, **__):
+        """Nothing is kept of a step."""
+
+    def expect(self, steps):
+        """Nothing is kept of a schedule."""
+
+    def say(self, sentence):
+        """Nothing is kept of sentences."""
+
+
+@pytest.fixture
+def draft(monkeypatch):
+    """Reconstruct an exposure by a draft on a device, and return what was found with the stages."""
+    monkeypatch.setattr(
+        devices, "Probe", lambda: Probe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (FIBERS,)))
+    )
+
+    def reconstruct(shot, device, iterations=None):
+        settings, told = replace(preset("draft"), device=device), Told()
+        if iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+        return pipeline.reconstruct(shot, settings, told).result, told.stages
+
+    return reconstruct
+
+
+def psnr_db(shot, result):
+    return float(np.mean(psnr_per_view(result.views, shot.truth.views)))
+
+
+def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft):
+    shot = Bench("planes", views=4).expose((24, 32))
+    (there, stages), (here, same) = draft(shot, "auto", 4), draft(shot, "cpu", 4)
+    assert (there.device, here.device) == ("cpu (fibers)", "cpu")
+    assert there.notes[0].code is Code.GPU_USED
+    assert stages == same
+    np.testing.assert_allclose(there.views, here.views, atol=0.01)
+    assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1)
+
+
+@NIGHTLY
+def test_a_draft_on_a_card_has_the_stages_and_the_accuracy_of_the_cpu(draft):
+    shot = Bench("motorcycle").expose((48, 64))
+    (there, stages), (here, same) = draft(shot, "auto"), draft(shot, "cpu")
+    assert stages == same
+    assert there.verdict == here.verdict
+    assert there.gaussians == pytest.approx(here.gaussians, rel=0.1)
+    assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1)
