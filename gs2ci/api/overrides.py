@@ -55,7 +55,7 @@ class Overrides:
     within_mask: WithinMask | None = None
     registration: RegistrationMode | None = None
     motion: MotionMode | None = None
-    device: str = "auto"
+    device: str | None = None
     seed: int = 42
 
     @property
@@ -75,9 +75,10 @@ class Overrides:
             "motion": self.motion,
             "first_look": self.first_look,
             "fits": self.fits,
+            "device": self.device,
         }
         changed = {name: value for name, value in given.items() if value is not None}
-        settings = replace(settings, seed=self.seed, device=self.device, **changed)
+        settings = replace(settings, seed=self.seed, **changed)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.light is not None:
@@ -136,7 +137,8 @@ def settings_of(name: PresetName, overrides: Overrides) -> Settings:
         ("--registration", overrides.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)
-    check_device(overrides.device)
+    if overrides.device is not None:
+        check_device(overrides.device)
     return overrides.on(preset(name))
 
 

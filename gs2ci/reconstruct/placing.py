@@ -9,7 +9,7 @@ from typing import Final
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.devices import Placement, Probe, place
+from gs2ci.render.devices import CudaProbe, RenderingPlace, place
 
 # Bytes of the renderer's arrays: of an open pixel (its place, output, weight, block, and what was blended there), of a
 # pixel of an output, of a Gaussian in a view (its record, box, depth, count, and its part of the poses' gradients), and
@@ -18,16 +18,15 @@ _SLOT_BYTES: Final = 44
 _OUTPUT_BYTES: Final = 36
 _PAIR_BYTES: Final = 128
 _ENTRY_BYTES: Final = 64
-# Blocks of pixels that a Gaussian of a view touches, at most of what drafts of two sizes had
-# (`python -m tests.benchmarks gpu_share`): in coded sums, and in whole views, whose blocks are smaller.
-_BLOCKS_CODED: Final = 4.0
-_BLOCKS_WHOLE: Final = 12.0
+# Blocks of pixels that a Gaussian of a view touches in the mean: 14 at most in a draft of 48 × 64 px, in whole views;
+# in coded sums, whose blocks are larger, 8.
+_BLOCKS: Final = 16
 # CUDA itself, the kernels' code, and what allocation leaves unused.
 _CONTEXT_MIB: Final = 512
 _SPARE: Final = 1.25
 
 
-def placed(shot: Shot, settings: Settings, probe: Probe | None = None) -> tuple[Settings, Placement]:
+def placed(shot: Shot, settings: Settings, probe: CudaProbe | None = None) -> tuple[Settings, RenderingPlace]:
     """Choose the device that the settings leave open, and return the settings with its renderer.
 
     Settings whose backend is not the CPU's keep it: their caller has chosen.
@@ -42,7 +41,7 @@ def placed(shot: Shot, settings: Settings, probe: Probe | None = None) -> tuple[
         ResourceError: It has too little memory.
     """
     if settings.backend != "cpu":
-        return settings, Placement(settings.backend, settings.backend)
+        return settings, RenderingPlace(settings.backend, settings.backend)
     placement = place(settings.device, needed_mib(shot, settings), probe)
     return replace(settings, backend=placement.backend), placement
 
@@ -58,6 +57,6 @@ def needed_mib(shot: Shot, settings: Settings) -> int:
     gaussians = max(most or 0, math.ceil(pixels / settings.stride_px**2))
     whole, coded = views * pixels, float((shot.masks > 0).sum())
     pairs = views * gaussians
-    lists = pairs * (_PAIR_BYTES + _ENTRY_BYTES * max(_BLOCKS_CODED, _BLOCKS_WHOLE))
+    lists = pairs * (_PAIR_BYTES + _ENTRY_BYTES * _BLOCKS)
     total = (whole + coded) * _SLOT_BYTES + (whole + pixels) * _OUTPUT_BYTES + lists
     return _CONTEXT_MIB + math.ceil(_SPARE * total / 2**20)

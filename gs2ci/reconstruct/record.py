@@ -30,7 +30,7 @@ from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.devices import Placement
+from gs2ci.render.devices import RenderingPlace
 from gs2ci.render.stopping import StoppedLight
 
 # The held-out residual, as a share of that of even grey views, above which depth is in doubt. At 0.64 to 0.72 the rank
@@ -58,7 +58,7 @@ class Left:
     recovered: Recovered
     speeds: Speeds | None
     mask_moments: MaskMoments | None = None
-    placement: Placement = field(default_factory=Placement)
+    placement: RenderingPlace = field(default_factory=RenderingPlace)
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:

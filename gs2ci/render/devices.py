@@ -1,8 +1,8 @@
 """Which device renders a reconstruction: a CUDA device that works, or the CPU.
 
 A look at two files tells at once that a computer has no NVIDIA driver; only where it has one, Warp is imported and
-asked. Here: the choice, what is asked of a computer (`Probe`), and the words for what a card lacks. Not here: how much
-memory a shot takes (`gs2ci.reconstruct.placing`), the rendering (`warp/`), the trial of a device (`trial.py`).
+asked. Here: the choice, what is asked of a computer (`CudaProbe`), and the words for what a card lacks. Not here: how
+much memory a shot takes (`gs2ci.reconstruct.placing`), the rendering (`warp/`), the trial of a device (`trial.py`).
 """
 
 import re
@@ -43,7 +43,7 @@ def _error_on(device: str) -> float:
 
 
 @dataclass(frozen=True)
-class Probe:
+class CudaProbe:
     """What is asked of a computer, cheapest first; tests give answers of their own.
 
     Args:
@@ -59,7 +59,7 @@ class Probe:
 
 
 @dataclass(frozen=True)
-class Placement:
+class RenderingPlace:
     """Where a reconstruction renders.
 
     Args:
@@ -87,7 +87,7 @@ def check_device(wanted: str) -> None:
         )
 
 
-def place(wanted: str, needed_mib: int, probe: Probe | None = None) -> Placement:
+def place(wanted: str, needed_mib: int, probe: CudaProbe | None = None) -> RenderingPlace:
     """Choose where to render.
 
     Args:
@@ -101,16 +101,16 @@ def place(wanted: str, needed_mib: int, probe: Probe | None = None) -> Placement
         ResourceError: It has too little memory.
     """
     check_device(wanted)
-    probe = probe or Probe()
+    probe = probe or CudaProbe()
     if wanted == CPU or (wanted == AUTO and not probe.has_driver()):
-        return Placement()
+        return RenderingPlace()
     found = _usable(wanted, needed_mib, probe)
     if isinstance(found, Card):
         return _tried(found, wanted, probe)
     return _refused(found, wanted)
 
 
-def _usable(wanted: str, needed_mib: int, probe: Probe) -> Card | Finding:
+def _usable(wanted: str, needed_mib: int, probe: CudaProbe) -> Card | Finding:
     """Return the first card that may serve, or what the first of those asked about lacks."""
     try:
         cuda = probe.cuda()
@@ -142,7 +142,7 @@ def _lack(card: Card, cuda: Cuda, needed_mib: int) -> Finding | None:
     return None
 
 
-def _tried(card: Card, wanted: str, probe: Probe) -> Placement:
+def _tried(card: Card, wanted: str, probe: CudaProbe) -> RenderingPlace:
     """Try a card by a small rendering: what the card shows is believed only if the CPU shows the same."""
     named = named_card(card)
     try:
@@ -152,10 +152,10 @@ def _tried(card: Card, wanted: str, probe: Probe) -> Placement:
         return _refused(finding(Code.GPU_FAILS, card=named, reason=reason[0].rstrip(".")), wanted)
     if not error <= MOST_ERROR:
         return _refused(finding(Code.GPU_DIFFERS, card=named, error=error), wanted)
-    return Placement(f"warp:{card.device}", named, (finding(Code.GPU_USED, card=named, error=error),))
+    return RenderingPlace(f"warp:{card.device}", named, (finding(Code.GPU_USED, card=named, error=error),))
 
 
-def _refused(lack: Finding, wanted: str) -> Placement:
+def _refused(lack: Finding, wanted: str) -> RenderingPlace:
     """Return the CPU with a note of what is lacking, if that was left open.
 
     Raises:
@@ -163,7 +163,7 @@ def _refused(lack: Finding, wanted: str) -> Placement:
         ResourceError: Likewise, and it has too little memory.
     """
     if wanted == AUTO:
-        return Placement(notes=(lack,))
+        return RenderingPlace(notes=(lack,))
     kind: type[Gs2ciError] = ResourceError if lack.code is Code.GPU_MEMORY_SMALL else InputError
     raise kind(
         f"--device {wanted}: {lack.sentence.removesuffix(_TAIL)}",
@@ -181,12 +181,12 @@ def _dotted(version: tuple[int, int]) -> str:
     return f"{version[0]}.{version[1]}"
 
 
-def compute_devices(probe: Probe | None = None) -> tuple[tuple[str, str], ...]:
+def compute_devices(probe: CudaProbe | None = None) -> tuple[tuple[str, str], ...]:
     """List what may render on this computer: the name for `--device`, and a description with what it lacks.
 
     The CPU comes first. Nothing is rendered, and Warp is imported only where there is an NVIDIA driver.
     """
-    probe = probe or Probe()
+    probe = probe or CudaProbe()
     found = [(CPU, "the default where no CUDA device works")]
     if not probe.has_driver():
         return tuple(found)
@@ -197,7 +197,7 @@ def compute_devices(probe: Probe | None = None) -> tuple[tuple[str, str], ...]:
             raise
         return (*found, ("cuda", _advice(finding(Code.GPU_EXTRA_MISSING))))
     if not cuda.cards:
-        lacking = _usable("cuda", 0, Probe(cuda=lambda: cuda))
+        lacking = _usable("cuda", 0, CudaProbe(cuda=lambda: cuda))
         assert isinstance(lacking, Finding)
         return (*found, ("cuda", _advice(lacking)))
     for card in cuda.cards:

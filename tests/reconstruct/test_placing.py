@@ -11,7 +11,7 @@ from gs2ci.reconstruct.placing import needed_mib, placed
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.cards import Card, Cuda
-from gs2ci.render.devices import Probe
+from gs2ci.render.devices import CudaProbe
 
 
 def shot_of(height, width, views=8, open_share=0.25):
@@ -22,7 +22,7 @@ def shot_of(height, width, views=8, open_share=0.25):
 
 def computer(free_mib):
     card = Card("cuda:0", "NVIDIA GeForce RTX 4090", (8, 9), 24564, free_mib)
-    return Probe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (card,)), lambda device: 1e-6)
+    return CudaProbe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (card,)), lambda device: 1e-6)
 
 
 def test_memory_grows_with_pixels_views_and_gaussians():
@@ -56,9 +56,9 @@ def test_a_shot_that_is_too_large_for_a_card_is_known_before_it_begins():
 
 def test_a_renderer_that_was_chosen_by_name_is_kept():
     settings = replace(Settings(), backend="warp", device="auto")
-    assert placed(shot_of(24, 32), settings, Probe(None, None, None))[0] is settings
+    assert placed(shot_of(24, 32), settings, CudaProbe(None, None, None))[0] is settings
 
 
 def test_settings_in_python_render_on_the_cpu_unless_they_say_otherwise():
-    settings, placement = placed(shot_of(24, 32), Settings(), Probe(None, None, None))
+    settings, placement = placed(shot_of(24, 32), Settings(), CudaProbe(None, None, None))
     assert (settings.backend, placement.device, placement.notes) == ("cpu", "cpu", ())

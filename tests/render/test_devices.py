@@ -7,7 +7,7 @@ from gs2ci.core.findings import Code
 from gs2ci.render import devices
 from gs2ci.render.backend import load_backend
 from gs2ci.render.cards import Card, Cuda
-from gs2ci.render.devices import Placement, Probe, compute_devices, place
+from gs2ci.render.devices import CudaProbe, RenderingPlace, compute_devices, place
 
 NEW = Card("cuda:0", "NVIDIA H100 PCIe", (9, 0), 81559, 80000)
 SECOND = Card("cuda:1", "NVIDIA GeForce RTX 4090", (8, 9), 24564, 24000)
@@ -20,7 +20,7 @@ def lacks_the_extra():
 
 
 def computer(*cards, driver=(13, 0), error=1e-6, has_driver=True):
-    return Probe(lambda: has_driver, lambda: Cuda(driver, (13, 0), (7, 5), cards), lambda device: error)
+    return CudaProbe(lambda: has_driver, lambda: Cuda(driver, (13, 0), (7, 5), cards), lambda device: error)
 
 
 def must_not_be_asked(*_):
@@ -46,17 +46,17 @@ def test_the_first_card_that_may_serve_is_taken():
 
 
 def test_without_a_driver_nothing_is_imported_and_nothing_said():
-    assert place("auto", 4000, Probe(lambda: False, must_not_be_asked, must_not_be_asked)) == Placement()
+    assert place("auto", 4000, CudaProbe(lambda: False, must_not_be_asked, must_not_be_asked)) == RenderingPlace()
 
 
 def test_the_cpu_asks_nothing_of_the_computer():
-    asked = Probe(must_not_be_asked, must_not_be_asked, must_not_be_asked)
-    assert place("cpu", 10**9, asked) == Placement("cpu", "cpu", ())
+    asked = CudaProbe(must_not_be_asked, must_not_be_asked, must_not_be_asked)
+    assert place("cpu", 10**9, asked) == RenderingPlace("cpu", "cpu", ())
 
 
 LACKS = {
     "extra": (
-        Probe(lambda: True, lacks_the_extra, must_not_be_asked),
+        CudaProbe(lambda: True, lacks_the_extra, must_not_be_asked),
         Code.GPU_EXTRA_MISSING,
         InputError,
         "what renders on its cards is not installed",
@@ -123,7 +123,7 @@ def test_a_card_that_fails_says_why():
     def fails(device):
         raise RuntimeError(f"CUDA error 700: illegal access on {device}\nand more")
 
-    probe = Probe(lambda: True, computer(NEW).cuda, fails)
+    probe = CudaProbe(lambda: True, computer(NEW).cuda, fails)
     (note,) = place("auto", 4000, probe).notes
     assert note.code is Code.GPU_FAILS
     assert "(CUDA error 700: illegal access on cuda:0)" in note.sentence
@@ -139,14 +139,14 @@ def test_a_named_card_that_is_not_there_is_refused_with_those_that_are():
 @pytest.mark.parametrize("name", ["gpu", "cuda:", "cuda:x", "", "CUDA:0", "cpu:0"])
 def test_a_name_that_is_none_is_refused_before_anything_is_asked(name):
     with pytest.raises(InputError, match=r"allowed: auto, cpu, cuda.*gs2ci devices"):
-        place(name, 1, Probe(must_not_be_asked, must_not_be_asked, must_not_be_asked))
+        place(name, 1, CudaProbe(must_not_be_asked, must_not_be_asked, must_not_be_asked))
 
 
 def test_another_module_that_is_missing_is_not_taken_for_the_extra():
     def lacks_something_else():
         raise ModuleNotFoundError("No module named 'antigravity2'", name="antigravity2")
 
-    probe = Probe(lambda: True, lacks_something_else, must_not_be_asked)
+    probe = CudaProbe(lambda: True, lacks_something_else, must_not_be_asked)
     for ask in (lambda: place("auto", 1, probe), lambda: compute_devices(probe)):
         with pytest.raises(ModuleNotFoundError, match="antigravity2"):
             ask()
@@ -164,15 +164,15 @@ def test_all_devices_are_listed_with_what_they_lack():
 def test_a_list_says_what_keeps_all_cards_from_being_used():
     assert [name for name, _ in compute_devices(computer(has_driver=False))] == ["cpu"]
     assert "CUDA 13.0 is needed" in compute_devices(computer(driver=(12, 2)))[1][1]
-    lacking = compute_devices(Probe(lambda: True, lacks_the_extra, must_not_be_asked))
+    lacking = compute_devices(CudaProbe(lambda: True, lacks_the_extra, must_not_be_asked))
     assert "pip install 'gs2ci[gpu]'" in lacking[1][1]
 
 
 def test_a_look_at_two_files_tells_that_there_is_no_driver(tmp_path, monkeypatch):
     monkeypatch.setattr(devices, "_DRIVER", (tmp_path / "nvidiactl", tmp_path / "libcuda.so.1"))
-    assert not Probe().has_driver()
+    assert not CudaProbe().has_driver()
     (tmp_path / "libcuda.so.1").touch()
-    assert Probe().has_driver()
+    assert CudaProbe().has_driver()
 
 
 def test_only_the_renderer_of_cards_takes_a_device():

@@ -7,7 +7,7 @@ pytest.importorskip("warp", reason="Warp is not installed")
 from gs2ci.core.errors import InputError
 from gs2ci.render import trial
 from gs2ci.render.backend import load_backend
-from gs2ci.render.devices import MOST_ERROR, Probe
+from gs2ci.render.devices import MOST_ERROR, CudaProbe
 from gs2ci.render.trial import cuda_here, error_on
 
 
@@ -52,5 +52,5 @@ def test_warp_names_the_oldest_card_and_driver_that_it_compiles_for():
 
 
 def test_a_computer_is_asked_through_these():
-    assert Probe().cuda() == cuda_here()
-    assert Probe().error_on("cpu") == error_on("cpu")
+    assert CudaProbe().cuda() == cuda_here()
+    assert CudaProbe().error_on("cpu") == error_on("cpu")

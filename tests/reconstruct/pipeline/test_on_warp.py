@@ -13,7 +13,7 @@ from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.render import devices
 from gs2ci.render.cards import Card, Cuda
-from gs2ci.render.devices import Probe
+from gs2ci.render.devices import CudaProbe
 from tests.nightly import NIGHTLY
 from tests.stability.benches import Bench
 
@@ -44,7 +44,7 @@ class Told:
 def draft(monkeypatch):
     """Reconstruct an exposure by a draft on a device, and return what was found with the stages."""
     monkeypatch.setattr(
-        devices, "Probe", lambda: Probe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (FIBERS,)))
+        devices, "CudaProbe", lambda: CudaProbe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (FIBERS,)))
     )
 
     def reconstruct(shot, device, iterations=None):
