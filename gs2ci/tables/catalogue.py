@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.baselines.field_fit import FieldSettings
+from gs2ci.reconstruct.paper.baselines.field_fit import FieldSettings
 from gs2ci.tables.calibration import FRAMES, calibrate_masks
 from gs2ci.tables.case_sets import bench_cases, condition_cases, measurements, mechanism_cases, resized
 from gs2ci.tables.cases import Case

@@ -14,10 +14,10 @@ from typing import Any, Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import RULE_NAMES, ProxyName
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.ablation import COMPONENTS, without
+from gs2ci.reconstruct.paper.fine import FineSettings
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 Change = Callable[[Settings], Settings]
@@ -89,7 +89,7 @@ ABLATION: Final[dict[str, Change]] = {
     **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},
     "without all six": partial(_without, tuple(COMPONENTS)),
 }
-"""One fit without a component, by its name in `gs2ci.reconstruct.presets.ablation`."""
+"""One fit without a component, by its name in `gs2ci.reconstruct.paper.ablation`."""
 
 GEOMETRY: Final[dict[str, Change]] = {
     "naive": partial(_one_fit_with, proxy="naive"),

@@ -10,8 +10,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.reconstruct.presets.ablation import COMPONENTS
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.ablation import COMPONENTS
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
 from gs2ci.tables.case_sets import file_cases, resized, simulated_cases
 from gs2ci.tables.cases import Case

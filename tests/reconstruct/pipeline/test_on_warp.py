@@ -74,7 +74,7 @@ def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft):
 
 @NIGHTLY
 def test_a_draft_on_a_card_differs_no_more_than_drafts_of_the_cpu_that_begin_almost_alike(draft, monkeypatch):
-    """The first positions are moved by 1e-7 and 2e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it."""
+    """First positions are moved by 1e-7 and 2e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it."""
     shot = Bench("planes").expose((48, 64))
     (there, stages), (here, same) = draft(shot, "auto"), draft(shot, "cpu")
     assert stages == same
