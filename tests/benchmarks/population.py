@@ -21,7 +21,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.paper.density.adc import Adc
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 _UNTIL: Final = 7_500
 _EVERY: Final = 500

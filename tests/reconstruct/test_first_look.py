@@ -16,7 +16,7 @@ from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.paper.proxies.routing import geometry_views, multiplicity
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
 

@@ -1,7 +1,7 @@
 """The components of the method, each of which can be switched off by name (paper, Table VII).
 
 Here: the names, and how switching off changes the settings. Not here: what a component is (its stage's own file), the
-table (`gs2ci tables ablation`).
+table (docs/tables.md).
 """
 
 from collections.abc import Callable, Iterable

@@ -23,7 +23,7 @@ from gs2ci.reconstruct.paper.preset import MOST_GAUSSIANS, paper_settings
 from gs2ci.reconstruct.paper.proxies import amdi
 from gs2ci.reconstruct.paper.proxies.routing import MULTIPLICITY_THRESHOLD
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 PAGE = (Path(__file__).parents[3] / "docs" / "paper-preset.md").read_text(encoding="utf-8")
 SETTINGS = paper_settings().check()

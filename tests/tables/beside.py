@@ -18,7 +18,7 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.novel_views import check_full_scale
-from gs2ci.tables.store import Row
+from gs2ci.evaluate.tradeoff.store import Row
 
 _ENDING: Final = ".beside.npz"
 PLACES: Final = ("between", "beyond")

@@ -1,7 +1,7 @@
 """The methods of the literature that tables compare with ours: decoders, and a radiance field.
 
 Here: their names, their calls, and the rows of figures that they return. Not here: the decoders
-(`gs2ci.reconstruct.decode`), the field (`gs2ci.reconstruct.paper.baselines`), SCISplat, which is a variant of our own
+(`gs2ci.reconstruct.decode`), the field (`tests.tables`), SCISplat, which is a variant of our own
 settings (`variants`).
 """
 
@@ -20,6 +20,7 @@ from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.evaluate.order import inside_out
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import ModelName
 from gs2ci.reconstruct.decode.coupling import choose_coupling
@@ -35,11 +36,10 @@ from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.reconstruct.paper.baselines.field_fit import FieldSettings, fit_field
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.beside import scores_beside
-from gs2ci.tables.cases import Case
-from gs2ci.tables.store import Row
+from tests.tables.beside import scores_beside
+from tests.tables.cases import Case
+from tests.tables.field_fit import FieldSettings, fit_field
 
 _PUBLISHED: Final = GapTvSettings(weight=0.3, coupling=0.0)
 

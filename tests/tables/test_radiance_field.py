@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.paper.baselines.radiance_field import (
+from tests.tables.radiance_field import (
     Frustum,
     HashGrid,
     RadianceField,

@@ -1,6 +1,6 @@
-"""Finished cells on disk: one small JSON file each, named by a hash of its inputs.
+"""Finished pieces of work on disk: one small JSON file each, named by a hash of its inputs.
 
-Here: the key, reading, writing. Not here: the work (`cells`).
+Here: the key, reading, writing. Not here: the work (`trials.py`).
 """
 
 import hashlib

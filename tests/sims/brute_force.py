@@ -1,6 +1,6 @@
 """The simulation of everything: every effect, and time sampled ever more finely until nothing changes.
 
-It is what plans are measured against, in tests and in `gs2ci tables simulate`. Each mask interval is cut
+It is what plans are measured against, in tests and in `python -m tests.tables simulate`. Each mask interval is cut
 into equal parts, each of which is rendered at its middle (the midpoint rule), with twice as many parts again and
 again. Not here: the light path itself (`exposure`), which is the same for both.
 """

@@ -14,11 +14,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import SimulatedBench, build_bench
-from gs2ci.tables.store import Row
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES

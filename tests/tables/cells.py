@@ -7,10 +7,14 @@ cells are needed (`catalogue`).
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from gs2ci.core.errors import Gs2ciError, InputError
-from gs2ci.tables.store import Row, content_key
+from gs2ci.evaluate.tradeoff.store import Row, content_key
+
+# The sources of the tables themselves: any change in them may change a figure, as one in the product's may.
+_SOURCES: Final = tuple(str(path) for path in sorted(Path(__file__).parent.glob("*.py")) if path.name[:5] != "test_")
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class Cell:
         Raises:
             StorageError: A file cannot be read.
         """
-        return content_key(self.name, self.arguments, self.files)
+        return content_key(self.name, self.arguments, (*self.files, *_SOURCES))
 
 
 def run(cell: Cell) -> Row:

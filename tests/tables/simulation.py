@@ -1,7 +1,7 @@
 """The cost of accuracy in simulations: planned and full simulations, rig by rig.
 
-Here: the cases, from calm to violent, and the work of one cell of `gs2ci tables simulate`. Not here: plans and the full
-simulation (`gs2ci_sims`), the table (`catalogue`).
+Here: the cases, from calm to violent, and the work of one cell of `python -m tests.tables simulate`. Not here:
+plans (`gs2ci_sims`), the full simulation (`tests.sims.brute_force`), the table (`catalogue`).
 """
 
 import time
@@ -12,9 +12,7 @@ from typing import Final
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.tables.cases import Case
-from gs2ci.tables.store import Row
-from gs2ci_sims.brute_force import BruteForce, deviation_dn, simulate_everything
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
@@ -23,6 +21,8 @@ from gs2ci_sims.rig_file import Setup, read_rig_file
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
+from tests.sims.brute_force import BruteForce, deviation_dn, simulate_everything
+from tests.tables.cases import Case
 
 TOLERANCES_DN: Final = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 EVERYTHING: Final = "everything"

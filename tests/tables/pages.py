@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
-from gs2ci.tables.catalogue import Table, TableEntry
-from gs2ci.tables.columns import Measure
-from gs2ci.tables.store import Row
+from gs2ci.evaluate.tradeoff.store import Row
+from tests.tables.catalogue import Table, TableEntry
+from tests.tables.columns import Measure
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from statistics import fmean
 from typing import Any, Final
 
 from gs2ci.core.whole_file import write_whole
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.tables.catalogue import TableEntry, compared_with
-from gs2ci.tables.store import Row
-from gs2ci.tables.variants import IN_ONE_FIT, MECHANISM_LINES, MECHANISM_LINES_IN_ONE_FIT
+from tests.tables.catalogue import TableEntry, compared_with
+from tests.tables.variants import IN_ONE_FIT, MECHANISM_LINES, MECHANISM_LINES_IN_ONE_FIT
 
 QUALITIES: Final = {
     "psnr_db": "views",

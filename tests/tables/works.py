@@ -18,6 +18,7 @@ from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.report import Trajectory
 from gs2ci.evaluate.run_report import build_report
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -27,10 +28,9 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
-from gs2ci.tables.beside import PLACES, BesideViews, depth_beside, scores_beside
-from gs2ci.tables.cases import Case
-from gs2ci.tables.store import Row
-from gs2ci.tables.variants import settings_of
+from tests.tables.beside import PLACES, BesideViews, depth_beside, scores_beside
+from tests.tables.cases import Case
+from tests.tables.variants import settings_of
 
 # One rendering takes a millisecond or two, and anything else on the machine disturbs it: the least of many is told.
 _RENDERINGS: Final = 10

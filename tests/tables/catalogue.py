@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.paper.baselines.field_fit import FieldSettings
-from gs2ci.tables.calibration import FRAMES, calibrate_masks
-from gs2ci.tables.case_sets import bench_cases, condition_cases, measurements, mechanism_cases, resized
-from gs2ci.tables.cases import Case
-from gs2ci.tables.cells import Cell
-from gs2ci.tables.columns import (
+from gs2ci_sims.scenes.files import scene_names
+from tests.tables.calibration import FRAMES, calibrate_masks
+from tests.tables.case_sets import bench_cases, condition_cases, measurements, mechanism_cases, resized
+from tests.tables.cases import Case
+from tests.tables.cells import Cell
+from tests.tables.columns import (
     AGAINST_PAPER,
     CALIBRATION,
     INITIALISATION,
@@ -25,10 +25,11 @@ from gs2ci.tables.columns import (
     RECONSTRUCTION,
     Measure,
 )
-from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
-from gs2ci.tables.names import TableName
-from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
-from gs2ci.tables.variants import (
+from tests.tables.field_fit import FieldSettings
+from tests.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
+from tests.tables.names import TableName
+from tests.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
+from tests.tables.variants import (
     ABLATION,
     GEOMETRY,
     MECHANISM_LINES,
@@ -38,8 +39,7 @@ from gs2ci.tables.variants import (
     RULES,
     VARIANTS,
 )
-from gs2ci.tables.works import initialise_case, reconstruct_case
-from gs2ci_sims.scenes.files import scene_names
+from tests.tables.works import initialise_case, reconstruct_case
 
 # Of measurements that show what a mechanism gives: no figure that let one in was made with draws of these.
 FRESH_SEED: Final = 5800

@@ -23,8 +23,8 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
-from gs2ci.reconstruct.paper.baselines.radiance_field import Frustum, RadianceField, cast
 from gs2ci.render import se3
+from tests.tables.radiance_field import Frustum, RadianceField, cast
 
 # Number of rays rendered at once for whole views.
 _RAYS_AT_ONCE: Final = 4096

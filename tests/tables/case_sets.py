@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.tables.beside import tells_beside
-from gs2ci.tables.calibration import BENCHES
-from gs2ci.tables.cases import Case
+from tests.tables.beside import tells_beside
+from tests.tables.calibration import BENCHES
+from tests.tables.cases import Case
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 TEXTURELESS: Final = "textureless"

@@ -3,8 +3,8 @@
 import pytest
 
 from gs2ci.core.errors import StorageError
-from gs2ci.tables import store as store_module
-from gs2ci.tables.store import Store, content_key
+from gs2ci.evaluate.tradeoff import store as store_module
+from gs2ci.evaluate.tradeoff.store import Store, content_key
 
 
 def test_a_kept_row_comes_back(tmp_path):

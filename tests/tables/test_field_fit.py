@@ -11,9 +11,9 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.paper.baselines import field_fit
-from gs2ci.reconstruct.paper.baselines.field_fit import FieldSettings, fit_field
 from tests.reconstruct.conftest import make_views
+from tests.tables import field_fit
+from tests.tables.field_fit import FieldSettings, fit_field
 
 BRIEF = FieldSettings(iterations=60, pixels=64, samples=10)
 

@@ -6,7 +6,7 @@ Not here: the computation of a figure (`works`), which table has which columns (
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci.tables.works import COUNTED_AFTER
+from tests.tables.works import COUNTED_AFTER
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from typing import Final
 
 from gs2ci.batch.cluster import completed, workers
 from gs2ci.core.errors import InputError
-from gs2ci.tables.cells import Cell, run
-from gs2ci.tables.store import Row, Store
+from gs2ci.evaluate.tradeoff.store import Row, Store
+from tests.tables.cells import Cell, run
 
 OnDone = Callable[[int, int], None]
 _LOST: Final[Row] = {"error": "the processes that worked on it died"}
