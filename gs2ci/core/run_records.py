@@ -91,6 +91,7 @@ class RunResult:
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
         exposures: Of each of several exposures, whose views follow one another: its name, its first view and their
             number, what its held-out pixels say, how its path was found; empty for one.
+        device: What rendered: "cpu", or a CUDA device with its model.
     """
 
     views: F32
@@ -125,6 +126,7 @@ class RunResult:
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
     exposures: Sequence[Mapping[str, Any]] = ()
+    device: str = "cpu"
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and contain only finite numbers.

@@ -89,6 +89,12 @@ def reconstruct_together(
             allowed="a scene that stands still while all of them are taken",
             remedy="reconstruct each exposure by itself, without --together",
         )
+    if settings.fine is not None or settings.withheld is not None:
+        raise InputError(
+            "a fine stage, or withheld points or poses, with several exposures",
+            allowed="the presets draft and standard, and no --fine, --prior, --distance or --without points or poses",
+            remedy="leave these out, or reconstruct each exposure by itself",
+        )
     settings, clock = replace(settings, motion="off"), Stopwatch()
     observed = list(observe_all(shots, settings, Tools.load(settings), progress, scores or [None] * len(shots)))
     ties, left_out = tied(observed)

@@ -20,9 +20,9 @@ from torch import Tensor
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
-from gs2ci.reconstruct.geometry.view_depths import in_picture, project
 from gs2ci.render.gaussians import Gaussians, joined
 
 # Paths coincide if no camera sees the scene's median depth displaced by more than this, px: less than decoded views
