@@ -56,7 +56,9 @@ def _snap(from_task: int, to_task: int, inverse_depth: F32, levels: I32, jumps: 
     height, width = levels.shape
     weights, sums = np.zeros(_LEVELS), np.zeros(_LEVELS)
     for r in range(from_task, to_task):
-        for c in np.flatnonzero(jumps[r]):
+        for c in range(width):
+            if not jumps[r, c]:
+                continue
             weights[:], sums[:], total = 0.0, 0.0, 0.0
             for i in range(max(r - _REACH_PX, 0), min(r + _REACH_PX + 1, height)):
                 for j in range(max(c - _REACH_PX, 0), min(c + _REACH_PX + 1, width)):
