@@ -80,7 +80,7 @@ def test_an_index_chooses_exposures_of_each_file(three, files):
 
 @pytest.mark.parametrize("index", ["a", "0:b", "-1:2", -1, "", "7", "3:9"])
 def test_an_index_that_names_none_is_refused(three, index):
-    with pytest.raises(InputError, match="--index|no exposures"):
+    with pytest.raises(InputError, match=r"--index|no exposures"):
         chosen_exposures([three], index)
 
 
