@@ -1,6 +1,6 @@
 """The middle or a corner of a measurement, for use when the whole would take too long.
 
-Here: `middle`, `corner`, the position of the middle, and the size for a given number of pixels. Not here: their uses.
+Here: `middle`, `corner`, the position of the middle, the size for a given number of pixels. Not here: their uses.
 """
 
 from dataclasses import replace
