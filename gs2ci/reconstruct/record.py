@@ -3,7 +3,7 @@
 Here: the record's fields and notes. Not here: the stages and their order (`pipeline`), files (`gs2ci.evaluate`).
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -30,6 +30,7 @@ from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.devices import RenderingPlace
 from gs2ci.render.stopping import StoppedLight
 
 # The held-out residual, as a share of that of even grey views, above which depth is in doubt. At 0.64 to 0.72 the rank
@@ -57,6 +58,7 @@ class Left:
     recovered: Recovered
     speeds: Speeds | None
     mask_moments: MaskMoments | None = None
+    placement: RenderingPlace = field(default_factory=RenderingPlace)
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -110,6 +112,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         race=tuple(one.summary() for one in left.raced.course),
         displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
+        device=left.placement.device,
     ).check()
 
 
@@ -118,6 +121,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
     geometry, ensemble = left.geometry, left.ensemble
     poses_known = geometry.has_path or geometry.known_at_rest
     return (
+        *left.placement.notes,
         *left.registered.notes,
         *(
             *left.doubts,

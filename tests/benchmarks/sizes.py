@@ -43,13 +43,13 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, coarse_state
+from gs2ci.reconstruct.fit import coarse, exposure
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
-from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
 from tests.processes import ONE_THREAD, answer_of
+from tests.tables.cases import Case
 
 EVERY_S = 0.02
 STAGES = (
@@ -59,7 +59,7 @@ STAGES = (
     ("order of depth", fitting.Fits, "order_of"),
     ("first Gaussians", fitting.Fits, "beginning"),
     ("fits", fitting, "advance_together"),
-    ("fits: surfaces", coarse_state, "find_surfaces"),
+    ("fits: surfaces", exposure, "find_surfaces"),
     ("fits: looks", coarse._Loop, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
     ("mean of the fits", fitting, "combined"),

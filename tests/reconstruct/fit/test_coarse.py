@@ -15,6 +15,7 @@ from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.pace import Fixed
@@ -26,7 +27,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, paused, run
@@ -323,12 +324,11 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
     with pytest.raises(InputError):
         replace(CoarseSettings(), **settings).check()
     shot, geometry = moving_plane
+    renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend())
     with pytest.raises(InputError):
         fit_coarse(
-            holdout=Holdout(shot, np.zeros(shot.size, bool)),
-            renderer=ShotRenderer(shot, geometry.intrinsics, CpuBackend()),
+            FittedExposure(Holdout(shot, np.zeros(shot.size, bool)), renderer, geometry),
             start=first_gaussians(seed_points(geometry, np.zeros((4, 32, 40, 3), np.float32), 2)),
-            geometry=geometry,
             settings=replace(CoarseSettings(), **settings),
             seed=0,
             monitoring=Monitoring(),

@@ -10,12 +10,12 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.density.mcmc import Mcmc
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.margin import MarginSettings, MarginSource, margin
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.paper.density.mcmc import Mcmc
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import joined
 from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, FaultyBackend, run
@@ -51,7 +51,7 @@ def halves(size=SIZE):
     views = np.empty((VIEWS, *size, 3), np.float32)
     views[:, :, : size[1] // 2] = LEFT
     views[:, :, size[1] // 2 :] = RIGHT
-    return MarginSource((0, 2, 4), views, np.full((3, *size), 1 / DEPTH, np.float32))
+    return MarginSource((0, 2, 4), dict(enumerate(views)), np.full((3, *size), 1 / DEPTH, np.float32))
 
 
 def at(points, pose):
@@ -102,7 +102,7 @@ def test_colours_are_those_of_the_nearest_border(renderer, scattered):
 
 def test_grey_views_give_grey_gaussians_and_fields_of_the_scene_are_empty_in_them(renderer, scattered):
     seen = halves()
-    seen = replace(seen, views=seen.views[..., :1])
+    seen = replace(seen, views={number: view[..., :1] for number, view in seen.views.items()})
     scene = replace(scattered(3), motion=torch.ones(3, 2, 3), harmonics=torch.ones(3, 3, 3))
     found = margin(renderer, scene, path(), seen, MarginSettings())
     assert (found.colours[:, 0] == found.colours[:, 2]).all()
