@@ -11,7 +11,9 @@ import pytest
 from gs2ci.core import colmap
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.geometry import bundle, camera_files, choose, mapper
+from gs2ci.reconstruct.geometry import choose
+from gs2ci.reconstruct.geometry.path import bundle, camera_files
+from gs2ci.reconstruct.geometry.sources import mapper
 from gs2ci.reconstruct.hypotheses import matches
 from tests import platforms
 
