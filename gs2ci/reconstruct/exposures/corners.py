@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
-from gs2ci.reconstruct.exposures.pictures import Picture, sampled
+from gs2ci.reconstruct.exposures.pictures import MeanPicture, sampled
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.geometry.features import match_features
 from gs2ci.reconstruct.geometry.tracks import TrackSettings, find_corners, refine_tracks
@@ -78,14 +78,14 @@ class Matches:
 
     @classmethod
     def lifted(
-        cls, pictures: tuple[Picture, Picture], at: tuple[F64, F64], which: tuple[int, int], corners: Indices
+        cls, pictures: tuple[MeanPicture, MeanPicture], at: tuple[F64, F64], which: tuple[int, int], corners: Indices
     ) -> "Matches":
         """Lift places, [M, 2] px, in two pictures, which have indices."""
         points = [picture.lifted(places) for picture, places in zip(pictures, at, strict=True)]
         return cls(points[0], points[1], *at, np.tile(np.array(which, np.int64), (len(corners), 1)), corners)
 
 
-def matched(one: Sequence[Picture], other: Sequence[Picture]) -> Matches:
+def matched(one: Sequence[MeanPicture], other: Sequence[MeanPicture]) -> Matches:
     """Match the features of all pictures of two exposures."""
     parts = []
     for i, first in enumerate(one):
@@ -96,7 +96,9 @@ def matched(one: Sequence[Picture], other: Sequence[Picture]) -> Matches:
     return Matches.joined(parts)
 
 
-def followed(one: Sequence[Picture], other: Sequence[Picture], other_from_one: Similarity) -> tuple[Matches, int]:
+def followed(
+    one: Sequence[MeanPicture], other: Sequence[MeanPicture], other_from_one: Similarity
+) -> tuple[Matches, int]:
     """Follow the corners of the second's pictures into those of the first.
 
     Returns:

@@ -29,7 +29,7 @@ Pairs = Mapping[tuple[int, int], Pair]
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Closed:
     """Exposures in common coordinates.
 
     Args:
@@ -60,7 +60,7 @@ def _reached(start: int, pairs: Pairs) -> set[int]:
     return reached
 
 
-def closed(pairs: Pairs, count: int) -> Frame:
+def closed(pairs: Pairs, count: int) -> Closed:
     """Bring the largest group of exposures into the coordinates of its first.
 
     Args:
@@ -75,7 +75,7 @@ def closed(pairs: Pairs, count: int) -> Frame:
         off = {pair: float(np.sqrt(np.mean(_errors(found, similarities, pair) ** 2))) for pair, found in inside.items()}
         worst = max(off, key=lambda pair: off[pair], default=None)
         if worst is None or off[worst] <= _CONTRADICTS:
-            return Frame(similarities, tuple(inside), tuple(contradicting))
+            return Closed(similarities, tuple(inside), tuple(contradicting))
         contradicting.append(worst)
         del held[worst]
 

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from gs2ci.core.arrays import F64
 from gs2ci.core.colmap import pycolmap
 from gs2ci.reconstruct.exposures.corners import Matches, followed, matched
-from gs2ci.reconstruct.exposures.pictures import Picture
+from gs2ci.reconstruct.exposures.pictures import MeanPicture
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 
 # A camera's place needs so many matches that agree with it, within so many px. Of proposals that 13 and more agreed
@@ -66,7 +66,7 @@ class Pair:
     matches: Matches
 
 
-def tie_pair(one: Sequence[Picture], other: Sequence[Picture], guess: Similarity | None = None) -> Pair | None:
+def tie_pair(one: Sequence[MeanPicture], other: Sequence[MeanPicture], guess: Similarity | None = None) -> Pair | None:
     """Find the similarity between the coordinates of two exposures; None if nothing ties them.
 
     Args:
@@ -79,7 +79,7 @@ def tie_pair(one: Sequence[Picture], other: Sequence[Picture], guess: Similarity
     return max(settled, key=lambda pair: len(pair.matches), default=None)
 
 
-def _proposals(one: Sequence[Picture], other: Sequence[Picture]) -> list[Similarity]:
+def _proposals(one: Sequence[MeanPicture], other: Sequence[MeanPicture]) -> list[Similarity]:
     """Propose similarities by the place of either's camera among the other's points, most agreeing matches first."""
     matches, found = matched(one, other), []
     for i, j in np.unique(matches.pictures, axis=0):
@@ -94,7 +94,7 @@ def _proposals(one: Sequence[Picture], other: Sequence[Picture]) -> list[Similar
     return [similarity for _, similarity in found[:_TRIED]]
 
 
-def _place(matches: Matches, picture: Picture) -> tuple[int, Similarity] | None:
+def _place(matches: Matches, picture: MeanPicture) -> tuple[int, Similarity] | None:
     """Place the camera of a picture of the second among points of the first; the second's own depths give the scale.
 
     Returns:
@@ -124,7 +124,7 @@ def colmap_camera(intrinsics: F64, size: tuple[int, int]) -> Any:
     return pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
 
 
-def _settled(one: Sequence[Picture], other: Sequence[Picture], start: Similarity) -> Pair | None:
+def _settled(one: Sequence[MeanPicture], other: Sequence[MeanPicture], start: Similarity) -> Pair | None:
     """Follow corners and adjust the similarity in turn; None if too few are found."""
     pair = Pair(start, np.zeros(3), 1.0, np.eye(CHANGES), 0.0, Matches.joined(()))
     for _ in range(_ROUNDS):
@@ -139,7 +139,7 @@ def _settled(one: Sequence[Picture], other: Sequence[Picture], start: Similarity
 
 
 def _adjusted(
-    one: Sequence[Picture], other: Sequence[Picture], start: Similarity, matches: Matches, share: float
+    one: Sequence[MeanPicture], other: Sequence[MeanPicture], start: Similarity, matches: Matches, share: float
 ) -> Pair:
     """Adjust a similarity to matches."""
     centre = np.median(matches.one, axis=0)
@@ -171,7 +171,9 @@ class _Seen:
     depth_error: float
 
     @classmethod
-    def of(cls, one: Sequence[Picture], other: Sequence[Picture], matches: Matches, start: Similarity) -> "_Seen":
+    def of(
+        cls, one: Sequence[MeanPicture], other: Sequence[MeanPicture], matches: Matches, start: Similarity
+    ) -> "_Seen":
         chosen = [[side[k] for k in which] for side, which in zip((one, other), matches.pictures.T, strict=True)]
         poses = tuple(np.stack([picture.world_to_camera for picture in side]) for side in chosen)
         intrinsics = tuple(np.stack([picture.intrinsics for picture in side]) for side in chosen)

@@ -30,7 +30,7 @@ _PLANE_ERROR: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class MeanPicture:
     """The mean picture at one view.
 
     Args:
@@ -76,7 +76,7 @@ def has_depth(geometry: Geometry) -> bool:
     return geometry.has_path and not geometry.is_uniform
 
 
-def pictures_of(views: F32, geometry: Geometry) -> tuple[Picture, ...]:
+def pictures_of(views: F32, geometry: Geometry) -> tuple[MeanPicture, ...]:
     """Make a picture at each view whose depth is known.
 
     Args:
@@ -91,7 +91,7 @@ def pictures_of(views: F32, geometry: Geometry) -> tuple[Picture, ...]:
         chosen = np.argsort(-likeness, kind="stable")[: _NEIGHBOURS + 1] if far else np.arange(len(views))
         pose, intrinsics = poses[depth.view], geometry.intrinsics
         image = _mean(views[chosen], poses[chosen], pose, intrinsics, depth.inverse_depth)
-        found.append(Picture(image, pose, intrinsics, depth.inverse_depth, error, *find_features(image)))
+        found.append(MeanPicture(image, pose, intrinsics, depth.inverse_depth, error, *find_features(image)))
     return tuple(found)
 
 

@@ -20,7 +20,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.colmap import pycolmap
 from gs2ci.reconstruct.exposures.corners import followed
 from gs2ci.reconstruct.exposures.pairs import colmap_camera
-from gs2ci.reconstruct.exposures.pictures import Picture, pictures_of
+from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 from gs2ci.reconstruct.exposures.together import Adjusted, Corners, adjusted_together
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -95,7 +95,7 @@ def refined(
 
 
 def _gathered(
-    pictures: Mapping[int, Sequence[Picture]],
+    pictures: Mapping[int, Sequence[MeanPicture]],
     similarities: Mapping[int, Similarity],
     pairs: Sequence[tuple[int, int]],
     order: Sequence[int],
@@ -104,7 +104,7 @@ def _gathered(
     numbers: dict[tuple[int, int, int], int] = {}
     points: list[F64] = []
     cameras: list[F64] = []
-    seen: list[tuple[int, int, Picture, F64]] = []
+    seen: list[tuple[int, int, MeanPicture, F64]] = []
     for one, other in [*pairs, *((b, a) for a, b in pairs)]:
         matches, _ = followed(pictures[one], pictures[other], similarities[other].inverse.after(similarities[one]))
         for point, place, (i, j), corner in zip(
@@ -129,7 +129,7 @@ def _gathered(
 
 
 def _seen(
-    pictures: Mapping[int, Sequence[Picture]],
+    pictures: Mapping[int, Sequence[MeanPicture]],
     similarities: Mapping[int, Similarity],
     corners: Corners,
     order: Sequence[int],

@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.exposures.loops import Frame, closed
+from gs2ci.reconstruct.exposures.loops import Closed, closed
 from gs2ci.reconstruct.exposures.pairs import Pair, tie_pair
-from gs2ci.reconstruct.exposures.pictures import Picture, pictures_of
+from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.refined import Refined, refined
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.geometry.features import match_features
@@ -87,7 +87,7 @@ class Tied:
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class NotTied:
     """An exposure that nothing ties, and why."""
 
     name: str
@@ -103,7 +103,7 @@ class Ties:
         distance_px: Median distance of corners from where other exposures should see them; None if there is none.
     """
 
-    all: tuple[Tied | LeftOut, ...]
+    all: tuple[Tied | NotTied, ...]
     distance_px: float | None
 
     @property
@@ -112,9 +112,9 @@ class Ties:
         return {number: one for number, one in enumerate(self.all) if isinstance(one, Tied)}
 
     @property
-    def left_out(self) -> dict[int, LeftOut]:
+    def left_out(self) -> dict[int, NotTied]:
         """Get the others by index."""
-        return {number: one for number, one in enumerate(self.all) if isinstance(one, LeftOut)}
+        return {number: one for number, one in enumerate(self.all) if isinstance(one, NotTied)}
 
 
 def tie(exposures: Sequence[Untied]) -> Ties:
@@ -161,7 +161,7 @@ def _finite(one: Untied) -> bool:
     return all(np.isfinite(part).all() for part in (*parts, *depths)) and all((depth > 0).all() for depth in depths)
 
 
-def _likely(pictures: dict[int, tuple[Picture, ...]], textured: Sequence[int]) -> list[tuple[int, int]]:
+def _likely(pictures: dict[int, tuple[MeanPicture, ...]], textured: Sequence[int]) -> list[tuple[int, int]]:
     """Choose the pairs that are matched."""
     every = list(itertools.combinations(textured, 2))
     if len(textured) <= _ALL_PAIRS:
@@ -175,14 +175,14 @@ def _likely(pictures: dict[int, tuple[Picture, ...]], textured: Sequence[int]) -
     return sorted(chosen)
 
 
-def _strongest(picture: Picture) -> F32:
+def _strongest(picture: MeanPicture) -> F32:
     """Return the descriptors of features spread over a picture: OpenCV lists them by their place in scale."""
     step = max(1, len(picture.descriptors) // _STRONGEST)
     return picture.descriptors[::step][:_STRONGEST]
 
 
 def _found_again(
-    pictures: dict[int, tuple[Picture, ...]], frame: Frame, pairs: dict[tuple[int, int], Pair]
+    pictures: dict[int, tuple[MeanPicture, ...]], frame: Closed, pairs: dict[tuple[int, int], Pair]
 ) -> dict[tuple[int, int], Pair]:
     """Return pairs of tied exposures that features did not tie, but that see the same things where loops say."""
     missed = [
@@ -199,7 +199,7 @@ def _found_again(
     return {pair: one for pair, one in zip(missed, in_threads(again, missed), strict=True) if one is not None}
 
 
-def _tied(exposures: Sequence[Untied], number: int, better: Refined, frame: Frame) -> Tied:
+def _tied(exposures: Sequence[Untied], number: int, better: Refined, frame: Closed) -> Tied:
     turn, place, scale = better.errors[number]
     partners = sorted({k for pair in frame.pairs if number in pair for k in pair} - {number})
     return Tied(
@@ -220,13 +220,13 @@ def _left_out(
     finite: Sequence[int],
     textured: Sequence[int],
     pairs: dict[tuple[int, int], Pair],
-    frame: Frame,
-) -> LeftOut:
+    frame: Closed,
+) -> NotTied:
     if number not in finite:
-        return LeftOut(one.name, Why.NOT_FINITE)
+        return NotTied(one.name, Why.NOT_FINITE)
     if number not in textured:
-        return LeftOut(one.name, Why.NO_TEXTURE)
+        return NotTied(one.name, Why.NO_TEXTURE)
     own = [pair for pair in pairs if number in pair]
     if not own:
-        return LeftOut(one.name, Why.NOTHING_SHARED)
-    return LeftOut(one.name, Why.CONTRADICTED if set(own) <= set(frame.contradicting) else Why.APART)
+        return NotTied(one.name, Why.NOTHING_SHARED)
+    return NotTied(one.name, Why.CONTRADICTED if set(own) <= set(frame.contradicting) else Why.APART)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.exposures import tie as module
-from gs2ci.reconstruct.exposures.tie import LeftOut, Tied, Why, tie
+from gs2ci.reconstruct.exposures.tie import NotTied, Tied, Why, tie
 from gs2ci.reconstruct.geometry.kinds import Verdict
 from tests.reconstruct.exposures.rooms import (
     PLACES,
@@ -191,7 +191,7 @@ def test_many_exposures_are_matched_with_the_likeliest_partners_only(four, monke
     found = tie([*near, four[0], four[1]])
     assert tried.count(2) == 2
     assert isinstance(found.all[0], Tied)
-    assert isinstance(found.all[2], LeftOut)
+    assert isinstance(found.all[2], NotTied)
 
 
 def test_an_exposure_whose_only_tie_contradicts_the_rest_is_said_so(four, monkeypatch):
