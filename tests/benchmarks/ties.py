@@ -184,7 +184,8 @@ def drawn(number: int, noise: float) -> tuple[Scene, list[Shot]]:
         rng, SIZE, depths=depths, backdrop=BACKDROP, boxes=int(rng.integers(1, 4)), field_of_view_deg=SCENE_DEG
     )
     intrinsics = pinhole(SIZE[1] / 2 / np.tan(np.radians(CAMERA_DEG / 2)), SIZE)
-    layout, taken = LAYOUTS[number % 2], []
+    layout = LAYOUTS[number % 2]
+    taken: list[Shot] = []
     for middle in rng.permutation(_middles(rng, layout, float(intrinsics[0, 0]))):
         poses = _path_about(rng, middle, float(intrinsics[0, 0]))
         views, _ = load_backend("cpu").views(

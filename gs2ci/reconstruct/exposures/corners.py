@@ -71,7 +71,8 @@ class Matches:
     @classmethod
     def joined(cls, parts: Sequence["Matches"]) -> "Matches":
         """Join matches of the same two exposures."""
-        none = cls(*np.zeros((2, 0, 3)), *np.zeros((2, 0, 2)), np.zeros((0, 2), np.int64), np.zeros(0, np.int64))
+        points, places = np.zeros((0, 3)), np.zeros((0, 2))
+        none = cls(points, points, places, places, np.zeros((0, 2), np.int64), np.zeros(0, np.int64))
         return cls(
             *(np.concatenate(columns) for columns in zip(*(part._parts for part in (none, *parts)), strict=True))
         )

@@ -45,11 +45,13 @@ class Closed:
 
 def group_of_most(pairs: Pairs, count: int) -> list[int]:
     """Return the largest group of exposures that pairs join; of equal ones that with the earliest exposure."""
-    left, groups = set(range(count)), []
+    left = set(range(count))
+    groups: list[set[int]] = []
     while left:
         groups.append(_reached(min(left), pairs))
         left -= groups[-1]
-    return sorted(max(groups, key=len))
+    most = max(len(group) for group in groups)
+    return sorted(next(group for group in groups if len(group) == most))
 
 
 def _reached(start: int, pairs: Pairs) -> set[int]:
@@ -67,7 +69,8 @@ def closed(pairs: Pairs, count: int) -> Closed:
         pairs: other_from_one by (one, other).
         count: Of exposures.
     """
-    held, contradicting = dict(pairs), []
+    held = dict(pairs)
+    contradicting: list[tuple[int, int]] = []
     while True:
         group = group_of_most(held, count)
         inside = {pair: found for pair, found in held.items() if pair[0] in group}

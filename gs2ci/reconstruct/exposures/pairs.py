@@ -145,15 +145,15 @@ def _adjusted(
     centre = np.median(matches.one, axis=0)
     unit = float(np.linalg.norm(start.points(centre) - other[0].centre))
     seen = _Seen.of(one, other, matches, start)
-    found = least_squares(
-        lambda change: seen.errors(start.changed(change, centre, unit)),
-        np.zeros(CHANGES),
-        loss="soft_l1",
-        x_scale=_STEPS,
-    )
+
+    def errors(change: F64) -> F64:
+        return seen.errors(start.changed(change, centre, unit))
+
+    found = least_squares(errors, np.zeros(CHANGES), loss="soft_l1", x_scale=_STEPS)
     # Where errors are larger than foretold, so is the covariance.
     variance = max(1.0, float(np.median(np.abs(found.fun)) / 0.6745) ** 2)
-    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    jacobian: F64 = np.asarray(found.jac, np.float64)
+    covariance: F64 = variance * np.asarray(np.linalg.pinv(jacobian.T @ jacobian), np.float64)
     return Pair(start.changed(found.x, centre, unit), centre, unit, covariance, share, matches)
 
 
@@ -165,9 +165,9 @@ class _Seen:
     """
 
     matches: Matches
-    poses: tuple[F64, F64]
-    intrinsics: tuple[F64, F64]
-    whitening: tuple[F64, F64]
+    poses: tuple[F64, ...]
+    intrinsics: tuple[F64, ...]
+    whitening: tuple[F64, ...]
     depth_error: float
 
     @classmethod
@@ -175,9 +175,10 @@ class _Seen:
         cls, one: Sequence[MeanPicture], other: Sequence[MeanPicture], matches: Matches, start: Similarity
     ) -> "_Seen":
         chosen = [[side[k] for k in which] for side, which in zip((one, other), matches.pictures.T, strict=True)]
-        poses = tuple(np.stack([picture.world_to_camera for picture in side]) for side in chosen)
-        intrinsics = tuple(np.stack([picture.intrinsics for picture in side]) for side in chosen)
-        centres = tuple(np.stack([picture.centre for picture in side]) for side in chosen)
+        poses, intrinsics, centres = (
+            tuple(np.stack([getattr(picture, name) for picture in side]) for side in chosen)
+            for name in ("world_to_camera", "intrinsics", "centre")
+        )
         errors = one[0].depth_error, other[0].depth_error
         whitening = []
         for side, similarity, points in ((0, start.inverse, matches.other), (1, start, matches.one)):
@@ -189,7 +190,7 @@ class _Seen:
             along = ends[1] - ends[0]
             covariance = PLACE_ERROR_PX**2 * np.eye(2) + along[:, :, None] * along[:, None, :]
             whitening.append(np.linalg.inv(np.linalg.cholesky(covariance)))
-        return cls(matches, poses, intrinsics, (whitening[0], whitening[1]), float(np.hypot(*errors)))
+        return cls(matches, poses, intrinsics, tuple(whitening), float(np.hypot(*errors)))
 
     def errors(self, other_from_one: Similarity) -> F64:
         """Return the errors in both pictures and of the depth, [5 M], in standard errors."""

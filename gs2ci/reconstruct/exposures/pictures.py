@@ -99,20 +99,21 @@ def _mean(views: F32, world_to_camera: F64, pose: F64, intrinsics: F64, inverse_
     """Return the mean of views, each warped onto the view of a depth."""
     size = inverse_depth.shape
     points = in_world(rays(grid(size, 1), intrinsics) / inverse_depth.reshape(-1, 1), pose)
-    total, count = np.zeros(views.shape[1:], np.float32), np.zeros((*size, 1), np.float32)
+    total: F32 = np.zeros(views.shape[1:], np.float32)
+    count: F32 = np.zeros((*size, 1), np.float32)
     for view, seen_from in zip(views, world_to_camera, strict=True):
         places, _ = project(points, seen_from, intrinsics)
         warped, inside = sampled(view, places.reshape(*size, 2))
-        total += np.where(inside[..., None], warped, 0)
+        total += np.where(inside[..., None], warped, np.float32(0))
         count += inside[..., None]
-    mean: F32 = total / np.maximum(count, 1)
+    mean: F32 = (total / np.maximum(count, 1)).astype(np.float32)
     return mean
 
 
 def sampled(image: F32, places: F64) -> tuple[F32, Bool]:
     """Sample an image, [H, W, C], at places, [h, w, 2] px: [h, w, C], and whether they lie inside, [h, w]."""
     height, width = image.shape[:2]
-    inside: Bool = ((places > 0) & (places < (width, height))).all(axis=2)
+    inside: Bool = np.asarray(((places > 0) & (places < (width, height))).all(axis=2), bool)
     at = np.where(inside[..., None], places - 0.5, -1.0).astype(np.float32)
     found = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return found.reshape(*places.shape[:2], image.shape[2]), inside

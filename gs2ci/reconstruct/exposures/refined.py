@@ -160,13 +160,17 @@ def _map(inverse_depth: F32, pixels: F64, depth: F64) -> F32:
     height, width = inverse_depth.shape
     columns, rows = pixels.astype(int).clip(0, (width - 1, height - 1)).T
     model = np.stack([inverse_depth[rows, columns].astype(np.float64), np.ones(len(depth))], axis=1)
-    known, weight, numbers = 1 / depth, np.ones(len(depth)), np.zeros(2)
+    known = 1 / depth
+    weight: F64 = np.ones(len(depth))
+    numbers: F64 = np.zeros(2)
     for _ in range(_FITS):
-        numbers = np.linalg.lstsq(model * weight[:, None], known * weight, rcond=None)[0]
+        numbers = np.asarray(np.linalg.lstsq(model * weight[:, None], known * weight, rcond=None)[0], np.float64)
         off = np.abs(known - model @ numbers)
-        weight = 1 / np.sqrt(1 + (off / (_ROBUST * max(float(np.median(off)) / 0.6745, _EPSILON))) ** 2)
+        spread = max(float(np.median(off)) / 0.6745, _EPSILON)
+        weight = np.asarray(1 / np.sqrt(1 + (off / (_ROBUST * spread)) ** 2), np.float64)
     far, near = np.percentile(known, _ENDS) * _RANGE
-    return (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)
+    found: F32 = (numbers[0] * inverse_depth + numbers[1]).clip(far, near).astype(np.float32)
+    return found
 
 
 def _path(geometry: Geometry, views: F32, pixels: F64, points: F64) -> F64:

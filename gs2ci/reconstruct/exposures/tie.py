@@ -12,9 +12,10 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.exposures.loops import Closed, closed
@@ -72,7 +73,7 @@ class Tied:
         turn_error_deg: Standard error of the similarity's rotation.
         place_error: Of the place of what it sees, as a share of its distance from the camera.
         scale_error: Of the scale, as a share.
-        partners: Names of exposures that see the same things.
+        partners: Indices of exposures that see the same things.
         corners: How many of its corners others see.
     """
 
@@ -82,7 +83,7 @@ class Tied:
     turn_error_deg: float
     place_error: float
     scale_error: float
-    partners: tuple[str, ...]
+    partners: tuple[int, ...]
     corners: int
 
 
@@ -156,9 +157,9 @@ def tie(exposures: Sequence[Untied]) -> Ties:
 
 def _finite(one: Untied) -> bool:
     geometry = one.geometry
-    parts = (one.views, geometry.world_to_camera, geometry.intrinsics, geometry.inverse_depth)
-    depths = (geometry.inverse_depth, *(depth.inverse_depth for depth in geometry.view_depths))
-    return all(np.isfinite(part).all() for part in (*parts, *depths)) and all((depth > 0).all() for depth in depths)
+    depths = [geometry.inverse_depth, *(depth.inverse_depth for depth in geometry.view_depths)]
+    parts: list[NDArray[Any]] = [one.views, geometry.world_to_camera, geometry.intrinsics, *depths]
+    return all(np.isfinite(part).all() for part in parts) and all((depth > 0).all() for depth in depths)
 
 
 def _likely(pictures: dict[int, tuple[MeanPicture, ...]], textured: Sequence[int]) -> list[tuple[int, int]]:
@@ -209,7 +210,7 @@ def _tied(exposures: Sequence[Untied], number: int, better: Refined, frame: Clos
         float(np.degrees(turn)),
         float(place),
         float(scale),
-        tuple(exposures[k].name for k in partners),
+        tuple(partners),
         better.corners[number],
     )
 
