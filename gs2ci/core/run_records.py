@@ -89,6 +89,7 @@ class RunResult:
         race: What became of each hypothesis of path, depth order and motion, in the order of entering.
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
+        device: What rendered: "cpu", or a CUDA device with its model.
     """
 
     views: F32
@@ -122,6 +123,7 @@ class RunResult:
     motion: Mapping[str, Any] = field(default_factory=dict)
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
+    device: str = "cpu"
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and contain only finite numbers.

@@ -17,7 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.settings import Settings
 
 Switch = Callable[[Settings], Settings]

@@ -33,8 +33,8 @@ from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.exposures.tie import Tied, Ties, Untied, tie
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
-from gs2ci.reconstruct.geometry.view_depths import in_picture, project
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend

@@ -14,8 +14,8 @@ import numpy as np
 from gs2ci.reconstruct.exposures.pictures import depths_of
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Tied, Ties
-from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import grid, project
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
+from gs2ci.reconstruct.geometry.path.motion import rays
 
 # A place disagrees if neighbours see what both see displaced by more than this share of the picture's width: at 128 px
 # eight. Ties of decoded rooms are off by up to 5 px where exposures lie in a row (`python -m tests.benchmarks ties`).

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, sampled
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.geometry.features import match_features
-from gs2ci.reconstruct.geometry.tracks import TrackSettings, find_corners, refine_tracks
-from gs2ci.reconstruct.geometry.view_depths import grid, project
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
+from gs2ci.reconstruct.geometry.tracks.features import match_features
+from gs2ci.reconstruct.geometry.tracks.tracks import TrackSettings, find_corners, refine_tracks
 
 # So many corners of a picture, spread over it, are enough for its seven numbers; more take longer.
 _CORNERS: Final = TrackSettings(corners=400)

@@ -15,11 +15,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.geometry.brightened import brightened
-from gs2ci.reconstruct.geometry.features import find_features
+from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth, grid, project, turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth, grid, project, turns_far
+from gs2ci.reconstruct.geometry.path.motion import rays
+from gs2ci.reconstruct.geometry.tracks.brightened import brightened
+from gs2ci.reconstruct.geometry.tracks.features import find_features
 
 # Where the path turns far, a picture is the mean of its view and so many others, those turned least against it: the
 # rest see other surfaces.

@@ -23,10 +23,10 @@ from gs2ci.reconstruct.exposures.pairs import colmap_camera
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.similarity import CHANGES, Similarity
 from gs2ci.reconstruct.exposures.together import Adjusted, Corners, adjusted_together
+from gs2ci.reconstruct.geometry.depth.view_depths import project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
-from gs2ci.reconstruct.geometry.tracks import find_tracks
-from gs2ci.reconstruct.geometry.view_depths import project
+from gs2ci.reconstruct.geometry.tracks.tracks import find_tracks
 
 # Rounds of corners, maps and paths: each halves what the depth maps were off by.
 ROUNDS: Final = 3

@@ -23,8 +23,8 @@ from gs2ci.reconstruct.exposures.pairs import Pair, tie_pair
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.refined import Refined, refined
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.geometry.features import match_features
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.tracks.features import match_features
 from gs2ci.reconstruct.threads import in_threads
 
 # Fewer features than this are no texture: RANSAC needs seven that agree.

@@ -6,8 +6,8 @@ plane sweep. So a few of them are swept during the fit, depth on which the sweep
 loss penalises light that is stopped elsewhere. The weight of this term decreases, so that the measurement decides in
 the end; light that has been drawn to surfaces stays there.
 
-Here: the sweeps, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`), the agreement
-of several (`geometry.map_agreement`).
+Here: the sweeps, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.depth.surface_map`), the
+agreement of several (`geometry.depth.map_agreement`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,9 +35,9 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
-from gs2ci.reconstruct.geometry.map_agreement import agreement
-from gs2ci.reconstruct.geometry.surface_map import surface_map
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
+from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import pull_back
 from gs2ci.render.conventions import NEAR

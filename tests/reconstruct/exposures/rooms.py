@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.cameras import in_world, pinhole
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Untied
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import Verdict
-from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import grid, project
+from gs2ci.reconstruct.geometry.path.motion import rays
 
 SIZE = (96, 128)
 FOCAL_PX = 140.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.exposures.pictures import depths_of, has_depth, pictures_of, sampled
+from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 from tests.reconstruct.exposures.rooms import VIEWS, exposure, middle
 
 
