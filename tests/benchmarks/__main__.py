@@ -17,6 +17,7 @@ import torch
 
 BENCHMARKS = (
     "first_table",
+    "photographs_drawn",
     "rasteriser",
     "profile",
     "gpu_kernels",
@@ -107,6 +108,7 @@ LONG = (
     "depth",
     "lengths",
     "first_table",
+    "photographs_drawn",
     "list_reuse",
     "harmonics",
     "beside_files",
