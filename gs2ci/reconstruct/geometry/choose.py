@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
@@ -261,7 +261,10 @@ def _sources(request: Request) -> Iterator[str]:
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:
     """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
-    found = matched_motion(request, tracks)
+    try:
+        found = matched_motion(request, tracks)
+    except GeometryError as error:
+        return _Answer(None, float("inf"), f"the {PathSource.MATCHES} matches failed ({error.problem})")
     if not found.has_path:
         return _Answer(
             None, float("inf"), f"the {PathSource.MATCHES} matches failed (no scene that all views join)", found.joined

@@ -27,6 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
@@ -99,7 +100,12 @@ def look_far_apart(
     longer = first if first.is_decoded_at_length else first.decoded_longer(settings.long_decode.sparse, progress)
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
-    geometry = matched_motion(request, first.geometry, tilted=True)
+    try:
+        geometry = matched_motion(request, first.geometry, tilted=True)
+    except GeometryError as error:
+        progress.say(error.problem)
+        lap("geometry")
+        return None
     # Around an object, 80° from the first view to the last, views warped along the right path explained less than a
     # camera at rest: there it is enough that halves of the matches agree. For a camera that did not move they
     # once agreed to 5 %, along a path of 2 % of the depth.

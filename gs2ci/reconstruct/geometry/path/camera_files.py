@@ -16,7 +16,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL
 from gs2ci.core.colmap import pycolmap
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.natural_order import natural_order
@@ -109,6 +109,8 @@ def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
 def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     try:
         model = pycolmap.Reconstruction(str(folder))
+    except GeometryError as error:
+        raise InputError(f"{folder}: {error.problem}", allowed="a transforms.json") from error
     except Exception as error:
         # pycolmap raises whatever its C++ side threw.
         raise InputError(f"{folder} is not a COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error

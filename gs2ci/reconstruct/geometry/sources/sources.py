@@ -136,7 +136,8 @@ class FromWide:
         """Find the geometry; see `GeometryPrior`.
 
         Raises:
-            GeometryError: The views do not all join one scene, or their depths along its path do not agree.
+            GeometryError: The views do not all join one scene, or their depths along its path do not agree; or
+                pycolmap cannot be had.
         """
         found = matched_motion(request, from_tracks(request, progress))
         if not found.has_path:
@@ -179,7 +180,11 @@ class FromFile:
 
 
 def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
-    """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none."""
+    """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none.
+
+    Raises:
+        GeometryError: pycolmap, which grows the scene, cannot be had on this machine.
+    """
     return replace(wide_motion(request, tracks, tilted=tilted), source=PathSource.MATCHES)
 
 

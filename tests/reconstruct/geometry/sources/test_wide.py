@@ -112,40 +112,13 @@ def test_tilted_pictures_give_more_points_and_the_same_path(request_for, scene, 
     assert trajectory_errors(tilted.world_to_camera, scene.poses).nate < 0.03
 
 
-def test_only_the_strongest_features_of_tilted_pictures_are_kept(scene):
-    all_places, _ = wide._features(scene.views[2], 100_000)
-    places, descriptors = wide._features(scene.views[2], 100)
-    assert (len(places), len(descriptors)) == (100, 100)
-    assert len(all_places) > 1000
-    assert {tuple(place) for place in places} <= {tuple(place) for place in all_places}
-
-
 def test_more_views_share_the_features_of_tilted_pictures(request_for, monkeypatch):
     asked = []
     monkeypatch.setattr(
         wide,
-        "_features",
+        "find_features",
         lambda view, tilted: asked.append(tilted) or (np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)),
     )
     request = request_for()
     assert wide_motion(request, flat(request), tilted=True).verdict == "unsupported"
     assert asked == [64_000 // len(PLACES)] * len(PLACES)
-
-
-def test_matches_are_mutual_distinct_and_one_to_one():
-    one = np.eye(4, dtype=np.float32)
-    one[1] = one[0]
-    other = one[[0, 2, 2]]
-    # The last two of `other` are alike: the third of `one` has no distinct match, and its fourth has none at all.
-    np.testing.assert_array_equal(wide._matches(one, other), [[0, 0]])
-    # The first two of `one` are alike; of two that match its third, the first does.
-    np.testing.assert_array_equal(wide._matches(other, one), [[1, 2]])
-    assert wide._matches(one[:1], other).shape == (0, 2)
-
-
-def test_matches_are_the_same_in_parts(monkeypatch, scene):
-    (_, one), (_, other) = (wide._features(view) for view in scene.views[:2])
-    whole = wide._matches(one, other)
-    assert len(whole) > 30
-    monkeypatch.setattr(wide, "_ROWS", 7)
-    np.testing.assert_array_equal(wide._matches(one, other), whole)
