@@ -83,18 +83,42 @@ def test_one_exposure_alone_is_fitted_as_a_reconstruction_of_it_fits(shots):
 
 
 @pytest.mark.slow
-def test_an_exposure_that_nothing_ties_is_left_out_by_name_and_changes_nothing(shots, together):
-    stray = replace(shots[0], telemetry_world_to_camera=None, name="stray")
-    found = reconstruct_together([*shots, stray], SETTINGS)
+def test_an_exposure_of_another_room_is_left_out_by_name_and_changes_nothing(shots, together):
+    stray = adjacent(room(7, SIZE), SIZE, 7, 1, staged=False)[0]
+    found = reconstruct_together([*shots, replace(stray, name="stray")], SETTINGS)
     assert [note.figures["name"] for note in found.left_out] == ["stray"]
     assert np.array_equal(found.result.views, together.result.views)
 
 
 @pytest.mark.slow
-def test_exposures_that_nothing_ties_are_refused(shots):
-    untold = [replace(shot, telemetry_world_to_camera=None) for shot in shots[:2]]
+def test_exposures_that_nothing_ties_are_refused():
+    untold = [adjacent(room(seed, SIZE), SIZE, seed, 1, staged=False)[0] for seed in (1, 2)]
     with pytest.raises(GeometryError, match="nothing ties"):
         reconstruct_together(untold, SETTINGS)
+
+
+@pytest.mark.slow
+def test_exposures_without_a_stage_are_tied_by_what_they_show():
+    size = (72, 96)
+    shots = adjacent(room(0, size), size, 0, 3, noise=0.01, staged=False)
+    found = reconstruct_together(shots, SETTINGS)
+    assert found.left_out == ()
+    truth = np.concatenate([shot.truth.world_to_camera for shot in shots])
+    assert trajectory_errors(found.result.world_to_camera, truth).nate < 0.05
+
+
+@pytest.mark.slow
+def test_an_exposure_whose_place_the_stage_misreports_is_placed_by_its_pictures():
+    size = (72, 96)
+    shots = adjacent(room(0, size), size, 0, 4, noise=0.01)
+    off = shots[1].telemetry_world_to_camera.copy()
+    off[:, 1, 3] += 0.6
+    wrong = replace(shots[1], telemetry_world_to_camera=off)
+    found = reconstruct_together([shots[0], wrong, *shots[2:]], SETTINGS)
+    told = [note for note in found.result.notes if note.code is Code.EXPOSURE_PLACED_OTHERWISE]
+    assert [note.figures["name"] for note in told] == ["path 1"]
+    truth = np.concatenate([shot.truth.world_to_camera for shot in shots])
+    assert trajectory_errors(found.result.world_to_camera, truth).nate < 0.02
 
 
 def test_exposures_of_different_cameras_are_refused(shots):
