@@ -44,8 +44,7 @@ def places(observed: Sequence[ObservedExposure]) -> Places:
         return Places((observed[0].in_common(Similarity.identity()),))
     ties = tie([one.untied() for one in observed])
     given = by_stage([one.shot for one in observed], [one.geometry for one in observed])
-    off = disagreeing(ties, given)
-    trusted = {number: similarity for number, similarity in given.items() if number not in off}
+    trusted, off = _trusted(ties, given)
     known = {**_by_pictures(ties, trusted), **trusted}
     if len(known) < 2:
         raise GeometryError(
@@ -70,6 +69,19 @@ def places(observed: Sequence[ObservedExposure]) -> Places:
         if number in known
     )
     return Places(placed, left_out, moved)
+
+
+def _trusted(ties: Ties, given: dict[int, Similarity]) -> tuple[dict[int, Similarity], dict[int, float]]:
+    """Return the places by a stage that what exposures see does not contradict; and by how many px the others are off.
+
+    The worst goes first: beside a wrong place, right ones of its neighbours seem wrong too.
+    """
+    trusted, off = dict(given), dict[int, float]()
+    while wrong := disagreeing(ties, trusted):
+        worst = max(wrong, key=lambda number: wrong[number])
+        off[worst] = wrong[worst]
+        del trusted[worst]
+    return trusted, off
 
 
 def _by_pictures(ties: Ties, trusted: dict[int, Similarity]) -> dict[int, Similarity]:

@@ -49,8 +49,8 @@ def placed(geometry: Geometry, common_from_own: Similarity) -> Geometry:
 def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int, Similarity]:
     """Return common_from_own of the exposures whose paths a stage gave, by index.
 
-    The common coordinates are those of the first of them. A stage reports all exposures of a session in one frame and one unit, and each single path was checked against its
-    own views before it was taken (`geometry.choose`).
+    The common coordinates are those of the first of them. A stage reports all exposures of a session in one frame and
+    one unit, and each single path was checked against its own views before it was taken (`geometry.choose`).
     """
     given = {
         number: (shot.telemetry_world_to_camera[geometry.reference], geometry.unit)
