@@ -123,10 +123,10 @@ def _adjacent(number: int, scene: Scene) -> str:
     whole = summed(shots, "all")
     alone = np.mean(singles, axis=0)
     best = float(np.mean(np.max(novel, axis=0)))
-    own = _figures(joint.result, whole)
+    own, name = _figures(joint.result, whole), f"room {number}"
     found_between = float(np.mean(_between(joint.result, joint.scene, whole, scene, gaps)))
     return (
-        f"room {number} alone    {alone[0]:6.2f} {best:6.2f} {alone[1]:.4f} {alone[2]:.4f} {alone[3]:.4f} {spent:6.1f}\n"
+        f"{name} alone    {alone[0]:6.2f} {best:6.2f} {alone[1]:.4f} {alone[2]:.4f} {alone[3]:.4f} {spent:6.1f}\n"
         f"       together {own[0]:6.2f} {found_between:6.2f} {own[1]:.4f} {own[2]:.4f} {own[3]:.4f} {together_s:6.1f}"
     )
 
