@@ -81,6 +81,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
+        PageSection("Exposures", _exposures(report), "One scene, and the views and the path of each exposure."),
         PageSection("Quality against time", _curve(report) + _race(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
     ]
@@ -328,6 +329,35 @@ def _curve(report: Report) -> Markup:
     return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no curve to show.")
 
 
+def _exposures(report: Report) -> Markup:
+    """List what each of several exposures gave."""
+    if len(report.exposures) < 2:
+        return Markup()
+
+    def said(value: float | None) -> str:
+        return "" if value is None else f"{value:.4f}"
+
+    def better(first: int, views: int) -> str:
+        known = None if report.psnr_db is None else report.psnr_db.per_view[first : first + views]
+        return "" if not known else f"{sum(known) / len(known):.2f}"
+
+    rows = [
+        [
+            one.name,
+            f"{one.first_view} to {one.first_view + one.views - 1}",
+            one.path,
+            said(one.heldout_rms.decode),
+            said(one.heldout_rms.scene),
+            said(one.heldout_rms.of(one.verdict)),
+            better(one.first_view, one.views),
+        ]
+        for one in report.exposures
+    ]
+    headings = ("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB")
+    shown = [number for number in range(len(headings)) if any(row[number] for row in rows)]
+    return pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
+
+
 def _race(report: Report) -> Markup:
     """Show who led when, and what became of each hypothesis."""
     colours: tuple[Colour, ...] = ("accent", "truth", "third", "fourth", "fifth", "muted")
@@ -408,7 +438,7 @@ def _measurement(report: Report) -> Markup:
     sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}
     rows: list[tuple[str, Any]] = [
         ("pixels", f"{width} × {height}, {colours}"),
-        ("masks in one exposure", report.views),
+        ("masks in one exposure" if not report.exposures else "masks in all exposures", report.views),
     ]
     if report.geometry is not None:
         focal = f"{describe_number(report.geometry.focal_px)} px {sources[report.geometry.focal_source]}"
