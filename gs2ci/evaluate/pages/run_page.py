@@ -23,6 +23,7 @@ from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
+from gs2ci.evaluate.summary import summary_rows
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -149,31 +150,10 @@ def _where_from(report: Report) -> str:
 
 
 def _figures(report: Report) -> list[FigureOfMerit]:
-    """Choose the most important figures."""
-    found = []
-    if report.psnr_db is not None:
-        each = report.psnr_db.per_view
-        found.append(
-            FigureOfMerit(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}")
-        )
-    if report.ssim is not None and report.decode.ssim is not None:
-        found.append(FigureOfMerit(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
-    if report.heldout_rms is not None:
-        found.append(FigureOfMerit(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
-    else:
-        found.append(FigureOfMerit(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
-    if report.trajectory is not None and report.trajectory.nate is not None:
-        path = report.trajectory
-        remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
-        found.append(FigureOfMerit(f"{path.nate:.4f}", "Path error (nATE)", remark))
-    if report.depth is not None:
-        off, rest = report.depth.errors().in_words()
-        found.append(FigureOfMerit(off, "Depth, median", rest))
-    found.append(
-        FigureOfMerit(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores")
-    )
-    found.append(FigureOfMerit(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
-    return found
+    """Return the most important figures: the summary's, without what only completes another."""
+    judged = report.heldout_rms is not None
+    rest = ("rotation", "residual") if judged else ("rotation",)
+    return [FigureOfMerit(value, name, remark) for name, value, remark in summary_rows(report) if name not in rest]
 
 
 def _views(report: Report, pictures: RunPictures) -> Markup:
