@@ -25,7 +25,7 @@ _DEFINED = {
     "gs2ci.api.runs": ("Run", "open_run"),
     "gs2ci.api.decoding": ("decode",),
     "gs2ci.api.scoring": ("evaluate", "measure"),
-    "gs2ci.api.costs": ("make_table", "tradeoff"),
+    "gs2ci.api.costs": ("tradeoff",),
     "gs2ci.api.rigs": ("OpenRig", "find_devices", "open_rig"),
     "gs2ci.api.ophyd": ("ophyd_bench",),
     "gs2ci.api.plans": ("explain", "plan"),

@@ -1,5 +1,4 @@
 from gs2ci.api.bundles import update_bundle as update_bundle
-from gs2ci.api.costs import make_table as make_table
 from gs2ci.api.costs import tradeoff as tradeoff
 from gs2ci.api.decoding import decode as decode
 from gs2ci.api.demonstration import demo_rig as demo_rig
@@ -71,7 +70,6 @@ __all__ = [
     "list_models",
     "list_plugins",
     "load",
-    "make_table",
     "measure",
     "mesh",
     "open_rig",

@@ -63,12 +63,9 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "doctor": ("gs2ci.commands.doctor", "check a bench: permissions, clocks, trigger line"),
     "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
     "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
-    "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
     "compile": ("gs2ci.commands.compile", "compile all kernels now instead of in the first run"),
 }
-# Names that commands had before -> what they are called now. Refused, naming the new one.
-RENAMED: Final[dict[str, str]] = {"bench": "tables"}
 QUIET_WORD: Final = "--quiet"
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
@@ -107,9 +104,6 @@ def _serve(arguments: list[str]) -> int:
     if arguments[0] == "--version":
         sys.stdout.write(f"gs2ci {__version__}\n")
         return 0
-    if arguments[0] in RENAMED:
-        sys.stderr.write(f"gs2ci: {arguments[0]!r} is now called {RENAMED[arguments[0]]!r}; nothing was done\n")
-        return EXIT_USER_ERROR
     if arguments[0] not in COMMANDS:
         longer = [name for name in COMMANDS if name.startswith(arguments[0])]
         near = longer or difflib.get_close_matches(arguments[0], COMMANDS, 1)

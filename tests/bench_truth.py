@@ -12,7 +12,6 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.simulated import SimulatedBench
-from gs2ci.tables import calibration
 from gs2ci_calibration.bench import Bench
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
@@ -28,6 +27,7 @@ from gs2ci_sims.effects.vignetting import Vignetting
 from gs2ci_sims.rig import Rig as SimulatedRig
 from gs2ci_sims.wires.genicam import GenicamModel
 from gs2ci_sims.wires.v4l2_camera import CameraModel
+from tests.tables import calibration
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,8 @@ _MECHANISMS_HEAD = """\
 # Mechanisms
 
 What the default is made of beyond decode, geometry and fit, the constants of the presets, and what each mechanism gave
-when it was last left out. `gs2ci tables ablation --mechanisms` leaves them out one at a time
-([tables](commands/tables.md)); the rule by which they stay is in
+when it was last left out. `python -m tests.tables ablation --mechanisms` leaves them out one at a time
+([tables](tables.md)); the rule by which they stay is in
 [CONTRIBUTING](../CONTRIBUTING.md).
 Lists and constants are made from `gs2ci/reconstruct` by `python -m tests.docs`.
 """

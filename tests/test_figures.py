@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
-from gs2ci.tables.literature import LEARNED
 from gs2ci_sims.scenes.files import scene_names
+from tests.tables.catalogue import TABLES, TableOptions, chosen_cases
+from tests.tables.literature import LEARNED
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "commands").glob("*.md"))]
@@ -108,9 +108,9 @@ CLAIM = "## Figures\n\n{}\n\n| | PSNR, dB |\n|---|---:|\n| default | 31.25 |\n| 
 @pytest.mark.parametrize(
     ("words", "missing"),
     [
-        ("`gs2ci tables seeds --cases boxes --seeds 3`:", ""),
+        ("`python -m tests.tables seeds --cases boxes --seeds 3`:", ""),
         ("Photographs on planes, one seed:", ""),
-        ("`gs2ci tables seeds --cases boxes`:", "seeds"),
+        ("`python -m tests.tables seeds --cases boxes`:", "seeds"),
         ("The default ends where seeds and scenes agree:", "data, seeds"),
         ("Three seeds, a fernlike scene:", "data"),
         ("Better on every scene, by far:", "data, seeds"),
@@ -128,11 +128,11 @@ def test_a_table_of_scores_without_data_or_seeds_is_found(words, missing):
 
 
 def named_tables():
-    """Every `gs2ci tables` with options that a page names: page, table, and its lines and cases."""
+    """Every `python -m tests.tables` with options that a page names: page, table, and its lines and cases."""
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        given = re.findall(r"`gs2ci tables ([a-z-]+[^`]*)`", text) + re.findall(
-            r"^ {4}gs2ci tables (\S.*)$", text, re.M
+        given = re.findall(r"`python -m tests.tables ([a-z-]+[^`]*)`", text) + re.findall(
+            r"^ {4}python -m tests.tables (\S.*)$", text, re.M
         )
         for words in map(shlex.split, given):
             options: dict[str, list[str]] = {"": []}

@@ -20,9 +20,9 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.paper.priors2d.choose import load_prior
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS
-from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.rig.opening import load_rig
 from gs2ci_drivers import plugin as driver_plugins
 from gs2ci_sims import light_path as light_paths

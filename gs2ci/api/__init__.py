@@ -7,7 +7,7 @@
     decoding.py        decode; decoders.py: which words name which decoder
     scoring.py         evaluate, measure
     exports.py         export, mesh
-    costs.py           tradeoff, make_table
+    costs.py           tradeoff
     rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage
     plans.py           plan, demo's rig file; sweeps.py: sweep, plans along a figure of the rig
     models.py          add_model, export_model, list_models

@@ -27,13 +27,13 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, with_iterations
 from gs2ci.reconstruct.decode.patches.within_time import decode_until, patch_decode
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
-from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_models import find_model
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.faulty import close_faulty_pixels
+from gs2ci.reconstruct.paper.proxies.routing import build_proxies
 from gs2ci.reconstruct.registration.register import Registered
 
 # Views, a record of the decode as plain values, and sentences about it.

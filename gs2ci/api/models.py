@@ -180,7 +180,7 @@ def _open(name: ModelName, path: Path) -> Any:
     from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
     from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
     from gs2ci.reconstruct.learned.vggt import Vggt
-    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+    from gs2ci.reconstruct.paper.priors2d.onnx_prior import OnnxPrior
 
     kinds: dict[ModelName, Callable[[Path], Any]] = {
         "vggt": Vggt,

@@ -28,7 +28,8 @@ from gs2ci.reconstruct.choices import (
 )
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.presets import ablation
+from gs2ci.reconstruct.paper import ablation
+from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.harmonics import DEGREE_MAX
@@ -88,9 +89,8 @@ class Overrides:
             settings = settings.with_density_rule(self.density)
         settings = self._on_fit(ablation.without(settings, self.without))
         if self.fine_stage:
-            default = settings.fine or settings.fine_if_asked
-            stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
-            settings = replace(settings, fine=stage)
+            stage = settings.fine or settings.fine_if_asked or FineSettings()
+            settings = replace(settings, fine=stage.with_models(self.prior, self.distance))
         return settings
 
     def _on_fit(self, settings: Settings) -> Settings:

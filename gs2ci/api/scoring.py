@@ -66,7 +66,7 @@ def evaluate(
     from gs2ci.evaluate.noise import SensorNoise
     from gs2ci.evaluate.novel_views import read_novel_views
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
-    from gs2ci.reconstruct.fit import perceptual
+    from gs2ci.reconstruct.paper import perceptual
 
     noise = None if read_noise is None else SensorNoise(read_noise, math.inf if electrons is None else electrons)
     folder = folder_of(run)

@@ -1,6 +1,6 @@
 """Dask: connecting to an existing cluster or starting workers on this machine, and having items of work done by them.
 
-Here: `workers`, `completed`. Not here: the work that is sent (`crew`; `gs2ci.tables.workers`).
+Here: `workers`, `completed`. Not here: the work that is sent (`crew`).
 """
 
 import asyncio

@@ -29,8 +29,8 @@ from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.report import EXPOSED_NAME, REGISTERED_NAME, MeasurementSection, Report, read_report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
-from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.paper.perceptual import PerceptualDistance
 from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/2"
@@ -78,7 +78,7 @@ class ReferenceData:
         depth: True depth, [N, H, W], instead of the shot's own.
         novel: True views from other poses.
         noise: Noise of the sensor.
-        lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.fit.perceptual`).
+        lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.paper.perceptual`).
     """
 
     shot: Shot

@@ -1,6 +1,6 @@
 """Limits of the scales of pictures: the white of a measurement, depths, errors.
 
-Not here: how they are coloured (`panels.py`, `pages/pictures.py`).
+Not here: how they are coloured (`pages/pictures.py`).
 """
 
 from typing import Any, Final

@@ -1,7 +1,7 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
 Here: names alone, so that help and error messages do not wait for heavy libraries to load. Not here: what a name
-stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
+stands for (`presets`, `paper.proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
 from enum import StrEnum

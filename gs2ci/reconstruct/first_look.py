@@ -19,7 +19,6 @@ from gs2ci.reconstruct.choices import Decoder, FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
-from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
@@ -27,6 +26,7 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geomet
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate, relit
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -130,7 +130,10 @@ def look(
     for rounds_left in range(settings.brightness.rounds, -1, -1):
         decoded = decode_by_name(holdout.seen, settings.first_look, settings.decode, progress)
         lap("decode")
-        views, proxy_notes = geometry_views(holdout.seen, decoded, settings.proxy, masks_of or holdout.shot)
+        views, proxy_notes = decoded, ()
+        if settings.proxy != "gap-tv":
+            proxies = paper_part(PaperPart.GEOMETRY_VIEWS)
+            views, proxy_notes = proxies(holdout.seen, settings.proxy, masks_of or holdout.shot)
         geometry = find_geometry(prior, Request.of(holdout.seen, views, settings.geometry, lens), progress)
         light = estimate(holdout, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
         lap("geometry")

@@ -1,11 +1,11 @@
-"""The mechanisms of a reconstruction, each with the switch that leaves it out: what `gs2ci tables` can take away.
+"""The mechanisms of a reconstruction, each with the switch that leaves it out: what a table can take away.
 
 A mechanism is a step without which a reconstruction still works, and which has to show on new data that it is worth its
 time and its code (CONTRIBUTING, "How to change quality"). Figures of each, and of those that were deleted, are in
 docs/mechanisms.md.
 
 Here: names, switches, and the decisions that let them in. Not here: the components of the paper's own ablation
-(`presets.ablation`), the table (`gs2ci.tables.paired`).
+(`presets.ablation`), the table (docs/tables.md).
 """
 
 from collections.abc import Callable

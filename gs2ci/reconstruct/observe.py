@@ -16,7 +16,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
-from gs2ci.reconstruct.fit.fine import Fine
+from gs2ci.reconstruct.fit.extensions import LastStage
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
 from gs2ci.reconstruct.fit.refinement import Refinement
@@ -44,7 +44,7 @@ class Tools:
     """The parts that the settings name, loaded first, so that a wrong name is refused before any work is done."""
 
     backend: Backend
-    fine: Fine | None
+    fine: LastStage | None
     geometry_prior: GeometryPrior
 
     @classmethod
@@ -55,7 +55,7 @@ class Tools:
             InputError: There is none of a name.
         """
         backend = load_backend(settings.backend, settings.raster)
-        fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
+        fine = None if settings.fine is None else settings.fine.load(settings.fit.loss, settings.seed)
         return cls(backend, fine, load_geometry_prior(settings.poses))
 
 

@@ -78,7 +78,7 @@ def reconstruct(
     ensemble, geometry = raced.ensemble, raced.geometry
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
-        ensemble = fits.fine(raced.fits, ensemble, renderer, tools.fine)
+        ensemble = fits.fine(ensemble, renderer, tools.fine)
     progress.stage("views")
     recovered = hand_over(raced.first, ensemble, fits.refine, fits.settings, raced.motion.polishing, hurried=hurried)
     recovered = recovered.in_the_middle(ensemble, renderer)

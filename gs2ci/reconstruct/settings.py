@@ -17,10 +17,9 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.extensions import LastStageSettings, Withholding
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.rules import with_rule
-from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.registration.register import RegistrationSettings
@@ -52,12 +51,12 @@ class Settings(Bounded):
         fits: How many coarse fits there are at least; the views are their mean (`fit/ensemble.py`). Fits along each of
             two doubtful paths, and those of both orders of depth, count among them.
         second_density: The density rule of every second of them; None: that of the first.
-        fine: Of the fine stage; None skips it.
-        fine_if_asked: Its settings if a user requests it and `fine` is None.
+        fine: Of the stage after the coarse ones, the paper's fine stage; None skips it.
+        fine_if_asked: Its settings if a user requests it and `fine` is None; None: its defaults.
         residual: Of the last step, which decodes the residual that the scene leaves; None returns the scene's views
             unchanged and never combines them with the decode.
         stride_px: Distance of the first Gaussians along rows and columns.
-        withheld: The part of the geometry that is withheld from the fit; for ablations.
+        withheld: The part of the geometry that is withheld from the fit, for ablations; None: nothing.
         backend: The renderer.
         raster: What the renderer may leave out for speed.
         brightness: Of the estimate of the views' brightness, which corrects wrong weights.
@@ -83,11 +82,11 @@ class Settings(Bounded):
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     fits: Annotated[int, Field(ge=1, le=MOST_FITS)] = 2
     second_density: DensityRule | None = field(default_factory=Osgr.generous)
-    fine: FineSettings | None = None
-    fine_if_asked: FineSettings = field(default_factory=FineSettings)
+    fine: LastStageSettings | None = None
+    fine_if_asked: LastStageSettings | None = None
     residual: ResidualSettings | None = field(default_factory=ResidualSettings)
     stride_px: PositiveInt = 3
-    withheld: Withheld = field(default_factory=Withheld)
+    withheld: Withholding | None = None
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
@@ -101,12 +100,12 @@ class Settings(Bounded):
     @property
     def may_look_again(self) -> bool:
         """Get whether a second look may be taken: pixels are held out to judge it, and no geometry is withheld."""
-        return self.look_again and self.fit.hold_out.share > 0 and self.withheld == Withheld()
+        return self.look_again and self.fit.hold_out.share > 0 and self.withheld is None
 
     @property
     def may_move(self) -> bool:
         """Get whether a moving scene may be tried beside a still one: pixels are held out to judge it."""
-        return self.motion == "auto" and self.fit.hold_out.share > 0 and self.withheld == Withheld()
+        return self.motion == "auto" and self.fit.hold_out.share > 0 and self.withheld is None
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:

@@ -1,6 +1,6 @@
 """The laws that every density rule keeps; for testing a rule of your own.
 
-Here: `check_density_rule`, on a line of Gaussians. Not here: whether a rule is any good (`gs2ci tables density`).
+Here: `check_density_rule`, on a line of Gaussians. Not here: whether a rule is any good (docs/density.md).
 """
 
 import torch

@@ -24,7 +24,7 @@ from gs2ci.batch.rows import Row
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.presets.named import PRESETS
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 SHOTS = int(os.environ.get("GS2CI_BATCH_SHOTS", "64"))
 SIZE = (64, 88)

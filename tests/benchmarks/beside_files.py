@@ -1,4 +1,4 @@
-"""Measurements made without a Gaussian renderer, as files for `gs2ci tables --data`, with views beside the path.
+"""Files for `python -m tests.tables --data`: measurements made without a Gaussian renderer, views beside the path.
 
     GS2CI_OUT=measurements GS2CI_SIZE="96 128" GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks beside_files
 

@@ -30,8 +30,8 @@ from gs2ci.reconstruct.measurement.brightness import BrightnessEstimate, estimat
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.case_sets import TEXTURELESS, file_cases, simulated_cases
-from gs2ci.tables.cases import Case
+from tests.tables.case_sets import TEXTURELESS, file_cases, simulated_cases
+from tests.tables.cases import Case
 
 SIZE = (96, 128)
 FILE_SIZE = (176, 176)

@@ -25,9 +25,9 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.cases import Case
 from tests.benchmarks.decoders import data_folder
 from tests.stability.benches import Bench
+from tests.tables.cases import Case
 
 SCENES = ("boxes", "planes", "thicket")
 SIZE = (120, 160)

@@ -12,8 +12,8 @@ from typing import Any, TypedDict
 
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.tables.cases import Case
 from tests.benchmarks.depth import between
+from tests.tables.cases import Case
 
 try:
     from gs2ci.reconstruct.presets.named import preset

@@ -25,9 +25,9 @@ from gs2ci.evaluate.report import Report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
-from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
 from tests.processes import side_by_side
+from tests.tables.cases import Case
 
 SIMULATED = [
     *((Case(name, scene=name, size=(144, 192)), seed) for name in ("boxes", "ball", "motorcycle") for seed in range(3)),

@@ -11,7 +11,7 @@ from scipy.stats import spearmanr
 
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.case_sets import simulated_cases
+from tests.tables.case_sets import simulated_cases
 
 FIFTHS = 5
 SEED = 0

@@ -77,7 +77,7 @@ def _mean_db(views: F32, shot: Shot) -> str:
     return "–" if shot.truth.views is None else f"{np.mean(psnr_per_view(views, shot.truth.views)):.1f}"
 
 
-def _elsewhere_db(run: Reconstruction, shot: Shot, novel: NovelViews | None) -> list[str]:
+def elsewhere_db(run: Reconstruction, shot: Shot, novel: NovelViews | None) -> list[str]:
     """Return PSNR of the scene alone, half way between the two middle views and one step beyond the last.
 
     From places on the recovered path (`beside_path`).
@@ -107,6 +107,6 @@ def run() -> None:
         result = done.result
         figures = [_mean_db(gap_tv(shot), shot), _mean_db(result.views, shot)]
         figures += ["–" if result.scene_views is None else _mean_db(result.scene_views, shot)]
-        figures += _elsewhere_db(done, shot, novel)
+        figures += elsewhere_db(done, shot, novel)
         left = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated).rms
         print(f"| {name} | {data} | {' | '.join(figures)} | {left:.4f} | {seconds:.0f} |", flush=True)

@@ -19,9 +19,9 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.case_sets import SIMULATED
-from gs2ci.tables.cases import Case
 from tests.processes import side_by_side
+from tests.tables.case_sets import SIMULATED
+from tests.tables.cases import Case
 
 SIZE = (96, 128)
 OFF = (0.0, 0.01, 0.05)

@@ -27,8 +27,8 @@ from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.render.backend import load_backend
-from gs2ci.tables.beside import BesideViews, scores_beside
-from gs2ci.tables.cases import Case
+from tests.tables.beside import BesideViews, scores_beside
+from tests.tables.cases import Case
 
 SIZE: Final = (96, 128)
 DEGREES: Final = (0, 3)

@@ -13,12 +13,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from gs2ci.evaluate.tradeoff.front import agreement
+from gs2ci.evaluate.tradeoff.store import Row, Store
 from gs2ci.evaluate.tradeoff.trials import TRIALS, tried
-from gs2ci.tables.case_sets import file_cases, resized, simulated_cases
-from gs2ci.tables.cases import Case
-from gs2ci.tables.cells import Cell
-from gs2ci.tables.store import Row, Store
-from gs2ci.tables.workers import complete
+from tests.tables.case_sets import file_cases, resized, simulated_cases
+from tests.tables.cases import Case
+from tests.tables.cells import Cell
+from tests.tables.workers import complete
 
 NAMES = (
     "decode",

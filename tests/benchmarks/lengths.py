@@ -27,7 +27,6 @@ from gs2ci.evaluate.evaluation import read_run
 from gs2ci.evaluate.measuring import measure
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.tables.cases import staged
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
@@ -38,6 +37,7 @@ from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.processes import side_by_side
 from tests.sims.scenes.solids import SOLIDS, solid
+from tests.tables.cases import staged
 
 HEIGHT, WIDTH = (int(side) for side in os.environ.get("GS2CI_SIZE", "96x128").split("x"))
 VIEWS = 8

@@ -25,7 +25,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 CASES = (Case("boxes", scene="boxes"), Case("motorcycle", scene="motorcycle"))
 EVERY = (1, 4, 8)

@@ -14,9 +14,9 @@ from gs2ci.core.arrays import F32
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.rules import with_rule
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets.paper import paper_settings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 CASE = Case("boxes", scene="boxes", size=(32, 40))
 SEEDS = range(3)

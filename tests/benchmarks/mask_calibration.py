@@ -1,8 +1,8 @@
 """The cost of calibrated masks: error against frames and seconds, measured one by one and predicted.
 
 Run `python -m tests.benchmarks.mask_calibration`; `--plot FILE.png` also draws error against the bench's seconds.
-The same cells as `gs2ci tables calibrate`, one seed. Seconds are the simulated bench's own (exposures, upload, moves),
-not this machine's.
+The same cells as `python -m tests.tables calibrate`, one seed. Seconds are the simulated
+bench's own (exposures, upload, moves), not this machine's.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import matplotlib as mpl
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
+from tests.tables.calibration import BENCHES, FRAMES, calibrate_masks
 
 Rows = dict[tuple[str, bool], list[dict[str, Any]]]
 

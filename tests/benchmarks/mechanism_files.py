@@ -1,4 +1,4 @@
-"""Measurements on which no mechanism was made, as files for `gs2ci tables ablation --mechanisms --data`.
+"""Measurements on which no mechanism was made, as files for `python -m tests.tables ablation --mechanisms --data`.
 
     GS2CI_OUT=measurements GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks mechanism_files
 

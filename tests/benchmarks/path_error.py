@@ -15,8 +15,8 @@ import numpy as np
 from scipy.stats import gmean, spearmanr
 
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.tables.cases import Case
-from gs2ci.tables.works import initialise_case
+from tests.tables.cases import Case
+from tests.tables.works import initialise_case
 
 SCENES = ("ball", "boxes", "corridor", "motorcycle", "planes", "textureless", "thicket")
 FIRST = [(Case(name, scene=name), seed) for name in SCENES for seed in range(3)]

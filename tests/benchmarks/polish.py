@@ -25,12 +25,12 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.fusion import Recovered, hand_over
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.cases import Case
 from tests.benchmarks.decoders import data_folder
 from tests.benchmarks.moving import clips
 from tests.benchmarks.nonrigid import exposed, videos
 from tests.stability.benches import Bench
 from tests.stability.changes import noisy
+from tests.tables.cases import Case
 
 SCENES = ("boxes", "planes", "thicket", "motorcycle", "corridor")
 MOVED = ("crossing", "deformation")

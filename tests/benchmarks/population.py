@@ -16,12 +16,12 @@ from typing import Final
 from gs2ci.core.errors import ResourceError
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.density.adc import Adc
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.paper.density.adc import Adc
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets.paper import paper_settings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 _UNTIL: Final = 7_500
 _EVERY: Final = 500

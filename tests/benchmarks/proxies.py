@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.proxies.amdi import _box_sums, mask_decoded_views
-from gs2ci.reconstruct.decode.proxies.eni import energy_normalised_views
-from gs2ci.reconstruct.decode.proxies.planes import coded_planes
-from gs2ci.reconstruct.decode.proxies.routing import multiplicity, route
+from gs2ci.reconstruct.paper.proxies.amdi import _box_sums, mask_decoded_views
+from gs2ci.reconstruct.paper.proxies.eni import energy_normalised_views
+from gs2ci.reconstruct.paper.proxies.planes import coded_planes
+from gs2ci.reconstruct.paper.proxies.routing import multiplicity, route
 
 SIZE = (400, 600)
 CASES = ((8, 0.25), (8, 0.5), (8, 0.75), (16, 0.25), (32, 0.25))

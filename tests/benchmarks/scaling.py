@@ -25,8 +25,8 @@ from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
 from gs2ci.render.cpu.workspace import Workspace
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.simd.vector import LANES, broadcast, fused, store
-from gs2ci.tables.works import least_seconds
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
+from tests.tables.works import least_seconds
 
 ROUNDS = 5
 ACCUMULATORS = 8

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci_sims.brute_force import BruteForce, deviation_dn, simulate_everything
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
@@ -30,6 +29,7 @@ from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.simulation_plan import Plan, PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
+from tests.sims.brute_force import BruteForce, deviation_dn, simulate_everything
 
 TOLERANCE_DN = 0.25
 MESH_TOLERANCE_DN = 10.0

@@ -47,9 +47,9 @@ from gs2ci.reconstruct.fit import coarse, coarse_state
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
-from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
 from tests.processes import ONE_THREAD, answer_of
+from tests.tables.cases import Case
 
 EVERY_S = 0.02
 STAGES = (

@@ -25,7 +25,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.learned.onnx_models import OPSET
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 TRAINED_ON: Final = ("boxes", "thicket", "corridor", "ball", "planes")
 JUDGED_ON: Final = ("motorcycle", "blocks")

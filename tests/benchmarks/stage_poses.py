@@ -25,8 +25,8 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.case_sets import SIMULATED, TEXTURELESS
-from gs2ci.tables.cases import Case, staged
+from tests.tables.case_sets import SIMULATED, TEXTURELESS
+from tests.tables.cases import Case, staged
 
 SEED = 0
 

@@ -13,7 +13,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS, RunResult
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.reconstruct.fit import perceptual
+from gs2ci.reconstruct.paper import perceptual
 from gs2ci.render.gaussians import Gaussians
 
 SIZE, VIEWS = (12, 16), 3

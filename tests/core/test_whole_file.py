@@ -209,7 +209,7 @@ def test_a_name_too_long_is_a_clear_error(tmp_path):
 
 def test_a_text_that_utf_8_cannot_hold_is_a_clear_error(path):
     with pytest.raises(StorageError, match=r"holds '\\udcff'") as caught:
-        write_whole(path, "gs2ci tables \udcff.npz")
+        write_whole(path, "python -m tests.tables \udcff.npz")
     assert "not UTF-8" in caught.value.remedy
     assert path.read_bytes() == b"old"
 

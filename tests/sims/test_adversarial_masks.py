@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import integrate, read_out
@@ -15,6 +14,7 @@ from gs2ci_sims.rig import Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 SIZE, MASKS = (32, 44), 8
 

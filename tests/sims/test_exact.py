@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exact import ExactRenderer, rendering_error
@@ -20,6 +19,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 SIZE = (24, 32)
 RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from gs2ci_sims import sampling
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.optics_psf import OpticsPsf
@@ -22,6 +21,7 @@ from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.signals import nominal_slices
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 SIZE = (24, 32)
 MASKS = 4

@@ -1,14 +1,15 @@
 """The planner: what it leaves out, how finely it samples, and how far that is from simulating everything."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.storage import read_shot, write_shots
-from gs2ci_sims import brute_force
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
+from gs2ci_sims import light_path as light_paths
+from gs2ci_sims.effects.base import EffectRecord, Stage
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -34,6 +35,8 @@ from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims import brute_force
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 pytestmark = pytest.mark.slow
 
@@ -103,6 +106,26 @@ def test_a_plan_stays_within_its_tolerance_of_simulating_everything_with_no_more
         # Both simulations are only as good as float32 and the point at which the full one is called settled.
         assert deviation_dn(everything, light.photons, decided.effects, 5) <= decided.error_dn + 0.01
         assert light.rendered_views == decided.views <= everything.views
+
+
+@dataclass(frozen=True)
+class Veil(EffectRecord):
+    """An effect of another package that says nothing of what leaving it out would change."""
+
+    stage = Stage.PHOTONS
+    cost_ns = 1.0
+
+    def apply(self, signal, rig, rng):
+        return signal + 1e-6
+
+
+def test_an_effect_without_a_bound_is_simulated_however_little_it_does(scene, monkeypatch):
+    monkeypatch.setattr(light_paths, "light_path", lambda: (*light_paths.LIGHT_PATH, Veil))
+    decided = planned(scene, STILL, rig_with(), Veil(), tolerance_dn=5.0)
+    assert "veil" in names(decided)
+    (why,) = (decision.why for decision in decided.decisions if decision.name == "veil")
+    assert why == "cannot be left out"
+    assert decided.error_dn <= 5.0
 
 
 def test_a_camera_at_rest_is_rendered_once_for_all_masks(scene):

@@ -240,10 +240,10 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert len(about) > 3
     assert max(map(len, about)) <= 80
     # An argument's text is one paragraph, wherever the docstring's lines end.
-    assert typed(monkeypatch, "tables", "--help") == 0
+    assert typed(monkeypatch, "tradeoff", "--help") == 0
     told = capsys.readouterr().out
-    assert "that is used. Makes tables" in " ".join(told.split())
-    assert not any(line.rstrip(" │").endswith("that is used.") for line in told.splitlines())
+    assert "and keeps it when `gs2ci report`" in " ".join(told.split())
+    assert not any(line.rstrip(" │").endswith("and keeps it") for line in told.splitlines())
 
 
 @pytest.mark.parametrize("value", ["None", "200"])
@@ -266,14 +266,6 @@ def test_a_misspelt_command_is_answered_with_the_nearest(monkeypatch, capsys, wr
     assert typed(monkeypatch, written) == 2
     told = capsys.readouterr().err
     assert (f"did you mean {meant!r}?" in told) if meant else ("did you mean" not in told)
-
-
-@pytest.mark.parametrize(("old", "new"), cli.RENAMED.items())
-def test_the_old_name_of_a_command_is_refused_with_the_new_one(monkeypatch, capsys, old, new):
-    assert typed(monkeypatch, old, "--help") == 2
-    assert f"{old!r} is now called {new!r}" in capsys.readouterr().err
-    assert new in cli.COMMANDS
-    assert old not in cli.COMMANDS
 
 
 def test_an_unknown_command_is_refused_with_the_known_ones(monkeypatch, capsys):
@@ -412,7 +404,7 @@ import sys
 from gs2ci import cli
 
 for words in [[], *([name, "--help"] for name in cli.COMMANDS), ["decode", "shot.h5", "--iterations", "0"],
-              ["reconstruct", "--nonsense"], ["capture", "--rig", "rig.toml", "--shots", "-1"], ["tables", "nonsense"],
+              ["reconstruct", "--nonsense"], ["capture", "--rig", "rig.toml", "--shots", "-1"], ["models", "nonsense"],
               *([name, "nowhere.h5"] for name in ("reconstruct", "decode", "tradeoff", "recover"))]:
     sys.argv = ["gs2ci", *words]
     try:

@@ -7,14 +7,14 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables import works
-from gs2ci.tables.beside import PLACES, BesideViews, beside_file, depth_beside, read_beside, scores_beside
-from gs2ci.tables.case_sets import file_cases
-from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import TABLES, TableOptions
-from gs2ci.tables.columns import AGAINST_PAPER
-from gs2ci.tables.works import COUNTED_AFTER, reconstruct_case
 from tests.benchmarks.beside_files import write_light_field, write_planes
+from tests.tables import works
+from tests.tables.beside import PLACES, BesideViews, beside_file, depth_beside, read_beside, scores_beside
+from tests.tables.case_sets import file_cases
+from tests.tables.cases import Case
+from tests.tables.catalogue import TABLES, TableOptions
+from tests.tables.columns import AGAINST_PAPER
+from tests.tables.works import COUNTED_AFTER, reconstruct_case
 
 SIZE = (24, 32)
 

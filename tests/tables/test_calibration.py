@@ -3,7 +3,7 @@
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.tables import calibration
+from tests.tables import calibration
 
 
 def test_a_cell_tells_error_stated_error_and_time(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Truth
-from gs2ci.tables.cases import Case, noisy, recoded, reweighted, staged, without_focal
+from tests.tables.cases import Case, noisy, recoded, reweighted, staged, without_focal
 
 SMALL = Case("small", scene="boxes", size=(32, 48), views=4)
 TINY = Case("tiny", scene="planes", size=(24, 32), views=4)

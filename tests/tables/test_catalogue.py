@@ -10,18 +10,18 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.mechanisms import MECHANISMS
-from gs2ci.reconstruct.presets.ablation import COMPONENTS
-from gs2ci.reconstruct.presets.paper import paper_settings
-from gs2ci.tables.calibration import BENCHES, FRAMES
-from gs2ci.tables.case_sets import file_cases, resized, simulated_cases
-from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import CONDITIONS, RATIOS, TABLES, VIEWS, TableOptions, chosen_cases, known_cases
-from gs2ci.tables.cells import run
-from gs2ci.tables.literature import DECODERS
-from gs2ci.tables.names import TableName
-from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, ON_PAPERS_SCHEDULE, RULES, VARIANTS, settings_of
-from gs2ci.tables.works import initialise_case
+from gs2ci.reconstruct.paper.ablation import COMPONENTS
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci_sims.scenes.files import scene_names
+from tests.tables.calibration import BENCHES, FRAMES
+from tests.tables.case_sets import file_cases, resized, simulated_cases
+from tests.tables.cases import Case
+from tests.tables.catalogue import CONDITIONS, RATIOS, TABLES, VIEWS, TableOptions, chosen_cases, known_cases
+from tests.tables.cells import run
+from tests.tables.literature import DECODERS
+from tests.tables.names import TableName
+from tests.tables.variants import ABLATION, FINE, GEOMETRY, ON_PAPERS_SCHEDULE, RULES, VARIANTS, settings_of
+from tests.tables.works import initialise_case
 
 CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
 TINY = Case("tiny", scene="planes", size=(24, 32))

@@ -9,10 +9,10 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_models import add_model
-from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import TABLES, TableOptions
-from gs2ci.tables.columns import RECONSTRUCTION
-from gs2ci.tables.literature import DECODERS, LEARNED, decode_case, field_case, model_files
+from tests.tables.cases import Case
+from tests.tables.catalogue import TABLES, TableOptions
+from tests.tables.columns import RECONSTRUCTION
+from tests.tables.literature import DECODERS, LEARNED, decode_case, field_case, model_files
 
 TINY = Case("boxes", scene="boxes", size=(24, 32), views=4)
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import cv2
 import pytest
 
-from gs2ci.api.costs import TableMade
 from gs2ci.core.errors import StorageError
-from gs2ci.tables.catalogue import Table, TableEntry
-from gs2ci.tables.cells import Cell
-from gs2ci.tables.columns import Measure
-from gs2ci.tables.pages import as_csv, collect, draw, markdown, write_pages
+from tests.tables.catalogue import Table, TableEntry
+from tests.tables.cells import Cell
+from tests.tables.columns import Measure
+from tests.tables.making import TableMade
+from tests.tables.pages import as_csv, collect, draw, markdown, write_pages
 
 TABLE = Table(
     "Title",
@@ -45,7 +45,7 @@ def test_what_failed_or_is_unknown_has_no_figure_and_its_reason_is_told(figures)
     assert figures[1].means == (29.0, None)
     assert figures[2].means == (None, None)
     assert figures[2].errors == ("no depth",)
-    text = markdown(TABLE, figures, "gs2ci tables x")
+    text = markdown(TABLE, figures, "python -m tests.tables x")
     assert "broken: no depth" in text
     assert "| broken | – | – |" in text
 
@@ -61,8 +61,8 @@ def test_a_result_that_is_inside_out_has_failed_however_good_its_views():
 
 
 def test_markdown_marks_the_best_and_names_the_command(figures):
-    text = markdown(TABLE, figures, "gs2ci tables x")
-    assert "`gs2ci tables x`" in text
+    text = markdown(TABLE, figures, "python -m tests.tables x")
+    assert "`python -m tests.tables x`" in text
     assert "| default | **30.50** ± 0.71 | 11 ± 1 |" in text
     assert "| other | 29.00 | – |" in text
 
@@ -97,7 +97,7 @@ def test_of_figures_that_nobody_counted_no_number_is_told(figures):
 
 
 def test_three_files_are_written(figures, tmp_path):
-    paths = write_pages(tmp_path / "bench", "x", TABLE, figures, "gs2ci tables x")
+    paths = write_pages(tmp_path / "bench", "x", TABLE, figures, "python -m tests.tables x")
     assert [path.name for path in paths] == ["x.md", "x.csv", "x.png"]
     assert cv2.imread(str(paths[2])) is not None
 
@@ -132,12 +132,12 @@ def test_cases_are_one_blank_line_apart():
 def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="cannot be written"):
-        write_pages(tmp_path / "file", "x", TABLE, figures, "gs2ci tables x")
+        write_pages(tmp_path / "file", "x", TABLE, figures, "python -m tests.tables x")
 
 
 def test_a_table_against_an_axis_is_drawn_even_where_every_cell_failed(tmp_path):
     table = replace(TABLE, axis="tolerance, DN")
     entries = [TableEntry("one", line, CELL) for line in ("everything", "0.5 DN")]
     figures = collect(table, entries, [{"error": "no rig"}] * 2)
-    pages = write_pages(tmp_path, "table", table, figures, "gs2ci tables x")
+    pages = write_pages(tmp_path, "table", table, figures, "python -m tests.tables x")
     assert all(page.stat().st_size for page in pages)

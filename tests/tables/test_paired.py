@@ -1,8 +1,8 @@
 """What leaving a mechanism out costs, from the rows of a table."""
 
-from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import TableEntry, compared_with, reconstruction
-from gs2ci.tables.paired import paired, paired_markdown, write_paired
+from tests.tables.cases import Case
+from tests.tables.catalogue import TableEntry, compared_with, reconstruction
+from tests.tables.paired import paired, paired_markdown, write_paired
 
 GOOD = {
     "psnr_db": 30.0,

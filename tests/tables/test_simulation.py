@@ -1,13 +1,13 @@
-"""`gs2ci tables simulate`: its cases, and the work of its cells."""
+"""`python -m tests.tables simulate`: its cases, and the work of its cells."""
 
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.tables.catalogue import TABLES, TableOptions
-from gs2ci.tables.pages import Figures, draw
-from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 from gs2ci_sims.rig_file import read_rig_file
 from gs2ci_sims.rigs import library
+from tests.tables.catalogue import TABLES, TableOptions
+from tests.tables.pages import Figures, draw
+from tests.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 
 TABLE = TABLES["simulate"]
 SMALL = """

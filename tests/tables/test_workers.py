@@ -14,12 +14,12 @@ import pytest
 
 from gs2ci.batch.cluster import local_workers
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.tables.cells import Cell, run
-from gs2ci.tables.store import Store
-from gs2ci.tables.workers import complete
-from gs2ci.tables.works import reconstruct_case
+from gs2ci.evaluate.tradeoff.store import Store
 from tests.batch.keys import admitted
 from tests.patience import HANG_S
+from tests.tables.cells import Cell, run
+from tests.tables.workers import complete
+from tests.tables.works import reconstruct_case
 
 DEADLY = Cell(os._exit, {"status": 1})
 
@@ -92,7 +92,7 @@ def test_an_error_of_ours_becomes_a_row_that_says_so():
 
 
 def test_a_cell_is_named_by_its_function():
-    assert Cell(reconstruct_case, {}).name == "gs2ci.tables.works:reconstruct_case"
+    assert Cell(reconstruct_case, {}).name == "tests.tables.works:reconstruct_case"
 
 
 @pytest.mark.parametrize(
@@ -128,9 +128,9 @@ def workers_of(parent):
 WAITING = """
 import signal
 from pathlib import Path
-from gs2ci.tables.cells import Cell
-from gs2ci.tables.store import Store
-from gs2ci.tables.workers import complete
+from tests.tables.cells import Cell
+from gs2ci.evaluate.tradeoff.store import Store
+from tests.tables.workers import complete
 
 if __name__ == "__main__":
     cells = [Cell(signal.pause, {}), Cell(signal.pause, {}, ("waiting.py",))]
@@ -140,7 +140,8 @@ if __name__ == "__main__":
 
 def test_no_process_outlives_a_killed_parent(tmp_path):
     (tmp_path / "waiting.py").write_text(WAITING)
-    parent = psutil.Popen([sys.executable, "waiting.py"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    parent = psutil.Popen([sys.executable, "waiting.py"], cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
     workers = []
     while len(workers) < 2 or min(worker.num_threads() for worker in workers) < 2:
         assert parent.poll() is None

@@ -7,10 +7,10 @@ import pytest
 
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables import works
-from gs2ci.tables.cases import Case
-from gs2ci.tables.columns import INITIALISATION, PATH, POPULATION
-from gs2ci.tables.works import initialise_case, reconstruct_case
+from tests.tables import works
+from tests.tables.cases import Case
+from tests.tables.columns import INITIALISATION, PATH, POPULATION
+from tests.tables.works import initialise_case, reconstruct_case
 
 
 @pytest.mark.parametrize("variant", ["default", "eni"])

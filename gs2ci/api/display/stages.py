@@ -4,8 +4,7 @@ Here: `RunningStage`; `StageDisplay`, the base class of displays; `describe_figu
 """
 
 from abc import ABC, abstractmethod
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -14,8 +13,6 @@ from gs2ci.core.errors import InputError
 
 # At this rate redrawing costs the fit about 0.1 %, and the display looks smooth.
 REDRAWS_PER_SECOND: Final = 4
-# The remaining time is estimated from the pace over this many seconds.
-_PACE_S: Final = 30.0
 
 _LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
 # Suffixes of the names of figures, as everywhere in the code, and how their units are written.
@@ -41,17 +38,10 @@ class RunningStage:
     done: int = 0
     figures: str = ""
     took_s: float | None = None
-    _looks: deque[tuple[float, int]] = field(default_factory=deque, repr=False)
 
-    def __post_init__(self) -> None:
-        self._looks.append((self.began_s, 0))
-
-    def move(self, done: int, now_s: float, figures: str) -> None:
-        """Record the progress with its time."""
+    def move(self, done: int, figures: str) -> None:
+        """Record the progress."""
         self.done, self.figures = done, figures or self.figures
-        self._looks.append((now_s, done))
-        while now_s - self._looks[0][0] > _PACE_S and len(self._looks) > 1:
-            self._looks.popleft()
 
     def end(self, now_s: float) -> None:
         """Record its end; if it converged before its last step, the steps done become its total."""
@@ -60,13 +50,6 @@ class RunningStage:
     def seconds(self, now_s: float) -> float:
         """Return how long it has taken."""
         return now_s - self.began_s if self.took_s is None else self.took_s
-
-    def left_s(self, now_s: float) -> float | None:
-        """Return the remaining time at its latest pace; None if it is not known."""
-        then_s, before = self._looks[0]
-        if self.total is None or self.took_s is not None or self.done <= before:
-            return None
-        return (self.total - self.done) * (now_s - then_s) / (self.done - before)
 
 
 class StageDisplay(ABC):
@@ -104,7 +87,7 @@ class StageDisplay(ABC):
     def step(self, done: int, **figures: float | int | str) -> None:
         """Record the progress of the stage, and the latest figures."""
         if self._running is not None:
-            self._running.move(done, self._clock.now_s(), describe_figures(figures))
+            self._running.move(done, describe_figures(figures))
             self._changed()
 
     @abstractmethod

@@ -1,13 +1,13 @@
-"""The display of a terminal."""
+"""The display of a terminal, by rich."""
 
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Final, Self
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Console, RenderableType
 from rich.padding import Padding
-from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.table import Column
 from rich.text import Text
 
 from gs2ci.api.display.stages import REDRAWS_PER_SECOND, RunningStage, StageDisplay, wait_for_enter
@@ -23,11 +23,19 @@ class LiveDisplay(StageDisplay):
 
     def __init__(self, console: Console, clock: Clock | None = None) -> None:
         super().__init__(clock)
-        self._over: list[RunningStage] = []
-        self._live = Live(console=console, get_renderable=self._drawn, refresh_per_second=REDRAWS_PER_SECOND)
+        self._bars = _Bars(
+            TextColumn("{task.description}", markup=False, table_column=Column(min_width=NAME_WIDTH, no_wrap=True)),
+            BarColumn(BAR_WIDTH),
+            _Steps(),
+            _Time(),
+            console=console,
+            refresh_per_second=REDRAWS_PER_SECOND,
+            get_time=self._clock.now_s,
+        )
+        self._task = TaskID(0)
 
     def __enter__(self) -> Self:
-        self._live.start(refresh=True)
+        self._bars.start()
         return self
 
     def __exit__(
@@ -35,63 +43,77 @@ class LiveDisplay(StageDisplay):
     ) -> None:
         if kind is None:  # otherwise the bar stays unchanged
             self.finish()
-        self._live.stop()
+        self._bars.stop()
 
     def say(self, text: str) -> None:
         """Print the sentence above the bars."""
-        self._live.console.print(text, markup=False, highlight=False)
+        self._bars.console.print(text, markup=False, highlight=False)
 
     def ask(self, request: str) -> None:
         """Print the request with the bars stopped, and wait for Enter."""
-        self._live.stop()
-        self._over.clear()  # they stay as they were last drawn
+        self._bars.stop()
+        # Those that are over stay as they were last drawn.
+        for task in self._bars.tasks:
+            if self._running is None or task.id != self._task:
+                self._bars.remove_task(task.id)
         asked = f"{request}, then press Enter "
-        self._live.console.print(asked, end="", markup=False, highlight=False, soft_wrap=True)
+        self._bars.console.print(asked, end="", markup=False, highlight=False, soft_wrap=True)
         wait_for_enter(request)
-        self._live.start(refresh=True)
+        self._bars.start()
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """End the last stage; begin another."""
+        self.finish()
+        self._task = self._bars.add_task(name, total=total)
+        super().stage(name, total)
+
+    def expect(self, total: int) -> None:
+        """Change the stage's number of steps."""
+        super().expect(total)
+        self._changed()
+
+    def _changed(self) -> None:
+        if (stage := self._running) is not None:
+            self._bars.figures = stage.figures
+            self._bars.update(self._task, completed=stage.done, total=stage.total)
 
     def _ended(self, stage: RunningStage) -> None:
         stage.end(self._clock.now_s())
-        self._over.append(stage)
-
-    def _drawn(self) -> RenderableType:
-        now_s, running = self._clock.now_s(), self._running
-        lines = Table.grid(padding=(0, 1))
-        lines.add_column(min_width=NAME_WIDTH, no_wrap=True)
-        lines.add_column()
-        lines.add_column(justify="right", no_wrap=True)
-        lines.add_column(justify="right", no_wrap=True)
-        for stage in [*self._over, running] if running else self._over:
-            lines.add_row(Text(stage.name), _bar(stage), _steps(stage), _time(stage, now_s))
-        if running is None or not running.figures:
-            return lines
-        figures = Text(running.figures, style="dim", no_wrap=True, overflow="ellipsis")
-        return Group(lines, Padding(figures, (0, 0, 0, NAME_WIDTH + 1)))
+        self._bars.figures = ""
+        # Ended before its last step: the steps done become its total.
+        total = stage.done or 1
+        self._bars.update(self._task, completed=total, total=total)
 
 
-def _bar(stage: RunningStage) -> ProgressBar:
-    ended = stage.took_s is not None
-    total = (stage.total or 1) if ended else stage.total
-    return ProgressBar(
-        None if total is None else float(total),
-        float(total or 1) if ended else float(stage.done),
-        BAR_WIDTH,
-        complete_style="cyan",
-        finished_style="green",
-        pulse_style="cyan",
-    )
+class _Bars(Progress):
+    """The bars, and below them the figures of the running stage."""
+
+    figures = ""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """Yield both."""
+        yield from super().get_renderables()
+        if self.figures:
+            figures = Text(self.figures, style="dim", no_wrap=True, overflow="ellipsis")
+            yield Padding(figures, (0, 0, 0, NAME_WIDTH + 1))
 
 
-def _steps(stage: RunningStage) -> Text:
-    """Write the number of finished steps, and their total if it is known."""
-    if stage.took_s is not None or stage.total is None:
-        return Text(f"{stage.done}" if stage.done > 1 else "")
-    return Text(f"{stage.done:>{len(str(stage.total))}}/{stage.total}")
+class _Steps(MofNCompleteColumn):
+    """The number of finished steps, and their total if it is known and not reached yet."""
+
+    def render(self, task: Task) -> Text:
+        """Write them."""
+        if task.finished or task.total is None:
+            return Text(f"{task.completed:.0f}" if task.completed > 1 else "")
+        return super().render(task)
 
 
-def _time(stage: RunningStage, now_s: float) -> Text:
-    """Write the time taken; of a running stage, the time left as well."""
-    taken, left_s = f"{stage.seconds(now_s):.1f} s", stage.left_s(now_s)
-    if left_s is None:
-        return Text(taken)
-    return Text(f"{taken}, {spoken_duration(left_s)} left", style="cyan")
+class _Time(ProgressColumn):
+    """The time taken; of a running stage, the time left as well."""
+
+    def render(self, task: Task) -> Text:
+        """Write it."""
+        taken, left_s = f"{task.finished_time or task.elapsed or 0.0:.1f} s", task.time_remaining
+        if task.finished or left_s is None:
+            return Text(taken)
+        return Text(f"{taken}, {spoken_duration(left_s)} left", style="cyan")

@@ -5,7 +5,7 @@
     charts.py       line charts, dot charts and bars as SVG
     pictures.py     arrays as pictures inside the page, within a budget of bytes
     camera_path.py  a camera path from above as SVG
-    next_steps.py   the rules for what to try next, by the run's evidence
+    next_steps.py   what to try next: the remedies of the run's findings
     run_evidence.py the contents of a run folder, read as untrusted input
     run_pictures.py which pictures a run's page shows
     tradeoff_section.py  the section of a run's page on accuracy against time

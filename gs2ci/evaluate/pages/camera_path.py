@@ -13,7 +13,6 @@ from markupsafe import Markup
 from gs2ci.core.arrays import F64
 from gs2ci.evaluate.pages.charts import Colour
 from gs2ci.evaluate.pages.frame import environment
-from gs2ci.evaluate.panels import seen_from_above
 from gs2ci.evaluate.trajectory import align
 from gs2ci.evaluate.wording import describe_number
 
@@ -24,6 +23,9 @@ WEDGE: Final = 0.09
 LEAST_HEIGHT, MOST_HEIGHT = 190, 420
 EDGE: Final = 26
 FOOT: Final = 40
+# If the lateral motion is less than this share of the path's length, the camera moves forward; the page's sideways
+# direction is then the camera's own x axis.
+LATERAL_SHARE: Final = 0.2
 
 
 @dataclass(frozen=True)
@@ -135,3 +137,22 @@ def _ruler(extent: float) -> float:
     """Choose a round length of about a quarter of the extent."""
     power = 10 ** float(np.floor(np.log10(extent / 4)))
     return max(m * power for m in (1.0, 2.0, 5.0) if m * power <= extent / 4)
+
+
+def seen_from_above(camera_to_world: F64) -> F64:
+    """Choose the page for a path [N, 4, 4]: [3, 2], along the sideways move and along the mean viewing direction."""
+    centers = camera_to_world[:, :3, 3] - camera_to_world[:, :3, 3].mean(0)
+    forward = _unit(camera_to_world[:, :3, 2].mean(0), fallback=camera_to_world[0, :3, 2])
+    across = camera_to_world[:, :3, 0].mean(0)
+    right = _unit(across - forward * (across @ forward), fallback=camera_to_world[0, :3, 0])
+    sideways = centers - np.outer(centers @ forward, forward)
+    _, spread, axes = np.linalg.svd(sideways, full_matrices=False)
+    if spread[0] > LATERAL_SHARE * np.linalg.norm(centers):
+        # The direction of the motion, oriented towards the camera's right.
+        right = axes[0] if axes[0] @ right >= 0 else -axes[0]
+    return np.stack([right, forward], axis=1)
+
+
+def _unit(vector: F64, fallback: F64) -> F64:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 1e-9 else fallback / np.linalg.norm(fallback)

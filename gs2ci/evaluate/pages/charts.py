@@ -1,7 +1,6 @@
 """Charts as SVG that use the page's colours and fonts, also in dark mode and in print.
 
-Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: their place on
-the page (`pieces.py`).
+Here: lines and dots over linear or logarithmic axes, bars of parts. Not here: their place on the page (`pieces.py`).
 """
 
 import math
@@ -23,8 +22,6 @@ LEAST_SPAN: Final = 1e-3
 # Smallest distance between ticks, in the drawing's units (a character is about 6 wide).
 TICK_ROOM_X: Final = 48
 TICK_ROOM_Y: Final = 34
-# A row of `spreads_svg`: the name, and the mark under it.
-SPREAD_ROW: Final = 38
 
 
 @dataclass(frozen=True)
@@ -90,16 +87,6 @@ class Bar:
     size: float
     text: str
     colour: Colour = "accent"
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A mean and its spread: the name, both numbers (spread 0 if there is none), the label."""
-
-    label: str
-    mean: float
-    spread: float
-    text: str
 
 
 @dataclass(frozen=True)
@@ -181,25 +168,6 @@ def bars_svg(parts: Sequence[Bar], unit: str) -> Markup:
             drawn.append((round(at, 2), round(max(share - 3, 1), 2), part))
         at += share
     return _render("bars", drawn=drawn, unit=unit, alt=", ".join(f"{part.label} {part.text}" for part in parts))
-
-
-def spreads_svg(rows: Sequence[Spread], title: str, width: int) -> Markup:
-    """Draw means with their spreads, a row each, over one axis.
-
-    Raises:
-        InputError: There is no row, or a number is not finite.
-    """
-    ends = [row.mean + side * row.spread for row in rows for side in (-1, 1)]
-    if not ends or not all(math.isfinite(end) for end in ends):
-        raise InputError("a chart of spreads without rows or with numbers that are none", allowed="finite numbers")
-    axis = _axis(ends, False, 12, width - 12)
-    bottom = SPREAD_ROW * len(rows) + 4
-    drawn = [
-        (SPREAD_ROW * (index + 1) - 8, axis.place(row.mean), axis.place(row.mean - row.spread),
-         axis.place(row.mean + row.spread), row)
-        for index, row in enumerate(rows)
-    ]  # fmt: skip
-    return _render("spreads", drawn=drawn, ticks=axis.ticks(TICK_ROOM_X), title=title, width=width, bottom=bottom)
 
 
 def _render(name: str, **values: Any) -> Markup:

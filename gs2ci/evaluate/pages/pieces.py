@@ -6,7 +6,6 @@
     facts       names and values
     figure      a picture (PNG, JPEG or WebP bytes, or inline markup) with its caption
     chart       a chart (`charts.py`) with its numbers in a fold
-    spreads     means with their spreads, a row each
     sentences   notes, one paragraph each
     steps       what to do next: what, why, the command
     columns     two pieces beside each other where there is room
@@ -21,7 +20,7 @@ from typing import Any, Final, Literal
 from markupsafe import Markup
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.pages.charts import Bar, Chart, Spread, bars_svg, chart_svg, chart_table, spreads_svg
+from gs2ci.evaluate.pages.charts import Bar, Chart, bars_svg, chart_svg, chart_table
 from gs2ci.evaluate.pages.frame import fit, piece
 from gs2ci.evaluate.pages.pictures import Picture, media_type
 from gs2ci.evaluate.wording import describe_value
@@ -151,17 +150,6 @@ def chart(drawn: Chart, *, caption: str = "", tabled: bool = True) -> Markup:
         "caption": caption,
     }
     return piece("chart", numbers=table(*chart_table(drawn)), **parts) if tabled else piece("chart_frame", **parts)
-
-
-def spreads(rows: Sequence[Spread], title: str) -> Markup:
-    """Set means with their spreads, a row each; `title` names the quantity and its unit."""
-    return piece(
-        "chart_frame",
-        wide=spreads_svg(rows, title, 760),
-        narrow=spreads_svg(rows, title, 340),
-        legend=[],
-        caption="",
-    )
 
 
 def bars(parts: Sequence[Bar], *, unit: str) -> Markup:

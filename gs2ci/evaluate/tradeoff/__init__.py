@@ -1,6 +1,7 @@
 """Accuracy against time, for one shot on one machine.
 
 trials.py     the trials: the ladder of presets, and one setting at a time
+store.py      finished trials on disk
 shrinking.py  a shot at a fraction of its resolution, and its views back at full size
 front.py      the Pareto front of the trials, and what the next decibel costs, in words
 pages.py      CSV, picture, and a section in markdown

@@ -13,7 +13,8 @@ from scipy.stats import kendalltau
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.evaluate.tradeoff.record import Measure
-from gs2ci.evaluate.tradeoff.trials import BASELINE, Row
+from gs2ci.evaluate.tradeoff.store import Row
+from gs2ci.evaluate.tradeoff.trials import BASELINE
 
 # Smaller than the spread over seeds: not mentioned.
 NEGLIGIBLE_DB: Final = 0.05

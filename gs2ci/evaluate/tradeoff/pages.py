@@ -19,7 +19,8 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
 from gs2ci.evaluate.tradeoff.front import measure_of, pareto, sentences
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, TradeoffRecord, Tried
-from gs2ci.evaluate.tradeoff.trials import KNOBS, Row
+from gs2ci.evaluate.tradeoff.store import Row
+from gs2ci.evaluate.tradeoff.trials import KNOBS
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",

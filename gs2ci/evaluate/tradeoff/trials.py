@@ -1,7 +1,7 @@
 """The trials on a shot: the ladder of presets, and the standard with one setting changed at a time.
 
-Here: `TRIALS`, their predicted times, and the row of figures of each trial. Not here: the comparison of rows
-(`front.py`). Rows hold plain values, so that they can be stored and sent between processes.
+Here: `TRIALS`, their expected times, and the row of figures of each trial. Not here: the comparison of rows
+(`front.py`). Rows hold plain values, so that they can be stored.
 
 Every trial is judged by pixels of the measurement that no stage after registration saw: two percent, drawn in addition
 to those that the reconstruction holds out for itself. So trials can be compared with and without a truth, and with and
@@ -14,18 +14,16 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
-from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk, touched
+from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
@@ -34,8 +32,6 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
-
-Row = dict[str, Any]
 
 BASELINE: Final = "standard"
 JUDGED_SHARE: Final = 0.02
@@ -150,25 +146,16 @@ def chosen_trials(knobs: tuple[str, ...]) -> list[TradeoffTrial]:
     return [trial for trial in TRIALS.values() if trial.knob in knobs or trial.name == BASELINE]
 
 
-def predicted_seconds(trial: TradeoffTrial, model: CostModel) -> float:
-    """Predict the time of a trial by the unit costs of its shot; held-out pixels may end it earlier.
-
-    Unit costs are those of the standard's windows and rasteriser: trials that change these get the same prediction.
-    """
-    cost = model.predict(trial.settings)
-    # A smaller image has fewer pixels and fewer Gaussians.
-    return (cost.total if trial.fits else cost.decode) / trial.shrink**2
+def expected_seconds(trial: TradeoffTrial, standard_s: float) -> float:
+    """Expect a trial's seconds from the standard's: by fits, iterations and pixels, whatever else the trial changes."""
+    return standard_s * _work(trial) / _work(TRIALS[BASELINE])
 
 
-def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
-    """Run one trial on a shot of a file; the arguments are plain values, so that the call can be stored and sent.
-
-    Raises:
-        Gs2ciError: The file cannot be read, there is no such trial, or the shot cannot be treated that way.
-    """
-    if trial not in TRIALS:
-        raise InputError(f"no trial {trial!r}", allowed=", ".join(TRIALS))
-    return tried(read_shot(Path(file), index), TRIALS[trial], seed)
+def _work(trial: TradeoffTrial) -> float:
+    """Return the iterations of all fits, one of the fine stage as two because it also renders a whole view."""
+    settings = trial.settings
+    fine = 0 if settings.fine is None else 2 * settings.fine.iterations
+    return trial.fits * (settings.fits * settings.fit.iterations + fine) / trial.shrink**2
 
 
 def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:

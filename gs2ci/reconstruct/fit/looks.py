@@ -1,7 +1,7 @@
 """The looks at a running fit: how good its views would be if they were delivered now, and the curve of that.
 
 Here: a look, its point of the curve, and the record of what a fit calls while it runs (`Monitoring`). Not here: when a
-fit looks (`coarse.py`, `fine.py`), when it ends (`stopping.py`).
+fit looks (`coarse.py`, `paper/fine.py`), when it ends (`stopping.py`).
 """
 
 import time

@@ -6,7 +6,7 @@ at the borders are continued outwards, as far as such a step shifts the picture.
 black included. No recorded pixel needs it; the fit goes on behind it, so that the borders of the views stay right.
 
 Here: where these Gaussians lie and what they look like. Not here: when they are added, and that later steps pass over
-them (`coarse_state.py`, `fine.py`).
+them (`coarse_state.py`, `paper/fine.py`).
 """
 
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """Density rules by name, each with the terms of the objective that belong to it.
 
-Here: the choice. Not here: the rules (`density/`).
+Here: the choice. Not here: the rules (`density/`, `gs2ci.reconstruct.paper.density`).
 """
 
 from collections.abc import Callable
@@ -11,11 +11,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, allowed, load
 from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.density.adc import Adc
 from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.fit.density.mcmc import Mcmc
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.density.revised import Revised
+from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 
 
 @dataclass(frozen=True)
@@ -32,11 +30,7 @@ class RuleChoice:
 
 _RULES: Final[dict[str, RuleChoice]] = {
     "osgr": RuleChoice(Osgr.sparing, opacity=0.01),
-    "adc": RuleChoice(Adc),
-    "mcmc": RuleChoice(Mcmc, opacity=0.01, size=0.01),
-    "revised": RuleChoice(Revised),
 }
-assert tuple(_RULES) == RULE_NAMES
 RULE_GROUP: Final = "gs2ci.density_rules"
 
 
@@ -50,9 +44,14 @@ def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
     """
     if settings.density.name == name:
         return settings
-    choice = _RULES.get(name) or _plugged(name)
+    choice = _RULES.get(name) or (_of_the_paper(name) if name in RULE_NAMES else _plugged(name))
     loss = replace(settings.loss, opacity=choice.opacity, size=choice.size)
     return replace(settings, density=choice.rule(), loss=loss)
+
+
+def _of_the_paper(name: str) -> RuleChoice:
+    choice: RuleChoice = paper_part(PaperPart.DENSITY_RULES)[name]
+    return choice
 
 
 def _plugged(name: str) -> RuleChoice:

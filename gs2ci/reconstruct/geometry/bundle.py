@@ -1,7 +1,7 @@
 """Bundle adjustment of poses, points and, on request, one focal length, from given poses; by pycolmap.
 
 Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: the adjustment without given poses
-(`motion`), the judgement of the result (`hierarchy`).
+(`motion`), the judgement of the result (`paper.hierarchy`).
 """
 
 from collections.abc import Iterator

@@ -31,7 +31,6 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
-from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
@@ -49,15 +48,14 @@ from gs2ci.reconstruct.geometry.sources import (
 )
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors, poses_of_stage
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
-from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
+from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
+from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
 
 GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "displacements", "uniform", "rest", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _AUTO: Final = "auto"
 _FILE: Final = "file:"
-_VGGT: Final = "vggt:"
-_VGGT_OR_TRACKS: Final = "vggt-or-tracks"
 # A later source must reduce the residual at least to this share; smaller differences are noise of the decode.
 _CLEARLY: Final = 0.99
 # Two maps of inverse depth have opposite orders of depth if they correlate by less than minus this; maps of noise do
@@ -93,12 +91,10 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         if not path.exists():
             raise InputError(f"no camera file {path}", allowed="a COLMAP model's folder or a transforms.json")
         return FromFile(path)
-    if name == PathSource.VGGT:
-        return FromVggt(find_model("vggt"))
-    if name.startswith(_VGGT):
-        return FromVggt(Path(name.removeprefix(_VGGT)))
-    if name == _VGGT_OR_TRACKS:
-        return TracksForVggt() if known_model("vggt") is None else FromVggt(find_model("vggt"))
+    if name.startswith(PathSource.VGGT):
+        of_the_paper: GeometryPrior | None = paper_part(PaperPart.VGGT)(name)
+        if of_the_paper is not None:
+            return of_the_paper
     prior = load(GEOMETRY_GROUP, name)
     if prior is None:
         own = ", ".join(GEOMETRY_NAMES[:-1])
@@ -106,20 +102,6 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         raise InputError(f"geometry {name!r}", allowed=f"{own}, {more}, vggt, vggt:FILE or vggt-or-tracks")
     made: GeometryPrior = prior()
     return made
-
-
-@dataclass(frozen=True)
-class TracksForVggt:
-    """The tracks as the substitute for the paper's VGGT if no model has been added; a note says so."""
-
-    name: str = PathSource.TRACKS
-
-    def __call__(self, request: Request, progress: Progress) -> Geometry:
-        """Estimate the geometry; see `GeometryPrior`."""
-        note = finding(Code.TRACKS_FOR_VGGT)
-        progress.say(note.sentence)
-        found = FromTracks()(request, progress)
-        return replace(found, notes=(note, *found.notes))
 
 
 @dataclass(frozen=True)

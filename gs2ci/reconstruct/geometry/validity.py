@@ -50,7 +50,7 @@ class Criteria:
             short fits. They preferred a wrong order by up to 4, with a principal point that moved and a narrow field of
             view.
 
-    Further criteria for a geometry that a model predicted (`hierarchy`):
+    Further criteria for a geometry that a model predicted (`paper.hierarchy`):
 
     Args:
         registered: Least share of the views that see enough tracks after bundle adjustment: all of them.

@@ -20,7 +20,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, member_seed, members
-from gs2ci.reconstruct.fit.fine import Fine, fit_fine
+from gs2ci.reconstruct.fit.extensions import LastStage
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
@@ -28,10 +28,10 @@ from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
+from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -114,7 +114,7 @@ class Fits:
         reverse a path that no tracks confirm.
         """
         geometry = first.geometry
-        if self.settings.withheld != Withheld() or not is_open(geometry, self.settings.geometry.criteria):
+        if self.settings.withheld is not None or not is_open(geometry, self.settings.geometry.criteria):
             return first, OrderFound()
         if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
             return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
@@ -236,18 +236,11 @@ class Fits:
         self.clock.lap(stage)
         return ensemble
 
-    def fine(self, fits: tuple[CoarseFit, ...], ensemble: Ensemble, renderer: ShotRenderer, fine: Fine) -> Ensemble:
+    def fine(self, ensemble: Ensemble, renderer: ShotRenderer, fine: LastStage) -> Ensemble:
         """Take the best of several fits through the fine stage; return the mean of all."""
         detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
-        fined = fit_fine(
-            self.fitted,
-            ensemble.best,
-            renderer,
-            fine,
-            self.settings.seed,
-            self._monitoring(self.progress),
-            detailed,
-        )
+        monitoring = self._monitoring(self.progress)
+        fined = fine.fit(self.fitted, ensemble.best, renderer, self.settings.seed, monitoring, detailed)
         return self.mean((fined, *ensemble.others), "fine")
 
     def beginning(self, look: FirstLook, views: F32, *, moving: bool = False) -> tuple[Geometry, Gaussians]:
@@ -259,8 +252,13 @@ class Fits:
             moving: Whether the Gaussians start with the motion that the views show.
         """
         settings, lens = self.settings, self.lens
-        geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
-        start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+        geometry, views, withheld = look.geometry, straightened(views, lens), settings.withheld
+        if withheld is None:
+            seeds = seed_points(geometry, views, settings.stride_px)
+        else:
+            geometry = withheld.first_poses(geometry)
+            seeds = withheld.first_points(geometry, views, settings.stride_px, settings.seed)
+        start = first_gaussians(seeds)
         if moving:
             start = set_moving(start, geometry, views, settings.fit.motion)
         # From here on intrinsics are in pixels of the sensor, no longer of the canvas of straightened views.

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook
@@ -29,6 +29,7 @@ from gs2ci.reconstruct.hypotheses.moving import (
     speaks_for_motion,
 )
 from gs2ci.reconstruct.hypotheses.turned import explain_alike, shown_by
+from gs2ci.reconstruct.measurement.holdout import surely_larger
 from gs2ci.reconstruct.measurement.over_time import followed_by_other_alone, replaced
 
 
@@ -107,7 +108,11 @@ class Jury:
         return shown_by(*(self._fits.occlusion(result, views) for result, views in zip(results, refined, strict=True)))
 
     def counting(self, field: Sequence[Entrant]) -> list[Entrant]:
-        """Return those whose views count in the mean: other hypotheses only if they do not raise its residual."""
+        """Return those whose views count in the mean: other hypotheses unless they surely raise its residual.
+
+        The leader was chosen by the same held-out pixels, so that the mean seems worse by chance where it is better: on
+        photographs of 96 x 128 px its residual was 1 to 5 % larger and its views 0.3 to 0.5 dB better.
+        """
         leader = field[0]
         own = [one for one in field if one.of == leader.of]
         others = [one for one in field if one.of != leader.of]
@@ -118,10 +123,14 @@ class Jury:
         if not others:
             return own
         others.sort(key=lambda one: or_infinite(self.left(one)))
-        least = or_infinite(self.left(leader))
-        while others and self.left_of(self.mean_of([*own, *others])) > least:
+        alone = self._squared(leader.run.result().views)
+        while others and surely_larger(self._squared(self.mean_of([*own, *others])), alone):
             others.pop()
         return [*own, *others]
+
+    def _squared(self, views: F32) -> F64:
+        """Return the squared residual of views, [N, H, W, C], refined, at each held-out pixel, [K]."""
+        return self._fits.holdout.squared_residuals(self._fits.refine(views))
 
     def mean_of(self, field: Sequence[Entrant]) -> F32:
         """Return the mean of the views of fits, [N, H, W, C]."""
@@ -153,10 +162,6 @@ class Jury:
         """Return a scene's views about as delivered: replaced by decoded ones where it errs over time, and refined."""
         where = followed_by_other_alone(self._fits.holdout, views, decoded)
         return self._fits.refine(replaced(views, decoded, where) if where.any() else views)
-
-    def left_of(self, views: F32) -> float:
-        """Return the held-out residual of views, [N, H, W, C], after their refinement."""
-        return or_infinite(self._fits.holdout.residual_rms(self._fits.refine(views)))
 
     def left(self, entrant: Entrant, decoded: F32 | None = None) -> float | None:
         """Return the held-out residual of a fit's views, refined; about as delivered if decoded."""

@@ -1,7 +1,7 @@
 """Third-party model files: loading them by ONNX Runtime, and the list of those that the user has added.
 
 Here: opening a file with a clear error for every refusal, running it, and the list of models that the user has added
-by name. Not here: what any model takes and returns (`onnx_denoiser`, `priors2d.onnx_prior`, `vggt`). ONNX
+by name. Not here: what any model takes and returns (`onnx_denoiser`, `paper.priors2d.onnx_prior`, `vggt`). ONNX
 Runtime is imported when a model is loaded.
 """
 

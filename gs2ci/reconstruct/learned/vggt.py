@@ -1,7 +1,7 @@
 """VGGT (Wang et al. 2025) by ONNX Runtime: poses and depth of a few views at once, from a file of the user.
 
 Here: the model's signature, the conversion of our views to its images and back, and an error for every way in which a
-file or its output can be wrong. Not here: which outputs are accepted (`hierarchy`), how such a file is made
+file or its output can be wrong. Not here: which outputs are accepted (`paper.hierarchy`), how such a file is made
 (`vggt_export`).
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,

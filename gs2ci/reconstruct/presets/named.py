@@ -10,9 +10,9 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.fine import FineSettings
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 _DRAFT_ITERATIONS: Final = 120

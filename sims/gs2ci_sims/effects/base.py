@@ -245,7 +245,7 @@ def enlarging_step(scene: Previewed, effect: "Effect") -> BoundStep:
 
 
 class EffectRecord(BoundedRecord):
-    """Base of effects: bounded parameters, and a name.
+    """Base of effects: bounded parameters, a name, and a bound where an effect states none: it cannot be left out.
 
     The name is the class's in lower case with underscores, `dark_current` for `DarkCurrent`, unless it states another.
     """
@@ -257,6 +257,10 @@ class EffectRecord(BoundedRecord):
         super().__init_subclass__()
         if "name" not in vars(cls):
             cls.name = to_snake(cls.__name__)
+
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+        """Return that nothing is known of what leaving the effect out would change: every plan simulates it."""
+        return UNAVOIDABLE.by("inf")
 
 
 class Effect(Protocol):

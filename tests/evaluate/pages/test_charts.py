@@ -4,7 +4,7 @@ import re
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.pages.charts import Bar, Chart, Line, Spread, bars_svg, chart_svg, chart_table, spreads_svg
+from gs2ci.evaluate.pages.charts import Bar, Chart, Line, bars_svg, chart_svg, chart_table
 
 
 def chart(x, y, **parts):
@@ -94,21 +94,6 @@ def test_bars_share_the_width_and_nothing_leaves_nothing():
     widths = [float(width) for width in re.findall(r'width="([\d.]+)" height="26"', drawn)]
     assert widths == pytest.approx([247, 747])
     assert "<rect" not in bars_svg([Bar("a", 0, "0 s")], "s")
-
-
-def test_spreads_reach_from_mean_minus_to_mean_plus_spread():
-    drawn = spreads_svg([Spread("a", 10.0, 2.0, ""), Spread("b", 14.0, 0.0, "")], "dB", 340)
-    (low, high), (low_b, high_b) = re.findall(r'class="line accent" x1="([^"]*)" y1="[^"]*" x2="([^"]*)"', drawn)
-    assert float(low_b) == float(high_b)
-    (at, _), (at_b, _) = marks(drawn)
-    assert float(low) + float(high) == pytest.approx(2 * at, abs=0.02)
-    assert at_b - at == pytest.approx(float(high) - float(low), abs=0.02)
-
-
-@pytest.mark.parametrize("rows", [[], [Spread("a", math.nan, 0.0, "")], [Spread("a", 1.0, math.inf, "")]])
-def test_spreads_of_nothing_are_refused(rows):
-    with pytest.raises(InputError, match="chart of spreads"):
-        spreads_svg(rows, "dB", 340)
 
 
 def test_a_cloud_s_points_say_their_titles_and_only_named_ones_are_large():

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.pages import pieces
-from gs2ci.evaluate.pages.charts import Bar, Chart, Line, Spread
+from gs2ci.evaluate.pages.charts import Bar, Chart, Line
 
 
 def test_columns_of_numbers_stand_right_and_others_left():
@@ -71,10 +71,6 @@ def test_parts_of_a_whole_are_named_and_counted():
     text = pieces.bars([Bar("decode", 1, "1.0 s"), Bar("fit", 9, "9.0 s", "third"), Bar("none", 0, "0 s")], unit="s")
     assert text.count("<rect class") == 2
     assert "fit <b>9.0 s</b>" in text.replace('"/></svg>', "")
-
-
-def test_spreads_are_named():
-    assert "1.0 ± 0.5" in pieces.spreads([Spread("line", 1.0, 0.5, "1.0 ± 0.5")], "PSNR, dB")
 
 
 def test_steps_and_sentences_say_when_there_is_none():

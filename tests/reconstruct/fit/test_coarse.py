@@ -26,7 +26,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout, choose_heldout
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, Listener, Watching, paused, run

@@ -18,7 +18,7 @@ from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.harmonics import degree_of
 

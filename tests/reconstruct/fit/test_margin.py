@@ -10,12 +10,12 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.density.mcmc import Mcmc
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.margin import MarginSettings, MarginSource, margin
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
 from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.paper.density.mcmc import Mcmc
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import joined
 from tests.reconstruct.fit.plane_fits import QUICK, UNJUDGED, FaultyBackend, run

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
 from gs2ci.reconstruct.measurement.brightness import Brightness, BrightnessSettings
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 BRIEF = Settings(long_decode=PatchSettings(iterations=4), brightness=BrightnessSettings(rounds=0))
 

@@ -18,7 +18,6 @@ from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -28,6 +27,7 @@ from gs2ci.reconstruct.hypotheses import fitting, moving
 from gs2ci.reconstruct.hypotheses.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
+from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import rescheduled
 from gs2ci.reconstruct.settings import Settings

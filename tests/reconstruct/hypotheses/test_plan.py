@@ -6,7 +6,7 @@ from gs2ci.reconstruct.hypotheses.plan import PlannedStep, RacePlan, fit_seconds
 from gs2ci.reconstruct.pipeline import plan
 from gs2ci.reconstruct.presets.named import rescheduled
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.tables.cases import Case
+from tests.tables.cases import Case
 
 SURE, DOUBTFUL = "other density rule (1 more)", "the path found in its views, or other density rule"
 

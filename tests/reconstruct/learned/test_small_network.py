@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
-from gs2ci.tables.cases import Case
 from tests.benchmarks.small_network import SmallNetwork, examples, export, train
+from tests.tables.cases import Case
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -28,6 +27,7 @@ from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
+from tests.sims.brute_force import deviation_dn, simulate_everything
 
 SIZE = (24, 32)
 RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.priors2d.base import Question, check_targets
+from gs2ci.reconstruct.paper.priors2d.base import Question, check_targets
 
 
 class MedianPrior:

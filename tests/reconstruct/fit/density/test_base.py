@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.fit.density.base import SPLIT_SHRINK, change_among, grow
-from gs2ci.reconstruct.fit.density.mcmc import Mcmc
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.density.revised import Revised
+from gs2ci.reconstruct.paper.density.mcmc import Mcmc
+from gs2ci.reconstruct.paper.density.revised import Revised
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 
 LOGITS = (-20.0, -6.0, -1.0, 0.0, 1.0, 6.0, 20.0)

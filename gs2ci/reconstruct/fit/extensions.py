@@ -1,0 +1,81 @@
+"""What settings may add to the coarse fits, or withhold from them: interfaces.
+
+Here: a last stage after the fits, and a geometry of which they are not given all. Not here: any of these; they are the
+paper's (`gs2ci.reconstruct.paper.fine`, `.withheld`).
+"""
+
+from typing import Protocol, Self
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.looks import Decode, Monitoring
+from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.points import Seeds
+from gs2ci.reconstruct.measurement.holdout import Holdout
+
+
+class LastStage(Protocol):
+    """A stage after the coarse fits, ready to run."""
+
+    def fit(
+        self,
+        holdout: Holdout,
+        coarse: CoarseFit,
+        renderer: ShotRenderer,
+        seed: int,
+        monitoring: Monitoring,
+        detailed: Decode | None = None,
+    ) -> CoarseFit:
+        """Refine the Gaussians of a coarse fit.
+
+        Args:
+            holdout: The measurement (its truth is not read), and its pixels that no loss may see.
+            coarse: The fit to continue.
+            renderer: Renders for this shot.
+            seed: Of random draws.
+            monitoring: What is called at looks and iterations, and what may interrupt.
+            detailed: Decodes the residual; None: as the monitoring does.
+        """
+
+
+class LastStageSettings(Protocol):
+    """The settings of such a stage."""
+
+    @property
+    def iterations(self) -> int:
+        """Get the most iterations that it makes."""
+
+    @property
+    def hold_out(self) -> HoldOut:
+        """Get how often it looks at the held-out pixels, and how long it waits for them to improve."""
+
+    def load(self, loss: LossWeights, seed: int) -> LastStage:
+        """Load what the settings name, before any time is spent on the measurement; `loss` is the coarse stage's.
+
+        Raises:
+            InputError: The settings make no sense, or a model file cannot be used.
+            StorageError: The list of added models cannot be read.
+        """
+
+    def with_models(self, prior: str | None, distance: str | None) -> Self:
+        """Return the same with another prior or distance, by name; None: as it is."""
+
+
+class Withholding(Protocol):
+    """What is withheld of a geometry."""
+
+    def first_poses(self, geometry: Geometry) -> Geometry:
+        """Return the geometry with the poses from which a fit starts."""
+
+    def first_points(self, geometry: Geometry, views: F32, stride: int, seed: int) -> Seeds:
+        """Return the points from which a fit starts.
+
+        Args:
+            geometry: Poses and depth.
+            views: Decoded views, [N, H, W, C].
+            stride: Step between pixels, along rows and columns.
+            seed: Of random draws.
+        """

@@ -1,0 +1,1 @@
+"""Density rules that the paper compares with its own."""

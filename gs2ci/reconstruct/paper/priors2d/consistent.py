@@ -1,0 +1,91 @@
+"""A prior without weights that uses all views together: detail on which several cameras agree is kept.
+
+The measurement's residual is decoded into every camera's view (`decode.residual`). Part of it is texture that the
+Gaussians have not resolved, part is residue of the decode. Texture lies on surfaces: warped to a pseudo-view by the
+depth there, it falls on the same pixel from every camera; residue does not. So the median over the cameras keeps the
+texture and drops the residue.
+
+Here: the warp, its occlusion test and the median. Not here: the residual.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import camera_centres
+from gs2ci.core.errors import InputError
+from gs2ci.core.lens import distorted, undistorted
+from gs2ci.reconstruct.paper.priors2d.base import Question, check_targets
+
+
+@dataclass(frozen=True)
+class ConsistentDetail:
+    """The median over the cameras of the detail that each of them sees at a point.
+
+    Args:
+        neighbours: How many of the nearest cameras are used.
+        depth_tolerance: Relative difference of depth from which on a camera sees something other than the point.
+    """
+
+    neighbours: int = 5
+    depth_tolerance: float = 0.05
+    name: str = "consistent"
+
+    def __post_init__(self) -> None:
+        if self.neighbours < 1 or not 0 < self.depth_tolerance < np.inf:
+            raise InputError(f"prior {self}", allowed="neighbours >= 1, depth_tolerance > 0")
+
+    def __call__(self, question: Question) -> F32:
+        """Return pseudo-views with the agreed detail added; arguments as for `ImagePrior`."""
+        images = question.pseudo.images
+        centres = camera_centres(question.recovered.world_to_camera)
+        targets = images.copy()
+        for i, here in enumerate(camera_centres(question.pseudo.world_to_camera)):
+            nearest = np.argsort(np.linalg.norm(centres - here, axis=1), kind="stable")[: self.neighbours]
+            details = np.stack([self._seen_from(question, i, int(camera)) for camera in nearest])
+            targets[i] += _median(details)
+        return check_targets(self.name, targets, images)
+
+    def _seen_from(self, question: Question, view: int, camera: int) -> F32:
+        """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN if it does not see the same point."""
+        pixels, depth = _project(question, view, question.recovered.world_to_camera[camera])
+        x, y = (np.ascontiguousarray(pixels[..., k], np.float32) for k in (0, 1))
+        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
+        found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
+        detail: F32 = cv2.remap(question.details[camera], x, y, cv2.INTER_LINEAR, **border)
+        # Depth 0, outside or where no light is stopped, never agrees; NaN compares as False.
+        same: Bool = np.abs(found - depth) < self.depth_tolerance * depth
+        return np.where(same[..., None], detail, np.float32(np.nan))
+
+
+def _project(question: Question, view: int, camera_from_world: F64) -> tuple[F64, F64]:
+    """Find the array coordinates, [H, W, 2], and depths, [H, W], of a pseudo-view's points in a camera; NaN if none."""
+    pseudo, intrinsics, distortion = question.pseudo, question.intrinsics, question.distortion
+    depth = pseudo.depths[view].astype(np.float64)
+    height, width = depth.shape
+    y, x = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(intrinsics).T
+    if distortion is not None:
+        rays[..., :2] = undistorted(rays[..., :2], distortion)
+    camera_from_view = camera_from_world @ np.linalg.inv(pseudo.world_to_camera[view])
+    points = (rays * depth[..., None]) @ camera_from_view[:3, :3].T + camera_from_view[:3, 3]
+    there = np.where((depth > 0) & (points[..., 2] > 0), points[..., 2], np.nan)
+    if distortion is not None:
+        points[..., :2] = distorted(points[..., :2] / there[..., None], distortion) * there[..., None]
+    # OpenCV's first pixel has its centre at 0, ours at 0.5.
+    pixels: F64 = (points @ intrinsics.T)[..., :2] / there[..., None] - 0.5
+    return np.nan_to_num(pixels, nan=-2.0, posinf=-2.0, neginf=-2.0), there
+
+
+def _median(details: F32) -> F32:
+    """Return the median of the values that are not NaN, [K, H, W, 3]; 0 if fewer than two cameras have one."""
+    known = (~np.isnan(details[..., :1])).sum(axis=0)
+    # Sorted, NaN comes last: the known values of each pixel lie in front.
+    ordered = np.sort(details, axis=0)
+    low, high = ((np.maximum(known, 1) - 1) // 2, np.maximum(known, 1) // 2)
+    index = [np.broadcast_to(at, details.shape[1:])[None] for at in (low, high)]
+    middle = sum(np.take_along_axis(ordered, at, axis=0)[0] for at in index) / 2
+    agreed: F32 = np.where(known >= 2, middle, 0).astype(np.float32)
+    return agreed
