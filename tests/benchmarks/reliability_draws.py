@@ -13,7 +13,6 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.crop import middle
 from gs2ci.core.records import Shot, Truth
-from gs2ci.tables.cases import noisy, staged
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
@@ -23,6 +22,7 @@ from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.files import LIBRARY, load_scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.benchmarks import photographs
+from tests.tables.cases import noisy, staged
 
 SIZE: Final = (72, 96)
 MASKS: Final = 8
@@ -70,7 +70,7 @@ def drawn(kind: str, seed: int) -> Draw:
         )
         told = np.where(np.isfinite(depths), depths, 0).astype(np.float32)
         return Draw(f"{kind} {seed}", replace(shot, truth=replace(shot.truth, depth=told)))
-    of = kind.split()[0]
+    of = kind.split(maxsplit=1)[0]
     table = load_scene(of, size=SIZE).file.geometry
     scene = table.model_copy(update={"seed": seed}).build(SuggestedCamera(SIZE, 50.0), LIBRARY)
     rig = Rig(light=Light(float(rng.uniform(*_PHOTONS))), modulator=Modulator(masks=MASKS))

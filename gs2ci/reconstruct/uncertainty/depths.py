@@ -36,8 +36,9 @@ def errors_of_depths(known: Information, seen: Seen, spread: F32, path_error: fl
     off_middle = np.abs(depth / float(np.median(depth[there])) - 1)
     by_path = factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + off_middle)
     by_place = factors.PLACE_PX / _movements(seen)
-    squares = by_poses + by_place**2 + (factors.DEPTH_BY_SPREAD * spread) ** 2 + (factors.DEPTH_BY_JUMP * jump) ** 2 + by_path**2
-    relative = np.minimum(np.sqrt(squares), factors.MOST_OF_DEPTH)
+    by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread, factors.DEPTH_BY_JUMP * jump)
+    relative = np.sqrt(by_poses + by_place**2 + by_light**2 + by_path**2)
+    relative = np.minimum(relative, factors.MOST_OF_DEPTH)
     return np.where(there, relative * depth, 0).astype(np.float32)
 
 

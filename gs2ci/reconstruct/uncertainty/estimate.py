@@ -116,5 +116,6 @@ def in_other_order(
         both = (depth[reference] > 0) & (found[reference] > 0)
         here, there = depth[reference][both].astype(np.float64), found[reference][both].astype(np.float64)
         if here.size and np.ptp(here) > 0 and np.ptp(there) > 0 and rank_correlation(there, here) < 0:
-            return (found * np.median(here) / np.median(there)).astype(np.float32)
+            scale = np.float32(np.median(here) / np.median(there))
+            return found * scale
     return None

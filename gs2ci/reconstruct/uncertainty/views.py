@@ -110,7 +110,8 @@ def _pattern(views: SeenViews, power: F64, light: F64, full: float) -> F64:
     if not shares:
         return np.ones(views.delivered.shape[:3])
     total: F64 = sum((part * values for part, values in shares), np.zeros(views.delivered.shape[:3]))
-    return total / total.mean()
+    total /= total.mean()
+    return total
 
 
 def _smooth(values: F64 | F32, sigma_px: float) -> F64:
