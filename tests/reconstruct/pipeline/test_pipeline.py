@@ -76,7 +76,7 @@ def test_the_result_is_whole(shot, found):
     result = found.result.check()
     assert result.views.shape == result.scene_views.shape == result.decode.shape == (VIEWS, HEIGHT, WIDTH, 3)
     assert set(result.seconds) == {*SECONDS_KEYS, "registration", "uncertainty"}
-    parts = (*SECONDS_KEYS[1:], "registration")
+    parts = (*SECONDS_KEYS[1:], "registration", "uncertainty")
     assert result.seconds["total"] == pytest.approx(sum(result.seconds[key] for key in parts))
     assert result.curve[0].seconds > result.seconds["decode"]
     assert len(found.scene) == result.gaussians
