@@ -32,6 +32,7 @@ from gs2ci.reconstruct.paper import ablation
 from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.devices import check_device
 from gs2ci.render.harmonics import DEGREE_MAX
 
 
@@ -55,6 +56,7 @@ class Overrides:
     within_mask: WithinMask | None = None
     registration: RegistrationMode | None = None
     motion: MotionMode | None = None
+    device: str | None = None
     seed: int = 42
 
     @property
@@ -74,6 +76,7 @@ class Overrides:
             "motion": self.motion,
             "first_look": self.first_look,
             "fits": self.fits,
+            "device": self.device,
         }
         changed = {name: value for name, value in given.items() if value is not None}
         settings = replace(settings, seed=self.seed, **changed)
@@ -134,6 +137,8 @@ def settings_of(name: PresetName, overrides: Overrides) -> Settings:
         ("--registration", overrides.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)
+    if overrides.device is not None:
+        check_device(overrides.device)
     return overrides.on(preset(name))
 
 

@@ -58,6 +58,7 @@ def reconstruct(
     within_mask: WithinMask | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
+    device: str = "auto",
     seed: int = 42,
     progress: Progress | None = None,
 ) -> Run:
@@ -117,6 +118,8 @@ def reconstruct(
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the residual of a
             static scene, and uses it if held-out pixels confirm it (not with a budget); "on" always fits a moving
             scene; "off" never. By default the preset's.
+        device: What renders: "cpu", "cuda" for the first CUDA device that works, "cuda:1" for one of several; "auto"
+            takes a CUDA device that works, otherwise the CPU, and the run says what kept a card from being used.
         seed: Seed of every random draw; the same seed gives the same result.
         progress: Receives stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
@@ -159,6 +162,7 @@ def reconstruct(
         within_mask=within_mask,
         registration=registration,
         motion=motion,
+        device=device,
         seed=seed,
     )
     budget_s = budget_seconds(budget, preset, overrides)

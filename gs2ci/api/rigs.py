@@ -392,15 +392,18 @@ def find_devices() -> list[tuple[str, str, str]]:
     """Look for devices on this computer, without sending anything to them.
 
     Returns:
-        Kind, port (as in a rig file) and name of each.
+        Kind, port (as in a rig file) and name of each. The last ones have the kind "compute": what may render, with
+        the name that `reconstruct` takes as its device, and what keeps it from being used.
 
     Example:
         >>> all(len(found) == 3 for found in gs2ci.find_devices())
         True
     """
+    from gs2ci.render.devices import compute_devices
     from gs2ci.rig import discovery
 
-    return list(discovery.find_devices())
+    computing = [("compute", device, about) for device, about in compute_devices()]
+    return [*discovery.find_devices(), *computing]
 
 
 def _every_step(bench: "Bench") -> list[str]:

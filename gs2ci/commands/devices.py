@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) -> None:
     """List what is connected and what it can do; nothing is changed and, without --home, nothing moves.
 
+    Without a rig, also what may render reconstructions.
+
     Args:
         rig: Query the devices of this rig file; by default, look for devices on this computer.
         home: Move the stage of the rig to its reference; the way must be free.
@@ -58,10 +60,11 @@ def _print_found(console: Console) -> list[dict[str, str]]:
     from gs2ci.api.rigs import find_devices
 
     found = find_devices()
-    if not found:
+    if all(kind == "compute" for kind, _, _ in found):
         console.print("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
     for kind, port, name in found:
-        console.print(f"{kind:<10} port = {port!r}  {escape(name)}", highlight=False, soft_wrap=True)
+        place = f"--device {port}" if kind == "compute" else f"port = {port!r}"
+        console.print(f"{kind:<10} {place}  {escape(name)}", highlight=False, soft_wrap=True)
     return [{"kind": kind, "port": port, "name": name} for kind, port, name in found]
 
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 Figure = float | int | str | list[int]
 
-TOPICS: Final = ("fits", "measurement", "geometry", "sources", "result")
+TOPICS: Final = ("devices", "fits", "measurement", "geometry", "sources", "result")
 """Files of `sentences/`."""
 
 
@@ -89,6 +89,17 @@ class Code(StrEnum):
     def figures(self) -> frozenset[str]:
         """Get the names of the figures in the sentence."""
         return frozenset(name for _, name, _, _ in string.Formatter().parse(self.sentence) if name)
+
+    # Which device rendered.
+    GPU_USED = auto()
+    GPU_EXTRA_MISSING = auto()
+    GPU_DRIVER_SILENT = auto()
+    GPU_DRIVER_OLD = auto()
+    GPU_NOT_THERE = auto()
+    GPU_TOO_OLD = auto()
+    GPU_MEMORY_SMALL = auto()
+    GPU_FAILS = auto()
+    GPU_DIFFERS = auto()
 
     # Why a fit ended.
     FIT_STALLED = auto()

@@ -91,6 +91,7 @@ class RunResult:
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
         uncertainty: Standard errors of views, depth and poses; None if they were not asked for.
+        device: What rendered: "cpu", or a CUDA device with its model.
     """
 
     views: F32
@@ -125,6 +126,7 @@ class RunResult:
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
     uncertainty: Uncertainty | None = None
+    device: str = "cpu"
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and contain only finite numbers.

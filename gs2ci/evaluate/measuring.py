@@ -23,7 +23,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
-from gs2ci.reconstruct.geometry.telemetry import errors_of_given
+from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 from gs2ci.reconstruct.uncertainty.depths import movement
 from gs2ci.reconstruct.uncertainty.factors import PLACE_PX
 

@@ -381,6 +381,7 @@ class Report(ReportSection):
     seed: int
     versions: dict[str, str]
     machine: Machine
+    device: str = "cpu"
     provenance: dict[str, JsonValue]
 
     @model_validator(mode="after")

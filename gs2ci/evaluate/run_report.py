@@ -77,6 +77,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "seed": result.seed,
         "versions": environment.versions(),
         "machine": environment.machine(),
+        "device": result.device,
         "provenance": provenance,
     }
     # Converted through JSON, so that it is the same as when it is read back.

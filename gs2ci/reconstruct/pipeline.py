@@ -22,6 +22,7 @@ from gs2ci.reconstruct.hypotheses.moving import speeds
 from gs2ci.reconstruct.hypotheses.plan import RacePlan, planned
 from gs2ci.reconstruct.hypotheses.race import Race
 from gs2ci.reconstruct.observe import Tools, observe
+from gs2ci.reconstruct.placing import placed
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import Registered
@@ -66,10 +67,15 @@ def reconstruct(
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold; or the budget does not suffice.
+            from telemetry that the shot does not hold; or the budget does not suffice; or the settings name a CUDA
+            device that cannot be used.
+        ResourceError: That device has too little memory.
         NumericsError: The first fit is not finite from its first iteration on.
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
+    settings, placement = placed(shot, settings)
+    for note in placement.notes:
+        progress.say(note.sentence)
     hurried, tools = budget is not None, Tools.load(settings)
     seen = observe(shot, settings, tools, progress, score, halt, registered, hurried=hurried)
     halt.begin()
@@ -95,6 +101,7 @@ def reconstruct(
     left = Left(
         *(seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved),
         mask_moments=fits.mask_moments,
+        placement=placement,
         uncertainty=sure,
     )
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
@@ -107,7 +114,7 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     The measurement is observed as for a reconstruction, and a few iterations and a step of each decode are timed.
     Arguments and errors as for `reconstruct`.
     """
-    settings, progress = (settings or Settings()).check(), progress or Silent()
+    (settings, _), progress = placed(shot, (settings or Settings()).check()), progress or Silent()
     seen = observe(shot, settings, Tools.load(settings), progress, None, Halt(), None, hurried=False)
     return planned(seen.fits, seen.first, seen.order)
 

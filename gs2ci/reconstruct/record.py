@@ -3,7 +3,7 @@
 Here: the record's fields and notes. Not here: the stages and their order (`pipeline`), files (`gs2ci.evaluate`).
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -19,11 +19,11 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.fusion import Recovered
-from gs2ci.reconstruct.geometry.centre import doubts_about_centre
+from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
-from gs2ci.reconstruct.geometry.telemetry import Movement, movement
-from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.geometry.path.centre import doubts_about_centre
+from gs2ci.reconstruct.geometry.path.telemetry import Movement, movement
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings, order_findings
 from gs2ci.reconstruct.hypotheses.moving import Speeds
 from gs2ci.reconstruct.hypotheses.race import Raced
@@ -31,6 +31,7 @@ from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.devices import RenderingPlace
 from gs2ci.render.stopping import StoppedLight
 
 # The held-out residual, as a share of that of even grey views, above which depth is in doubt. At 0.64 to 0.72 the rank
@@ -59,6 +60,7 @@ class Left:
     speeds: Speeds | None
     mask_moments: MaskMoments | None = None
     uncertainty: Uncertainty | None = None
+    placement: RenderingPlace = field(default_factory=RenderingPlace)
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -113,6 +115,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         race=tuple(one.summary() for one in left.raced.course),
         displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
+        device=left.placement.device,
     ).check()
 
 
@@ -121,6 +124,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
     geometry, ensemble = left.geometry, left.ensemble
     poses_known = geometry.has_path or geometry.known_at_rest
     return (
+        *left.placement.notes,
         *left.registered.notes,
         *(
             *left.doubts,

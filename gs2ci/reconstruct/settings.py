@@ -57,6 +57,7 @@ class Settings(Bounded):
             unchanged and never combines them with the decode.
         stride_px: Distance of the first Gaussians along rows and columns.
         withheld: The part of the geometry that is withheld from the fit, for ablations; None: nothing.
+        device: Where to render, as `gs2ci.render.devices.place` takes it: "cpu", "auto", "cuda:1".
         backend: The renderer.
         raster: What the renderer may leave out for speed.
         brightness: Of the estimate of the views' brightness, which corrects wrong weights.
@@ -88,6 +89,7 @@ class Settings(Bounded):
     residual: ResidualSettings | None = field(default_factory=ResidualSettings)
     stride_px: PositiveInt = 3
     withheld: Withholding | None = None
+    device: str = "cpu"
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)

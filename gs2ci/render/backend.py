@@ -1,8 +1,9 @@
 """The available renderers, by name.
 
-`reference` is the float64 definition, for tests and small scenes; `cpu` is used by reconstructions; `warp` is for CUDA
-devices (extra `gpu`; never run on one so far). Another renderer needs one class and one entry in `_BACKENDS`. Not here:
-what a renderer does (`gs2ci.render.interface`).
+`cpu` is for the CPU; `warp` is for CUDA devices (extra `gpu`; never run on one so far), `warp:cuda:1` for one of
+several. Another renderer needs one class and one entry in `_BACKENDS`. Not here: what a renderer does
+(`gs2ci.render.interface`), its definition in float64, which tests hold all of them to (`tests/render/reference.py`),
+which one a reconstruction takes (`devices`).
 """
 
 from collections.abc import Callable
@@ -21,24 +22,17 @@ def _load_cpu(settings: RasterSettings) -> Backend:
     return CpuBackend(settings)
 
 
-def _load_reference(settings: RasterSettings) -> Backend:
-    from gs2ci.render.reference import ReferenceBackend  # noqa: PLC0415
-
-    return ReferenceBackend(settings)
-
-
-def _load_warp(settings: RasterSettings) -> Backend:
+def _load_warp(settings: RasterSettings, device: str | None = None) -> Backend:
     try:
         from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise missing_extra(error) or error from error
 
-    return WarpBackend(settings)
+    return WarpBackend(settings, device)
 
 
 _BACKENDS: Final[dict[str, Callable[[RasterSettings], Backend]]] = {
     "cpu": _load_cpu,
-    "reference": _load_reference,
     "warp": _load_warp,
 }
 
@@ -47,15 +41,17 @@ def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> B
     """Return a new backend by name.
 
     Args:
-        name: Of the backend.
+        name: Of the backend; `warp` also with a device of Warp's after a colon.
         settings: What it may leave out; None uses the defaults.
 
     Raises:
-        InputError: There is none of that name, or the settings make no sense.
+        InputError: There is none of that name, the device is not there, or the settings make no sense.
     """
-    if name not in _BACKENDS:
-        raise InputError(f"no rendering backend {name!r}", allowed=", ".join(sorted(_BACKENDS)))
-    return _BACKENDS[name](settings or RasterSettings())
+    kind, _, device = name.partition(":")
+    if kind not in _BACKENDS or (device and kind != "warp"):
+        raise InputError(f"no rendering backend {name!r}", allowed=", ".join([*sorted(_BACKENDS), "warp:cuda:1"]))
+    settings = settings or RasterSettings()
+    return _load_warp(settings, device) if device else _BACKENDS[kind](settings)
 
 
 def needs_compiling(name: str) -> bool:

@@ -17,6 +17,9 @@ from gs2ci import cli, commands
 from gs2ci.api import display
 from gs2ci.api.display import NotebookDisplay, QuietDisplay, interrupted_within, open_display
 from gs2ci.core.findings import Code
+from gs2ci.render import devices
+from gs2ci.render.cards import Card, Cuda
+from gs2ci.render.devices import CudaProbe
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -251,6 +254,7 @@ def test_an_interruption_that_compiled_code_hides_is_one():
     [
         (gs2ci.reconstruct, {"shot": "shot.h5", "iterations": 0}, "reconstruct shot.h5 --iterations 0"),
         (gs2ci.reconstruct, {"shot": "no.h5"}, "reconstruct no.h5"),
+        (gs2ci.reconstruct, {"shot": "shot.h5", "device": "cuda:77"}, "reconstruct shot.h5 -o other --device cuda:77"),
         (gs2ci.decode, {"shot": "shot.h5", "denoiser": "nlm"}, "decode shot.h5 --denoiser nlm"),
         (gs2ci.measure, {"run": "run", "one": (99, 0), "other": (1, 1)}, "measure run 99,0 1,1"),
         (gs2ci.plan, {"rig": "rig.toml", "tolerance_dn": 0.0}, "plan rig.toml --tolerance-dn 0"),
@@ -267,7 +271,7 @@ def test_errors_say_the_same_as_on_the_command_line(call, arguments, command, ex
 
 def test_words_that_the_parser_would_refuse_are_refused(examples):
     shot = gs2ci.load("shot.h5")
-    for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}):
+    for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}, {"device": "gpu"}):
         with pytest.raises(gs2ci.InputError, match=next(iter(wrong.values()))):
             gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **wrong)
     for wrong in ({"bad_pixels": "Refuse"}, {"meas_layout": "RGB"}, {"mask_axis": 0}):
@@ -279,6 +283,28 @@ def test_words_that_the_parser_would_refuse_are_refused(examples):
         gs2ci.decode(shot, "tv")
     with pytest.raises(gs2ci.InputError, match="network"):
         gs2ci.export_model("unet", "weights.pth")
+
+
+OLD_CARD = Cuda((13, 0), (13, 0), (7, 5), (Card("cuda:0", "NVIDIA GeForce GTX 1080", (6, 1), 8192, 8000),))
+
+
+def test_a_run_says_what_rendered_and_what_kept_a_card_from_it(examples, monkeypatch):
+    monkeypatch.setattr(devices, "CudaProbe", lambda: CudaProbe(lambda: True, lambda: OLD_CARD))
+    run = gs2ci.reconstruct("shot.h5", "draft", iterations=2, progress=gs2ci.Silent())
+    assert run.report.device == "cpu"
+    assert run.report.found(Code.GPU_TOO_OLD).sentence.startswith("cuda:0 (NVIDIA GeForce GTX 1080) has compute")
+    with pytest.raises(gs2ci.InputError, match=r"--device cuda: cuda:0 .* has compute capability 6\.1"):
+        gs2ci.reconstruct("shot.h5", "draft", device="cuda", progress=gs2ci.Silent())
+    chosen = gs2ci.reconstruct("shot.h5", "draft", iterations=2, device="cpu", progress=gs2ci.Silent())
+    assert chosen.report.found(Code.GPU_TOO_OLD) is None
+    np.testing.assert_array_equal(chosen.views, run.views)
+
+
+def test_devices_that_render_are_found_beside_those_of_a_bench(monkeypatch):
+    monkeypatch.setattr(devices, "CudaProbe", lambda: CudaProbe(lambda: True, lambda: OLD_CARD))
+    computing = [found for found in gs2ci.find_devices() if found[0] == "compute"]
+    assert [port for _, port, _ in computing] == ["cpu", "cuda:0"]
+    assert "7.5 is needed" in computing[1][2]
 
 
 def test_the_number_of_shots_of_one_plan_is_not_that_of_the_next(examples):

@@ -17,6 +17,7 @@ import torch
 
 BENCHMARKS = (
     "first_table",
+    "photographs_drawn",
     "rasteriser",
     "profile",
     "gpu_kernels",
@@ -52,6 +53,7 @@ BENCHMARKS = (
     "stage_interleavings",
     "disturbed_sweeps",
     "wide_motion",
+    "ties",
     "photograph_rings",
     "given_poses",
     "depth",
@@ -93,6 +95,7 @@ LONG = (
     "endings",
     "gpu",
     "photograph_rings",
+    "ties",
     "motion_within_masks",
     "moving",
     "nonrigid",
@@ -107,6 +110,7 @@ LONG = (
     "lengths",
     "reliability",
     "first_table",
+    "photographs_drawn",
     "list_reuse",
     "harmonics",
     "beside_files",

@@ -30,7 +30,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, relief, surfaces
+from gs2ci.reconstruct.fit import coarse, coarse_state, exposure, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.hypotheses import fitting
@@ -56,9 +56,9 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
-    ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
+    ("fit: sweeps for surfaces", exposure, "find_surfaces"),
     ("fit: density rule", coarse_state.FitState, "densify"),
-    ("fit: error blended back", gathering.Gathering, "_blended"),
+    ("fit: error blended back", gathering.Gathering, "_most_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
     ("iteration: opacity term", coarse_state, "add_regularisers"),
     ("iteration: surfaces' term", surfaces.Surfaces, "draw"),

@@ -43,7 +43,7 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, coarse_state
+from gs2ci.reconstruct.fit import coarse, exposure
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
@@ -59,7 +59,7 @@ STAGES = (
     ("order of depth", fitting.Fits, "order_of"),
     ("first Gaussians", fitting.Fits, "beginning"),
     ("fits", fitting, "advance_together"),
-    ("fits: surfaces", coarse_state, "find_surfaces"),
+    ("fits: surfaces", exposure, "find_surfaces"),
     ("fits: looks", coarse._Loop, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
     ("mean of the fits", fitting, "combined"),

@@ -155,6 +155,7 @@ def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
         ({"iterations": 50}, {"fit"}),
         ({"fine": True}, {"fine"}),
         ({"seed": 7}, {"seed"}),
+        ({"device": "cuda:1"}, {"device"}),
     ],
 )
 def test_what_is_named_overrides_the_paper_and_only_that(options, changed):

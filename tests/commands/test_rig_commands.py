@@ -159,7 +159,9 @@ def test_what_cannot_be_homed_is_told(rig, capsys, gs2ci):
 def test_devices_without_a_rig_looks_at_this_computer(rig, monkeypatch, capsys, gs2ci):
     monkeypatch.setattr(discovery, "find_devices", lambda: [("sensor", "/dev/video3", "a camera")])
     assert gs2ci("devices") == 0
-    assert "port = '/dev/video3'  a camera" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "port = '/dev/video3'  a camera" in said
+    assert "compute    --device cpu  the default" in said
     monkeypatch.setattr(discovery, "find_devices", list)
     assert gs2ci("devices") == 0
     assert "gs2ci doctor" in capsys.readouterr().out

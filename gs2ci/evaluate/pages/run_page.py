@@ -502,5 +502,6 @@ def _measurement(report: Report) -> Markup:
 
 def _environment(report: Report) -> Markup:
     return pieces.columns(
-        pieces.facts(spoken_rows(report.machine.model_dump())), pieces.facts(flat_rows(report.versions))
+        pieces.facts([*spoken_rows(report.machine.model_dump()), ("rendered on", report.device)]),
+        pieces.facts(flat_rows(report.versions)),
     )

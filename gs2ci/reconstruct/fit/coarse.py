@@ -8,6 +8,7 @@ Here: the loop, its bookkeeping, and the return to the last good state. Not here
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -19,12 +20,10 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Looks, Monitoring
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import Watch
-from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -69,10 +68,8 @@ class CoarseRun:
     """A fit of Gaussians and poses to the measurement that can be paused after any share of its schedule.
 
     Args:
-        holdout: The measurement (its truth is not read), and its pixels that the loss may not see.
-        renderer: Renders for this shot, with the geometry's camera matrix.
+        exposures: One or more; several are fitted by one scene.
         start: Initial Gaussians.
-        geometry: Initial poses.
         settings: The schedule.
         seed: For the density rule's draws.
         monitoring: What is called at looks and iterations, and what may interrupt.
@@ -85,10 +82,8 @@ class CoarseRun:
 
     def __init__(
         self,
-        holdout: Holdout,
-        renderer: ShotRenderer,
+        exposures: Sequence[FittedExposure],
         start: Gaussians,
-        geometry: Geometry,
         settings: CoarseSettings,
         seed: int,
         monitoring: Monitoring,
@@ -96,12 +91,13 @@ class CoarseRun:
         outside: Tensor | None = None,
     ) -> None:
         settings.check()
-        self._fit = FitState(holdout, renderer, start, geometry, settings, seed, outside)
-        self._looks = Looks(holdout, monitoring)
-        self._intrinsics, self._halt = geometry.intrinsics, monitoring.halt
-        self._result: CoarseFit | None = None
+        self._fit = FitState(exposures, start, settings, seed, outside)
+        self._looks = Looks(monitoring.since_s)
+        self._halt = monitoring.halt
+        self._results: tuple[CoarseFit, ...] = ()
         pace = pace or Fixed(settings.iterations)
-        self._loop = _Loop(self._fit, self._looks, monitoring, pace, judged=bool(holdout.pixels.any()))
+        judged = any(one.holdout.pixels.any() for one in exposures)
+        self._loop = _Loop(self._fit, self._looks, monitoring, pace, judged=judged)
 
     @property
     def curve(self) -> tuple[CurvePoint, ...]:
@@ -133,55 +129,60 @@ class CoarseRun:
             self._loop.run(share, progress)
 
     def views(self) -> F32:
-        """Render the scene as it is now, as each mask saw it, [N, H, W, C] float32, not clamped."""
+        """Render the scene as it is now, as each mask of the first exposure saw it, [N, H, W, C] float32."""
         return self._fit.views()
 
     @property
     def scene(self) -> Gaussians:
         """Get the Gaussians as they are now."""
-        return self._fit.optimiser.scene
+        return self._fit.scene
 
     def result(self) -> CoarseFit:
-        """Return the state with the smallest held-out residual; a fit that was paused ends here."""
-        if self._result is None:
-            self._result = self._ended()
-        return self._result
+        """Return the state with the smallest held-out residual, seen by the first exposure; a paused fit ends here."""
+        return self.results()[0]
 
-    def _ended(self) -> CoarseFit:
+    def results(self) -> tuple[CoarseFit, ...]:
+        """Return this state as each exposure sees it: one scene, the exposure's own poses and views."""
+        if not self._results:
+            self._results = self._ended()
+        return self._results
+
+    def _ended(self) -> tuple[CoarseFit, ...]:
         loop = self._loop
         code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
         stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
         loop.stopped = stopped
         self._fit.restore(loop.best)
-        return CoarseFit(
-            scene=loop.best.scene,
-            world_to_camera=self._fit.poses.world_to_camera().detach().double().numpy(),
-            views=self._fit.views(),
-            curve=self.curve,
-            stopped=stopped,
-            notes=tuple(loop.notes),
-            intrinsics=self._intrinsics,
-            outside=loop.best.outside,
+        return tuple(
+            CoarseFit(
+                scene=loop.best.scene,
+                world_to_camera=one.path(),
+                views=one.views(self._fit.scene),
+                curve=self.curve,
+                stopped=stopped,
+                notes=tuple(loop.notes),
+                intrinsics=one.exposure.geometry.intrinsics,
+                outside=loop.best.outside,
+            )
+            for one in self._fit.exposures
         )
 
 
 def fit_coarse(
-    holdout: Holdout,
-    renderer: ShotRenderer,
+    exposure: FittedExposure,
     start: Gaussians,
-    geometry: Geometry,
     settings: CoarseSettings,
     seed: int,
     monitoring: Monitoring,
     pace: Pace | None = None,
     outside: Tensor | None = None,
 ) -> CoarseFit:
-    """Fit Gaussians and poses to the measurement without a pause; arguments and errors as for `CoarseRun`.
+    """Fit Gaussians and poses to one measurement without a pause; arguments and errors as for `CoarseRun`.
 
     Returns:
         The state with the smallest held-out residual.
     """
-    run = CoarseRun(holdout, renderer, start, geometry, settings, seed, monitoring, pace, outside)
+    run = CoarseRun([exposure], start, settings, seed, monitoring, pace, outside)
     run.advance()
     return run.result()
 
@@ -224,7 +225,7 @@ class _Loop:
         """Make one iteration, or return to the best state if it must not be used; return the schedule's length."""
         iteration = self.iteration
         self.fit.split_masks(iteration / total)
-        if self.fit.find_surfaces(iteration / total, self._looks.decode):
+        if self.fit.find_surfaces(iteration / total):
             # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
             # one may predict the held-out pixels as well, but its depth is worse.
             self._watch.begin_again(iteration)
@@ -278,7 +279,7 @@ class _Loop:
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
         began_s = time.monotonic()
-        heldout = self._looks.take(self.fit.coded(), self.fit.views, iteration, loss, len(self.fit.optimiser.scene))
+        heldout = self._looks.take(self.fit.seen(), iteration, loss, len(self.fit.scene))
         if self._watch.note(heldout, iteration):
             self.best = self.fit.snapshot(iteration)
         self._pace.looked(time.monotonic() - began_s)
@@ -288,7 +289,7 @@ class _Loop:
         curve = self._looks.curve
         found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
         known = {name: figure for name, figure in found.items() if figure is not None}
-        return {**known, "gaussians": len(self.fit.optimiser.scene)}
+        return {**known, "gaussians": len(self.fit.scene)}
 
     def _how_it_ran_away(self, iteration: int, loss: float) -> Finding | None:
         """Return why the present iteration must not be used; None if it may."""

@@ -8,7 +8,7 @@ from typing import Protocol, Self
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Decode, Monitoring
+from gs2ci.reconstruct.fit.looks import Decode, Monitoring, Score
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
@@ -27,7 +27,9 @@ class LastStage(Protocol):
         renderer: ShotRenderer,
         seed: int,
         monitoring: Monitoring,
+        decode: Decode,
         detailed: Decode | None = None,
+        score: Score | None = None,
     ) -> CoarseFit:
         """Refine the Gaussians of a coarse fit.
 
@@ -37,7 +39,9 @@ class LastStage(Protocol):
             renderer: Renders for this shot.
             seed: Of random draws.
             monitoring: What is called at looks and iterations, and what may interrupt.
-            detailed: Decodes the residual; None: as the monitoring does.
+            decode: Its result is added to the scene's views at looks, as before delivery.
+            detailed: Decodes the residual in more detail; None: `decode` does.
+            score: Turns refined views into a figure for the curve; it may know the truth.
         """
 
 

@@ -4,9 +4,12 @@ Here: a look, its point of the curve, and the record of what a fit calls while i
 fit looks (`coarse.py`, `paper/fine.py`), when it ends (`stopping.py`).
 """
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
@@ -29,52 +32,77 @@ class Monitoring:
     """What a fit calls while it runs, and what may interrupt it.
 
     Args:
-        decode: Its result is added to the scene's views, as before delivery.
         progress: Called at every iteration.
-        score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
         since_s: `time.monotonic()` from which the curve's seconds count, as of the whole reconstruction; None: now.
         halt: A request to end early; the fit ends after the iteration in which it is made.
     """
 
-    decode: Decode = nothing
     progress: Progress = field(default_factory=Silent)
-    score: Score | None = None
     since_s: float | None = None
     halt: Halt = field(default_factory=Halt)
+
+
+@dataclass(frozen=True)
+class LookedAt:
+    """What a look judges for one exposure of a fit.
+
+    Args:
+        holdout: The measurement and its held-out pixels.
+        decode: How views are refined.
+        coded: The measurement as the scene predicts it, [H, W, C].
+        views: Renders the scene's views, [N, H, W, C].
+        score: Turns refined views into a figure for the curve, `psnr_db`; it may know the truth.
+    """
+
+    holdout: Holdout
+    decode: Decode
+    coded: F32
+    views: Callable[[], F32]
+    score: Score | None = None
+
+    def judged(self) -> tuple[float | None, float | None]:
+        """Return the held-out residual of the refined views, and their score; None for what there is not.
+
+        For the coded image only the open pixels of each view are rendered; all of them only if a score asks for them.
+        """
+        added = self.decode(self.coded)
+        heldout = self.holdout.residual_rms_of(self.coded, added)
+        if self.score is None:
+            return heldout, None
+        return heldout, self.score(self.views() if added is None else self.views() + added)
 
 
 class Looks:
     """Judges a fit's views, and keeps the curve of the results.
 
     Args:
-        holdout: The measurement and its held-out pixels.
-        monitoring: How views are refined and scored, and when the curve's seconds begin.
+        since_s: `time.monotonic()` from which the curve's seconds count; None: now.
     """
 
-    def __init__(self, holdout: Holdout, monitoring: Monitoring) -> None:
+    def __init__(self, since_s: float | None = None) -> None:
         self.curve: list[CurvePoint] = []
-        self.decode = monitoring.decode
-        self._holdout = holdout
-        self._score = monitoring.score
-        self._since_s = time.monotonic() if monitoring.since_s is None else monitoring.since_s
+        self._since_s = time.monotonic() if since_s is None else since_s
 
-    def take(self, coded: F32, views: Callable[[], F32], iteration: int, loss: float, gaussians: int) -> float | None:
+    def take(self, seen: Iterable[LookedAt], iteration: int, loss: float, gaussians: int) -> float | None:
         """Record one look; return the held-out residual of the refined views, None if no pixel is held out.
 
-        For the coded image only the open pixels of each view are rendered; all of them only if a score asks for them.
-
         Args:
-            coded: The measurement as the scene predicts it, [H, W, C].
-            views: Renders the scene's views, [N, H, W, C].
+            seen: Of each exposure, one at least; the residual is that of all together, and the score their mean.
             iteration: How many are done.
             loss: That of the last.
             gaussians: Size of the population.
         """
-        added = self.decode(coded)
-        heldout = self._holdout.residual_rms_of(coded, added)
+        judged = [one.judged() for one in seen]
         seconds = time.monotonic() - self._since_s
-        psnr_db = None
-        if self._score is not None:
-            psnr_db = self._score(views() if added is None else views() + added)
+        heldout = _together([rms for rms, _ in judged], lambda many: math.sqrt(float(np.mean(np.square(many)))))
+        psnr_db = _together([score for _, score in judged], lambda many: float(np.mean(many)))
         self.curve.append(CurvePoint(seconds, iteration, loss, heldout, psnr_db, gaussians))
         return heldout
+
+
+def _together(figures: list[float | None], mean: Callable[[list[float]], float]) -> float | None:
+    """Return the mean of the figures that there are, one alone as it is; None if there are none."""
+    known = [figure for figure in figures if figure is not None]
+    if len(known) > 1:
+        return mean(known)
+    return known[0] if known else None

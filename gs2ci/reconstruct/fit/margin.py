@@ -9,6 +9,7 @@ Here: where these Gaussians lie and what they look like. Not here: when they are
 them (`coarse_state.py`, `paper/fine.py`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -55,12 +56,12 @@ class MarginSource:
 
     Args:
         numbers: Which of the N views, [K].
-        views: All of them, [N, H, W, C] float32.
+        views: Those of them at least, by number, [H, W, C] float32 each.
         inverse_depth: Of the surfaces in the K views, on the sensor, [K, H, W]; 0 where none is known.
     """
 
     numbers: tuple[int, ...]
-    views: F32
+    views: Mapping[int, F32]
     inverse_depth: F32
 
 

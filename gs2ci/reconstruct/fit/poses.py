@@ -15,7 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]

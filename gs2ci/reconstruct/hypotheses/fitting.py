@@ -20,6 +20,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, member_seed, members
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.extensions import LastStage
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
@@ -29,8 +30,8 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fusion import polish_seconds
+from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened
@@ -239,8 +240,16 @@ class Fits:
     def fine(self, ensemble: Ensemble, renderer: ShotRenderer, fine: LastStage) -> Ensemble:
         """Take the best of several fits through the fine stage; return the mean of all."""
         detailed = Refinement(self.holdout, self.settings.residual or ResidualSettings()).decode
-        monitoring = self._monitoring(self.progress)
-        fined = fine.fit(self.fitted, ensemble.best, renderer, self.settings.seed, monitoring, detailed)
+        fined = fine.fit(
+            self.fitted,
+            ensemble.best,
+            renderer,
+            self.settings.seed,
+            self._monitoring(self.progress),
+            self.refine.decode,
+            detailed,
+            self.score,
+        )
         return self.mean((fined, *ensemble.others), "fine")
 
     def beginning(self, look: FirstLook, views: F32, *, moving: bool = False) -> tuple[Geometry, Gaussians]:
@@ -273,10 +282,8 @@ class Fits:
             self.fitted.shot, geometry.intrinsics, backend, self.lens, self.mask_moments, one_picture=one_picture
         )
         return CoarseRun(
-            holdout=self.fitted,
-            renderer=renderer,
+            exposures=[FittedExposure(self.fitted, renderer, geometry, self.refine.decode, self.score)],
             start=member.start,
-            geometry=geometry,
             settings=replace(self.settings.fit, density=member.density),
             seed=member.seed,
             monitoring=self._monitoring(progress),
@@ -285,7 +292,7 @@ class Fits:
         )
 
     def _monitoring(self, progress: Progress) -> Monitoring:
-        return Monitoring(self.refine.decode, progress, self.score, self.clock.began_s, self.halt)
+        return Monitoring(progress, self.clock.began_s, self.halt)
 
     def _trying(self, fit: CoarseSettings) -> "Fits":
         """Return the same for auxiliary fits: they are neither scored nor ended early."""

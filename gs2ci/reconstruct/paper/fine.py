@@ -8,7 +8,7 @@ The sum over all pseudo-views is estimated by one of them in each iteration; eac
 The mean of this estimate is the paper's sum, at a fraction of the cost.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -24,7 +24,7 @@ from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Decode, Looks, Monitoring
+from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Looks, Monitoring, Score, nothing
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.poses import length_of
@@ -153,10 +153,12 @@ class Fine:
         renderer: ShotRenderer,
         seed: int,
         monitoring: Monitoring,
+        decode: Decode,
         detailed: Decode | None = None,
+        score: Score | None = None,
     ) -> CoarseFit:
         """Refine the Gaussians of a coarse fit; see `fit_fine`."""
-        return fit_fine(holdout, coarse, renderer, self, seed, monitoring, detailed)
+        return fit_fine(holdout, coarse, renderer, self, seed, monitoring, decode, detailed, score)
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,9 @@ def fit_fine(
     fine: Fine,
     seed: int,
     monitoring: Monitoring,
+    decode: Decode = nothing,
     detailed: Decode | None = None,
+    score: Score | None = None,
 ) -> CoarseFit:
     """Refine the Gaussians of a coarse fit with fixed cameras.
 
@@ -220,14 +224,16 @@ def fit_fine(
         fine: Settings and models.
         seed: For the order of the pseudo-views.
         monitoring: What is called at looks and iterations, and what may interrupt.
-        detailed: Decodes the residual for priors that use it; None: as the monitoring does.
+        decode: Its result is added to the scene's views at looks, as before delivery.
+        detailed: Decodes the residual for priors that use it; None: `decode` does.
+        score: Turns refined views into a figure for the curve; it may know the truth.
 
     Returns:
         The state with the smallest held-out residual; the coarse fit if no state is better, if no pixel is held out, or
         if the prior or the distance fails. A note says which.
     """
     settings = fine.settings.check()
-    decode, progress = monitoring.decode, monitoring.progress
+    progress = monitoring.progress
     coded = holdout.coded(coarse.views)
     before = holdout.residual_rms_of(coded, decode(coded))
     if before is None and settings.gated:
@@ -237,8 +243,12 @@ def fit_fine(
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(holdout, coarse, renderer, pseudo_loss, fine, seed)
-    looks = Looks(holdout, monitoring)
-    loop = _Loop(fit, looks, monitoring, first=coarse.curve[-1].iteration if coarse.curve else 0)
+    looks = Looks(monitoring.since_s)
+
+    def seen() -> LookedAt:
+        return LookedAt(holdout, decode, fit.coded(), fit.views, score)
+
+    loop = _Loop(fit, looks, seen, monitoring, first=coarse.curve[-1].iteration if coarse.curve else 0)
     after = loop.run(before)
     curve = (*coarse.curve, *looks.curve)
     if loop.best is None:
@@ -393,10 +403,12 @@ def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
 class _Loop:
     """The iterations, numbered after those of the coarse stage: step, look, stop."""
 
-    def __init__(self, fit: _Fit, looks: Looks, monitoring: Monitoring, first: int) -> None:
+    def __init__(
+        self, fit: _Fit, looks: Looks, seen: Callable[[], LookedAt], monitoring: Monitoring, first: int
+    ) -> None:
         self.best: Gaussians | None = None
         self._fit = fit
-        self._looks = looks
+        self._looks, self._seen = looks, seen
         self._progress, self._halt = monitoring.progress, monitoring.halt
         self._first = first
 
@@ -419,7 +431,7 @@ class _Loop:
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
                 gaussians = len(self._fit.optimiser.scene)
                 at = self._first + iteration
-                residual = self._looks.take(self._fit.coded(), self._fit.views, at, loss, gaussians)
+                residual = self._looks.take([self._seen()], at, loss, gaussians)
                 if watch.note(residual if settings.gated else None, iteration):
                     best, self.best = residual, self._fit.snapshot()
                 if halted or watch.stalled(iteration):

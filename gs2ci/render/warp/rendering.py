@@ -1,5 +1,7 @@
 """One rendering on a device, with what its gradient needs: the order in which the kernels run."""
 
+import threading
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,6 +19,12 @@ from gs2ci.render.warp.stopping import depth_fields, stop_light
 from gs2ci.render.warp.types import BLOCK, LEAST_TRANSMITTANCE, Pose, Record, Row
 
 _POSE_THREADS: Final = 256
+_FIBERS: Final = threading.Lock()
+
+
+def _one_at_a_time(device: str) -> AbstractContextManager[object]:
+    """Keep fibers of two host threads apart: they would share one stack of tiles, and end the process (warp 1.19)."""
+    return _FIBERS if device == "cpu" else nullcontext()
 
 
 @dataclass(frozen=True)
@@ -201,9 +209,10 @@ class Rendering:
 
     def _launch_blocks(self, kernel: Any, blocks: int, threads: int, inputs: list[Any], outputs: list[Any]) -> None:
         if blocks:
-            wp.launch_tiled(
-                kernel, dim=[blocks], block_dim=threads, inputs=inputs, outputs=outputs, device=self._device
-            )
+            with _one_at_a_time(self._device):
+                wp.launch_tiled(
+                    kernel, dim=[blocks], block_dim=threads, inputs=inputs, outputs=outputs, device=self._device
+                )
 
 
 class Blended(torch.autograd.Function):

@@ -7,6 +7,7 @@ import numpy as np
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring, nothing
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -68,14 +69,13 @@ def paused(
     shot = shot or given
     holdout = Holdout.of(shot, settings.hold_out.share, seed)
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
+    renderer = ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend(), mask_moments=mask_moments)
     fit = CoarseRun(
-        holdout=holdout,
-        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend(), mask_moments=mask_moments),
+        [FittedExposure(holdout, renderer, geometry, decode, score)],
         start=first_gaussians(seed_points(geometry, grey, 2)),
-        geometry=geometry,
         settings=settings,
         seed=seed,
-        monitoring=Monitoring(decode, listener or Silent(), score),
+        monitoring=Monitoring(listener or Silent()),
         pace=pace,
     )
     return fit, holdout

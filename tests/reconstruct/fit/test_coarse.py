@@ -15,6 +15,7 @@ from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.pace import Fixed
@@ -323,12 +324,11 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
     with pytest.raises(InputError):
         replace(CoarseSettings(), **settings).check()
     shot, geometry = moving_plane
+    renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend())
     with pytest.raises(InputError):
         fit_coarse(
-            holdout=Holdout(shot, np.zeros(shot.size, bool)),
-            renderer=ShotRenderer(shot, geometry.intrinsics, CpuBackend()),
+            FittedExposure(Holdout(shot, np.zeros(shot.size, bool)), renderer, geometry),
             start=first_gaussians(seed_points(geometry, np.zeros((4, 32, 40, 3), np.float32), 2)),
-            geometry=geometry,
             settings=replace(CoarseSettings(), **settings),
             seed=0,
             monitoring=Monitoring(),

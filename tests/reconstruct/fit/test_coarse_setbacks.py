@@ -12,6 +12,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
 from gs2ci.reconstruct.fit.coarse_state import FitState
 from gs2ci.reconstruct.fit.depth_field import DepthField
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.relief import Relief
@@ -80,11 +81,10 @@ def continued(moving_plane, warm_up, backend=None):
     settings = replace(
         QUICK, iterations=12, densify_until=0.0, warm_up=warm_up, hold_out=HoldOut(share=0.05, look_every=1)
     )
+    renderer = ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend())
     return fit_coarse(
-        holdout=holdout,
-        renderer=ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend()),
+        FittedExposure(holdout, renderer, replace(geometry, world_to_camera=done.world_to_camera)),
         start=done.scene,
-        geometry=replace(geometry, world_to_camera=done.world_to_camera),
         settings=settings,
         seed=0,
         monitoring=Monitoring(),

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit import coarse_state
+from gs2ci.reconstruct.fit import exposure
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
@@ -45,7 +45,7 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
         found = find_surfaces(*arguments)
         return replace(found, inverse_depth=3 * found.inverse_depth)
 
-    monkeypatch.setattr(coarse_state, "find_surfaces", wrong)
+    monkeypatch.setattr(exposure, "find_surfaces", wrong)
     settings = SurfaceSettings((Search(0.5, 3.0, 3.0),), every=1)
     fit, holdout = run(moving_plane, replace(QUICK, surfaces=settings))
     before = [point.heldout for point in fit.curve if point.iteration <= 30]
@@ -63,7 +63,7 @@ def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane
         swept.append((search, views - shown, Coding.of(renderer.shot).forward(torch.from_numpy(shown)), predicted[-1]))
         return find_surfaces(renderer, scene, poses, views, settings, seed, search)
 
-    monkeypatch.setattr(coarse_state, "find_surfaces", watched)
+    monkeypatch.setattr(exposure, "find_surfaces", watched)
     searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
     shot = moving_plane[0]
     missing = np.full((*shot.masks.shape, shot.channels), 0.25, np.float32)
@@ -87,7 +87,7 @@ def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, 
     def first_only(*arguments):
         return find_surfaces(*arguments) if arguments[6] == given.searches[0] else None
 
-    monkeypatch.setattr(coarse_state, "find_surfaces", first_only)
+    monkeypatch.setattr(exposure, "find_surfaces", first_only)
     kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
     assert np.array_equal(kept.views, found.views)
 

@@ -13,6 +13,7 @@ from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import grow
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -121,7 +122,7 @@ def fitted(scene, shot, geometry, degree):
     settings = replace(settings, poses=replace(settings.poses, refine=False))
     holdout = Holdout.of(shot, settings.hold_out.share, 0)
     renderer = ShotRenderer(shot, geometry.intrinsics, load_backend())
-    fit = fit_coarse(holdout, renderer, scene, geometry, settings, 0, Monitoring())
+    fit = fit_coarse(FittedExposure(holdout, renderer, geometry), scene, settings, 0, Monitoring())
     return fit, holdout.residual_rms(fit.views)
 
 

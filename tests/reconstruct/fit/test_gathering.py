@@ -8,7 +8,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.cpu.backend import CpuBackend
-from gs2ci.render.reference import ReferenceBackend
+from tests.render.reference import ReferenceBackend
 
 SIZE = (20, 27)
 INTRINSICS = torch.tensor([[30.0, 0, 13.5], [0, 30, 10], [0, 0, 1]])
@@ -22,17 +22,16 @@ def poses(views):
 
 def gathering(masks, count, backend=None):
     shot = Shot(np.zeros((*SIZE, 3), np.float32), masks.numpy(), np.ones(len(masks), np.float32))
-    return Gathering(ShotRenderer(shot, INTRINSICS.numpy(), backend or CpuBackend()), count)
+    return Gathering([ShotRenderer(shot, INTRINSICS.numpy(), backend or CpuBackend())], count)
 
 
 def shared_evidence(gathered, scene, error=None):
     def look_up():
         assert error is not None
-        return error
+        return [error]
 
-    return gathered.evidence(
-        scene, poses(len(gathered._renderer.transmissions)), look_up, extent=0.3, cap=7, iteration=11
-    )
+    path = poses(len(gathered._renderers[0].transmissions))
+    return gathered.evidence(scene, [path], look_up, extent=0.3, cap=7, iteration=11)
 
 
 def test_a_share_of_open_pixels_does_not_change_the_unit_of_gradients(scattered):
@@ -50,7 +49,7 @@ def test_short_exposures_do_not_change_the_unit_of_gradients(scattered):
     shot = Shot(np.zeros((*SIZE, 3), np.float32), np.full((3, *SIZE), 0.5, np.float32), weights)
     renderer = ShotRenderer(shot, INTRINSICS.numpy(), CpuBackend())
     assert renderer.exposure == pytest.approx(0.1)
-    gathered = Gathering(renderer, 5)
+    gathered = Gathering([renderer], 5)
     gathered.screen.add(torch.full((5,), 4e-4 / 3), torch.full((5,), 1.0), torch.full((5,), 3.0))
     torch.testing.assert_close(shared_evidence(gathered, scene).screen_gradient, torch.full((5,), 4e-4))
 

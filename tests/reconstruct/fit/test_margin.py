@@ -51,7 +51,7 @@ def halves(size=SIZE):
     views = np.empty((VIEWS, *size, 3), np.float32)
     views[:, :, : size[1] // 2] = LEFT
     views[:, :, size[1] // 2 :] = RIGHT
-    return MarginSource((0, 2, 4), views, np.full((3, *size), 1 / DEPTH, np.float32))
+    return MarginSource((0, 2, 4), dict(enumerate(views)), np.full((3, *size), 1 / DEPTH, np.float32))
 
 
 def at(points, pose):
@@ -102,7 +102,7 @@ def test_colours_are_those_of_the_nearest_border(renderer, scattered):
 
 def test_grey_views_give_grey_gaussians_and_fields_of_the_scene_are_empty_in_them(renderer, scattered):
     seen = halves()
-    seen = replace(seen, views=seen.views[..., :1])
+    seen = replace(seen, views={number: view[..., :1] for number, view in seen.views.items()})
     scene = replace(scattered(3), motion=torch.ones(3, 2, 3), harmonics=torch.ones(3, 3, 3))
     found = margin(renderer, scene, path(), seen, MarginSettings())
     assert (found.colours[:, 0] == found.colours[:, 2]).all()

@@ -10,6 +10,7 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -47,10 +48,8 @@ def coarse(moving_plane):
     holdout = Holdout.of(shot, 0.05, 0)
     renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend())
     fit = fit_coarse(
-        holdout=holdout,
-        renderer=renderer,
+        FittedExposure(holdout, renderer, geometry),
         start=first_gaussians(seed_points(geometry, np.full((4, 32, 40, 3), 0.5, np.float32), 2)),
-        geometry=geometry,
         settings=CoarseSettings(iterations=30, densify_every=100, hold_out=HoldOut(share=0.05, look_every=10)),
         seed=0,
         monitoring=Monitoring(),
@@ -79,7 +78,8 @@ def run(
         renderer or given_renderer,
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         0,
-        Monitoring(progress=progress or Silent(), score=score, halt=halt or Halt()),
+        Monitoring(progress=progress or Silent(), halt=halt or Halt()),
+        score=score,
     )
 
 

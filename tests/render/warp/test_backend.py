@@ -1,5 +1,7 @@
 """What the Warp backend has of its own: devices, lists that are kept, a rendering that is differentiated once."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 import torch
 
@@ -56,3 +58,15 @@ def test_a_rendering_is_differentiated_once(make):
     pull(gradient)
     with pytest.raises(RuntimeError, match="differentiated twice"):
         pull(gradient)
+
+
+def test_fits_in_two_threads_render_what_one_does(make):
+    case = make()
+    alone = coded(WarpBackend(), case, None)
+
+    def often(backend):
+        return [coded(backend, case, None) for _ in range(20)]
+
+    with ThreadPoolExecutor(2) as threads:
+        for images in threads.map(often, [WarpBackend(), WarpBackend()]):
+            assert all(torch.equal(image, alone) for image in images)

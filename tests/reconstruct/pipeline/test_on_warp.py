@@ -1,0 +1,96 @@
+"""A whole draft whose scene Warp renders, on the CPU by fibers: the same stages, and views as good as the CPU's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("warp", reason="Warp is not installed")
+
+from gs2ci.core.findings import Code
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.hypotheses import fitting
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.render import devices
+from gs2ci.render.cards import Card, Cuda
+from gs2ci.render.devices import CudaProbe
+from tests.nightly import NIGHTLY
+from tests.stability.benches import Bench
+
+# Warp's name of the CPU, as if it were a card.
+FIBERS = Card("cpu", "fibers", (7, 5), 100_000, 100_000)
+
+
+class Told:
+    """Keeps the stages that a reconstruction begins."""
+
+    def __init__(self):
+        self.stages = []
+
+    def stage(self, name, steps=None):
+        self.stages.append(name)
+
+    def step(self, *_, **__):
+        """Nothing is kept of a step."""
+
+    def expect(self, steps):
+        """Nothing is kept of a schedule."""
+
+    def say(self, sentence):
+        """Nothing is kept of sentences."""
+
+
+@pytest.fixture
+def draft(monkeypatch):
+    """Reconstruct an exposure by a draft on a device, and return what was found with the stages."""
+    monkeypatch.setattr(
+        devices, "CudaProbe", lambda: CudaProbe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (FIBERS,)))
+    )
+
+    def reconstruct(shot, device, iterations=None):
+        # Whether a path is sought again, or motion is tried, depends on a fit's residual, which rounding moves.
+        settings = replace(preset("draft"), device=device, look_again=False, motion="off")
+        told = Told()
+        if iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+        return pipeline.reconstruct(shot, settings, told).result, told.stages
+
+    return reconstruct
+
+
+def psnr_db(shot, result):
+    return float(np.mean(psnr_per_view(result.views, shot.truth.views)))
+
+
+def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft):
+    shot = Bench("planes", views=4).expose((24, 32))
+    (there, stages), (here, same) = draft(shot, "auto", 4), draft(shot, "cpu", 4)
+    assert (there.device, here.device) == ("cpu (fibers)", "cpu")
+    assert there.notes[0].code is Code.GPU_USED
+    assert stages == same
+    np.testing.assert_allclose(there.views, here.views, atol=0.01)
+    assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1)
+
+
+@NIGHTLY
+def test_a_draft_on_a_card_differs_no_more_than_drafts_of_the_cpu_that_begin_almost_alike(draft, monkeypatch):
+    """First positions are moved by 1e-7 and 2e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it."""
+    shot = Bench("planes").expose((48, 64))
+    (there, stages), (here, same) = draft(shot, "auto"), draft(shot, "cpu")
+    assert stages == same
+    assert there.verdict == here.verdict
+    assert there.gaussians == pytest.approx(here.gaussians, rel=0.1)
+    plain, of_the_cpu = fitting.first_gaussians, [psnr_db(shot, here)]
+    for moved in (1e-7, 2e-7):
+
+        def shaken(*given, moved=moved):
+            start = plain(*given)
+            draws = torch.Generator().manual_seed(int(moved * 1e9))
+            start.means = start.means * (1 + moved * torch.randn(start.means.shape, generator=draws))
+            return start
+
+        monkeypatch.setattr(fitting, "first_gaussians", shaken)
+        of_the_cpu.append(psnr_db(shot, draft(shot, "cpu")[0]))
+    assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1 + np.ptp(of_the_cpu))
