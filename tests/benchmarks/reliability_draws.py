@@ -18,7 +18,7 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
-from gs2ci_sims.rig import Light, Modulator, Rig
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import LIBRARY, load_scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.benchmarks import photographs
@@ -73,7 +73,7 @@ def drawn(kind: str, seed: int) -> Draw:
     of = kind.split(maxsplit=1)[0]
     table = load_scene(of, size=SIZE).file.geometry
     scene = table.model_copy(update={"seed": seed}).build(SuggestedCamera(SIZE, 50.0), LIBRARY)
-    rig = Rig(light=Light(float(rng.uniform(*_PHOTONS))), modulator=Modulator(masks=MASKS))
+    rig = RigFigures(light=Light(float(rng.uniform(*_PHOTONS))), modulator=ModulatorFigures(masks=MASKS))
     if of == "corridor" and not kind.endswith("sideways"):
         travel = np.array([rng.uniform(0, 0.06), 0.0, rng.uniform(0.1, 0.4)]) / rig.exposure_s
         path = StageMove(tuple(travel.tolist()), 0.05, 4 / (3 * rig.exposure_s), scene.world_to_camera)

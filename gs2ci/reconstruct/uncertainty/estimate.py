@@ -4,7 +4,7 @@ Here: what is asked of which part. Not here: the parts (`views`, `information`, 
 (`gs2ci.core.uncertainty`), files (`gs2ci.evaluate`). Several exposures of one scene are asked one by one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,11 +85,13 @@ def standard_errors(of: Exposed, path: PathKnown | None) -> Uncertainty:
         transmissions=(of.holdout.shot.masks * of.holdout.shot.weights[:, None, None]).astype(np.float32),
         noise=noise_of_readings(of.holdout, of.views.scene),
     )
-    views = errors_of_views(of.holdout, of.views, errors_alike(flows_between(seen)))
+    views = errors_of_views(of.holdout, of.views, errors_alike(flows_between(seen)), seen.noise)
     if path is None:
         return Uncertainty(views)
-    known = information(seen, path.reference, path.given)
     given = path.given is not None
+    if given:  # so that the readings do not seem to make given poses surer than they do
+        seen = replace(seen, noise=seen.noise * np.float32(factors.POSITION**2))
+    known = information(seen, path.reference, path.given)
     there = depth[depth > 0]
     middle = float(np.median(there)) if there.size else 1.0
     positions, rotations = errors_of_poses(known.poses, of.world_to_camera, middle, given=given)

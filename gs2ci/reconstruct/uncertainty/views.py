@@ -13,7 +13,6 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
@@ -43,13 +42,14 @@ class SeenViews:
     disagreement: F32 | None
 
 
-def errors_of_views(holdout: Holdout, views: SeenViews, alike: F64) -> F32:
+def errors_of_views(holdout: Holdout, views: SeenViews, alike: F64, noise: F32) -> F32:
     """Return the standard error of each view's values, [N, H, W], full scale 1.
 
     Args:
         holdout: The measurement, and its held-out pixels.
         views: The views.
         alike: Correlation of the errors of two views at one pixel, [N, N] (`errors_alike`).
+        noise: Power of the readings' noise by what the scene leaves of them, [H, W, C] (`measurement.noise`).
     """
     shot = holdout.shot
     transmissions = (shot.masks * shot.weights[:, None, None]).astype(np.float64)
@@ -60,7 +60,7 @@ def errors_of_views(holdout: Holdout, views: SeenViews, alike: F64) -> F32:
         return np.full(transmissions.shape, _UNKNOWN, np.float32)
     residual = shot.measurement - holdout.coded(views.scene)
     power = np.mean(residual.astype(np.float64) ** 2, axis=-1)
-    level = _level(holdout, views, light, power)
+    level = _level(holdout, views, light, power, noise)
     pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), transmissions.max() ** 2)
     # What the pixel's reading takes away along its masks.
     little = _LITTLE_LIGHT * transmissions.max() ** 2
@@ -80,7 +80,7 @@ def errors_alike(flow_px2: F64) -> F64:
     return found
 
 
-def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64) -> float:
+def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64, noise: F32) -> float:
     """Return the mean power of the views' errors."""
     usable = holdout.shot.usable & ~holdout.pixels
     per_light = float(light[usable].mean())
@@ -90,8 +90,8 @@ def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64) -> float:
         unseen = float(holdout.squared_residuals(views.scene).mean()) / there
     if seen <= 0:
         return 0.0
-    noise = float(noise_of_readings(holdout, views.scene)[usable].mean(dtype=np.float64)) / per_light
-    rest = 1 - min(1.0, noise / seen) ** factors.NOISE_ORDER
+    share = float(noise[usable].mean(dtype=np.float64)) / per_light / seen
+    rest = 1 - min(1.0, share) ** factors.NOISE_ORDER
     return float(factors.LEVEL * np.sqrt(seen * unseen) * max(rest, factors.LEAST_OF_LEVEL))
 
 

@@ -3,9 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.uncertainty.views import errors_alike, errors_of_views
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.noise import noise_of_readings
+from gs2ci.reconstruct.uncertainty.views import SeenViews, errors_alike
+from gs2ci.reconstruct.uncertainty.views import errors_of_views as found_errors
 
 APART = np.eye(6)
+
+
+def errors_of_views(holdout: Holdout, views: SeenViews, alike: np.ndarray) -> np.ndarray:
+    return found_errors(holdout, views, alike, noise_of_readings(holdout, views.scene))
 
 
 def rms(values):
@@ -81,13 +88,13 @@ def test_views_that_explain_every_reading_are_stated_as_exact(measured):
     coded = holdout.coded(true)
     exact = replace(views, delivered=true, scene=true, decoded=true)
     shot = replace(holdout.shot, measurement=coded)
-    assert not errors_of_views(type(holdout)(shot, holdout.pixels), exact, APART).any()
+    assert not errors_of_views(Holdout(shot, holdout.pixels), exact, APART).any()
 
 
 def test_without_a_usable_reading_nothing_is_known(measured):
     holdout, views, _ = measured()
     blind = replace(holdout.shot, saturated=np.ones(holdout.shot.size, bool))
-    assert np.all(errors_of_views(type(holdout)(blind, np.zeros(blind.size, bool)), views, APART) == np.float32(0.3))
+    assert np.all(errors_of_views(Holdout(blind, np.zeros(blind.size, bool)), views, APART) == np.float32(0.3))
 
 
 def test_errors_are_alike_where_the_picture_does_not_move():
