@@ -91,6 +91,8 @@ class RunResult:
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
         uncertainty: Standard errors of views, depth and poses; None if they were not asked for.
+        exposures: Of each of several exposures, whose views follow one another: its name, its first view and their
+            number, what its held-out pixels say, how its path was found; empty for one.
         device: What rendered: "cpu", or a CUDA device with its model.
     """
 
@@ -126,6 +128,7 @@ class RunResult:
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
     uncertainty: Uncertainty | None = None
+    exposures: Sequence[Mapping[str, Any]] = ()
     device: str = "cpu"
 
     def check(self) -> "RunResult":

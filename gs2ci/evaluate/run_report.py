@@ -70,6 +70,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "motion": dict(result.motion) or None,
         "sureness": figures_of_errors(result),
         "race": [dict(entry) for entry in result.race],
+        "exposures": [dict(one) for one in result.exposures],
         "measured": _measured(shot),
         "simulation": simulation,
         "peak_mib": round(environment.peak_mib(), 1),
