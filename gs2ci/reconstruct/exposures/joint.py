@@ -37,6 +37,7 @@ from gs2ci.reconstruct.observe import Tools
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -182,6 +183,9 @@ def _part(
         None,
         fits.mask_moments,
     )
+    if settings.uncertainty:
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light)
+        left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}
     return record(replace(settings, fits=1, seed=fits.settings.seed), left, fits.score, seconds)

@@ -67,6 +67,14 @@ def test_each_exposure_shows_the_scene_as_its_own_part_of_the_record_does(togeth
 
 
 @pytest.mark.slow
+def test_each_exposure_has_standard_errors_of_its_own(together):
+    whole = together.result.uncertainty.check(together.result.views.shape[:3])
+    for name in ("views", "depth", "positions", "rotations"):
+        parts = np.concatenate([getattr(part.uncertainty, name) for part in together.parts])
+        np.testing.assert_array_equal(getattr(whole, name), parts)
+        assert parts.any()
+
+
 def test_the_same_seed_gives_the_same_scene(shots, together):
     again = reconstruct_together(shots, SETTINGS)
     assert np.array_equal(again.result.views, together.result.views)
