@@ -37,6 +37,7 @@ FILES = (
 )
 EACH = 10
 LIBRARIES = ("numpy", "scipy.ndimage", "scipy.stats", "cv2", "torch", "numba", "hypothesis", "h5py", "skimage", "tyro")
+_LOADED = "ignore::pytest.PytestAssertRewriteWarning"  # plugins were there before pytest
 # A mutant that never ends is found.
 LONGEST_S = 600
 _SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
@@ -102,7 +103,9 @@ def fails(tests: Sequence[str], *more: str) -> bool:
         signal.alarm(LONGEST_S)
         status = 1
         with suppress(BaseException), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            status = int(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", *more, *tests]))
+            status = int(
+                pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", _LOADED, *more, *tests])
+            )
         os._exit(status)
     return os.waitpid(child, 0)[1] != 0
 
@@ -126,6 +129,8 @@ def main(arguments: Sequence[str]) -> int:
     """Try the files that are named, or all; returns how many mutants the tests of a commit have lost to the night."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants")
     parser.add_argument("files", nargs="*", default=FILES)
+    # Kept byte code counts as that of any source of the same second and size.
+    sys.dont_write_bytecode = True
     for name in LIBRARIES:
         importlib.import_module(name)
     answers = []
