@@ -23,6 +23,8 @@ from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
+from gs2ci.evaluate.summary import summary_rows
+from gs2ci.evaluate.sureness import ORDER_OPEN, SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -37,6 +39,7 @@ FILES: Final = (
     ("moments/", "if requested with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in the unit of the path"),
+    ("views_error.npy, depth_error.npy", "standard errors, pixel by pixel"),
     ("disagreement.npy", "difference between several fits, full scale 1"),
     ("decode.npy, scene_views.npy", "the two candidates: the decode without a scene, and the scene alone"),
     ("overview.png", "the run in one picture"),
@@ -78,8 +81,10 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Scene and cameras", _scene(evidence, scene, pictures)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
+        PageSection("How sure it is", _sureness(report, pictures), _sureness_lead(report)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
+        PageSection("Exposures", _exposures(report), "One scene, and the views and the path of each exposure."),
         PageSection("Quality against time", _curve(report) + _race(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
     ]
@@ -148,31 +153,10 @@ def _where_from(report: Report) -> str:
 
 
 def _figures(report: Report) -> list[FigureOfMerit]:
-    """Choose the most important figures."""
-    found = []
-    if report.psnr_db is not None:
-        each = report.psnr_db.per_view
-        found.append(
-            FigureOfMerit(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}")
-        )
-    if report.ssim is not None and report.decode.ssim is not None:
-        found.append(FigureOfMerit(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
-    if report.heldout_rms is not None:
-        found.append(FigureOfMerit(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
-    else:
-        found.append(FigureOfMerit(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
-    if report.trajectory is not None and report.trajectory.nate is not None:
-        path = report.trajectory
-        remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
-        found.append(FigureOfMerit(f"{path.nate:.4f}", "Path error (nATE)", remark))
-    if report.depth is not None:
-        off, rest = report.depth.errors().in_words()
-        found.append(FigureOfMerit(off, "Depth, median", rest))
-    found.append(
-        FigureOfMerit(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores")
-    )
-    found.append(FigureOfMerit(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
-    return found
+    """Return the most important figures: the summary's, without what only completes another."""
+    judged = report.heldout_rms is not None
+    rest = ("rotation", "residual") if judged else ("rotation",)
+    return [FigureOfMerit(value, name, remark) for name, value, remark in summary_rows(report) if name not in rest]
 
 
 def _views(report: Report, pictures: RunPictures) -> Markup:
@@ -249,6 +233,54 @@ def _maps(pictures: RunPictures) -> Markup:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
     views = [index + 1 for index in pictures.indices]
     return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+
+
+def _sureness(report: Report, pictures: RunPictures) -> Markup:
+    found = report.sureness
+    if found is None:
+        return Markup()
+    views = [index + 1 for index in pictures.indices]
+    shown = [
+        piece("veiled", map=one, views=views, start=pictures.start, pixelated=pictures.pixelated)
+        for one in (pictures.views_error, pictures.depth_error)
+        if one is not None
+    ]
+    rows: list[tuple[str, str]] = [
+        ("standard error of the views' values, mean", describe_number(found.views_mean, 2)),
+        (f"of them surer than {SURE_OF_VIEWS:g}", f"{found.views_sure_share:.0%}"),
+    ]
+    if found.depth_median is not None and found.depth_sure_share is not None:
+        rows += [
+            ("standard error of depth, median", f"{found.depth_median:.1%}"),
+            (f"pixels whose depth is surer than {SURE_OF_DEPTH:.0%}", f"{found.depth_sure_share:.0%}"),
+        ]
+    if found.positions is not None and found.rotations_deg is not None:
+        rows += [
+            (
+                "standard error of cameras' places, largest",
+                f"{describe_number(max(found.positions), 2)} {report.length_unit}",
+            ),
+            ("of their rotations against each other, largest", f"{describe_number(max(found.rotations_deg), 2)}°"),
+        ]
+    picker = piece("picker", views=views, start=pictures.start, label="View")
+    return pieces.columns(*shown) + picker + pieces.facts(rows)
+
+
+def _sureness_lead(report: Report) -> str:
+    lead = "Of the errors, about 68 % lie within one standard error and 95 % within two; their tails are long."
+    if report.sureness is None or report.sureness.depth_median is None:
+        return lead
+    if not any(report.found(code) for code in ORDER_OPEN):
+        return lead
+    held = (
+        " This measurement was fitted in the other order too: depth_other.npy has its depth."
+        if report.sureness.other_order
+        else ""
+    )
+    return (
+        f"{lead} The order of near and far is open, and with it depth and path are one of two: their errors are not "
+        f"normally distributed, and the standard errors hold only if the order is the one taken.{held}"
+    )
 
 
 def _motion(evidence: RunEvidence) -> Markup:
@@ -348,6 +380,35 @@ def _curve(report: Report) -> Markup:
     return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no curve to show.")
 
 
+def _exposures(report: Report) -> Markup:
+    """List what each of several exposures gave."""
+    if len(report.exposures) < 2:
+        return Markup()
+
+    def said(value: float | None) -> str:
+        return "" if value is None else f"{value:.4f}"
+
+    def better(first: int, views: int) -> str:
+        known = None if report.psnr_db is None else report.psnr_db.per_view[first : first + views]
+        return "" if not known else f"{sum(known) / len(known):.2f}"
+
+    rows = [
+        [
+            one.name,
+            f"{one.first_view} to {one.first_view + one.views - 1}",
+            one.path,
+            said(one.heldout_rms.decode),
+            said(one.heldout_rms.scene),
+            said(one.heldout_rms.of(one.verdict)),
+            better(one.first_view, one.views),
+        ]
+        for one in report.exposures
+    ]
+    headings = ("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB")
+    shown = [number for number in range(len(headings)) if any(row[number] for row in rows)]
+    return pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
+
+
 def _race(report: Report) -> Markup:
     """Show who led when, and what became of each hypothesis."""
     colours: tuple[Colour, ...] = ("accent", "truth", "third", "fourth", "fifth", "muted")
@@ -428,7 +489,7 @@ def _measurement(report: Report) -> Markup:
     sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}
     rows: list[tuple[str, Any]] = [
         ("pixels", f"{width} × {height}, {colours}"),
-        ("masks in one exposure", report.views),
+        ("masks in one exposure" if not report.exposures else "masks in all exposures", report.views),
     ]
     if report.geometry is not None:
         focal = f"{describe_number(report.geometry.focal_px)} px {sources[report.geometry.focal_source]}"
