@@ -54,7 +54,7 @@ def merged(
         seed=first.seed,
         verdict=_verdict(parts),
         heldout_rms={verdict: _rms([one.heldout_rms[verdict] for one in parts]) for verdict in VERDICTS},
-        geometry=first.geometry,
+        geometry=next((one.geometry for one in parts if one.geometry.get("unit_of")), first.geometry),
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
