@@ -11,6 +11,8 @@ import math
 import torch
 from torch import Tensor
 
+from gs2ci.render.places import on_device
+
 _SERIES_BELOW_ANGLE2 = 0.25
 """Squared angle below which the series take over; the closed forms lose less than two digits above it."""
 _SERIES_TERMS = 8
@@ -48,7 +50,7 @@ def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def _coefficients(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return sin x / x, (1 - cos x) / x^2 and (x - sin x) / x^3 for x^2 = `angle2`."""
-    if bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
+    if not on_device(angle2) and bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
         a, b, c = _three_series(angle2).unbind(-1)
         return a, b, c
     small, near, far2 = _split(angle2)

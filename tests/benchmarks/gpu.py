@@ -32,9 +32,9 @@ def run() -> None:
 
     small = bool(os.environ.get("GS2CI_SMALL"))
     backend = WarpBackend(RasterSettings(), os.environ.get("GS2CI_DEVICE"))
-    print(f"device: {wp.get_device(backend.device).name}; warp {wp.config.version}")
+    print(f"device: {wp.get_device(backend.place).name}; warp {wp.config.version}")
     began = time.perf_counter()
-    _errors(WarpBackend(RasterSettings(termination_transmittance=0.0), backend.device))
+    _errors(WarpBackend(RasterSettings(termination_transmittance=0.0), backend.place))
     print(f"first rendering, with all compiling: {time.perf_counter() - began:.1f} s\n")
     print("| Gaussians | size | views | entries | ms, device | ms, with copies | ms, CPU renderer | same bits twice |")
     print("|---:|---|---:|---:|---:|---:|---:|---|")
@@ -66,7 +66,7 @@ def _outcome(backend, scene: Gaussians, poses, intrinsics, masks, weights) -> di
 
 
 def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) -> None:
-    from gs2ci.render.warp.rendering import HostInputs, Rendering  # noqa: PLC0415
+    from gs2ci.render.warp.rendering import Inputs, Rendering  # noqa: PLC0415
 
     scene, intrinsics = fitted_like(count, size)
     poses, masks = small_motion(views), random_masks(views, size, 0.25)
@@ -74,12 +74,12 @@ def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) ->
     padded = np.concatenate([weights.reshape(-1, 3), np.zeros((weights[..., 0].size, 1), np.float32)], axis=1)
     coding = backend.code(masks).coding
     fields = (scene.means, scene.log_scales, scene.quaternions, scene.opacity_logits, scene.colours, poses)
-    inputs = HostInputs.of(*fields)
+    inputs = Inputs.of(*fields)
 
     def iterate() -> list[np.ndarray]:
         rendering = Rendering(inputs, intrinsics, coding, 1e-4)
-        found = rendering.differentiate(padded)
-        return [rendering.gathered(), found.means, found.poses]
+        found = rendering.differentiate(torch.from_numpy(padded))
+        return [one.numpy() for one in (rendering.gathered(), found.means, found.poses)]
 
     one, other = iterate(), iterate()
     same = all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
@@ -90,7 +90,7 @@ def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) ->
         cpu.coded_with_pull(scene.map(torch.clone), poses, intrinsics, cpu_masks)[1](weights)
 
     entries = Rendering(inputs, intrinsics, coding, 1e-4)._lists.total
-    kernels = _kernel_ms(backend.device, iterate, rounds)
+    kernels = _kernel_ms(backend.place, iterate, rounds)
     print(
         f"| {count} | {size[0]} × {size[1]} | {views} | {entries} | {kernels} | {_least_ms(iterate, rounds):.2f} | "
         f"{_least_ms(on_cpu, max(2, rounds // 4)):.1f} | {'yes' if same else 'NO'} |",

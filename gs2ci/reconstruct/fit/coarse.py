@@ -134,8 +134,8 @@ class CoarseRun:
 
     @property
     def scene(self) -> Gaussians:
-        """Get the Gaussians as they are now."""
-        return self._fit.scene
+        """Get the Gaussians as they are now, on the host."""
+        return self._fit.scene.map(Tensor.cpu)
 
     def result(self) -> CoarseFit:
         """Return the state with the smallest held-out residual, seen by the first exposure; a paused fit ends here."""
@@ -155,7 +155,7 @@ class CoarseRun:
         self._fit.restore(loop.best)
         return tuple(
             CoarseFit(
-                scene=loop.best.scene,
+                scene=loop.best.scene.map(Tensor.cpu),
                 world_to_camera=one.path(),
                 views=one.views(self._fit.scene),
                 curve=self.curve,

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.device_losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Score, nothing
 from gs2ci.reconstruct.fit.losses import DataTerm
 from gs2ci.reconstruct.fit.poses import PoseCorrections
@@ -19,6 +20,7 @@ from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import on_device
 from gs2ci.render.screen import ScreenStatistics
 
 
@@ -57,9 +59,11 @@ class ExposureState:
         self.renderer = renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer
         self.reuse = self.renderer.reuse()
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
-        self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
+        self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors, renderer.device)
         shot, seen = holdout.shot, ~holdout.pixels
-        self._data_term = DataTerm(shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
+        given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
+        there = on_device(torch.empty(0, device=renderer.device))
+        self._data_term = DataTermOnDevice(*given, renderer.device) if there else DataTerm(*given)
 
     @property
     def awaits_moments(self) -> bool:
@@ -75,8 +79,11 @@ class ExposureState:
         """Discard what renderings of the same Gaussians share, since the Gaussians are new now."""
         self.reuse = self.renderer.reuse()
 
-    def backward(self, scene: Gaussians, screen: ScreenStatistics) -> tuple[float, Tensor]:
-        """Accumulate the gradients of the data term; return its value and the present poses, [N, 4, 4]."""
+    def backward(self, scene: Gaussians, screen: ScreenStatistics) -> tuple[float | Tensor, Tensor]:
+        """Accumulate the gradients of the data term; return its value and the present poses, [N, 4, 4].
+
+        The value is a tensor [] of a scene on a device, so that nothing has to wait for it here.
+        """
         poses = self.poses.world_to_camera()
         predicted, pull = self.renderer.measurement_with_pull(scene, poses, self.reuse, screen)
         loss, gradient = self._data_term.value_and_gradient(predicted)
@@ -86,11 +93,12 @@ class ExposureState:
     def dissimilarity(self, scene: Gaussians) -> Tensor:
         """Return the dissimilarity of the present prediction and the measurement, [H, W]."""
         predicted, _ = self.renderer.measurement_with_pull(scene, self.poses.world_to_camera(), self.reuse)
-        return torch.from_numpy(self._data_term.dissimilarity(predicted))
+        return torch.as_tensor(self._data_term.dissimilarity(predicted))
 
     def path(self) -> F64:
         """Return the present poses, [N, 4, 4]."""
-        return self.poses.world_to_camera().detach().double().numpy()
+        found: F64 = self.poses.world_to_camera().detach().double().cpu().numpy()
+        return found
 
     def views(self, scene: Gaussians) -> F32:
         """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""
@@ -99,7 +107,7 @@ class ExposureState:
     def seen(self, scene: Gaussians) -> LookedAt:
         """Return what a look at the fit judges for this exposure."""
         with torch.no_grad():
-            coded = self.renderer.measurement(scene, self.poses.world_to_camera()).numpy()
+            coded = self.renderer.measurement(scene, self.poses.world_to_camera()).cpu().numpy()
         exposure = self.exposure
         return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 
