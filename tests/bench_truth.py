@@ -24,7 +24,7 @@ from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.vignetting import Vignetting
-from gs2ci_sims.rig import Rig as SimulatedRig
+from gs2ci_sims.rig import RigFigures as SimulatedRig
 from gs2ci_sims.wires.genicam import GenicamModel
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from tests.tables import calibration

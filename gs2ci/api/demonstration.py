@@ -162,9 +162,9 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
 
     from gs2ci_sims.path import stage_move_for_parallax
     from gs2ci_sims.scenes.rgbd import motorcycle
-    from gs2ci_sims.sensor import Sensor
+    from gs2ci_sims.sensor import SensorFigures
 
-    sensor = Sensor()
+    sensor = SensorFigures()
     duration_s = views * MASK_S
     preview = motorcycle((size[0] // PREVIEW, size[1] // PREVIEW))
     move = stage_move_for_parallax(preview, parallax_px / PREVIEW, duration_s)

@@ -1,8 +1,9 @@
 """The available renderers, by name.
 
-`reference` is the float64 definition, for tests and small scenes; `cpu` is for the CPU; `warp` is for CUDA devices
-(extra `gpu`; never run on one so far), `warp:cuda:1` for one of several. Another renderer needs one class and one entry
-in `_BACKENDS`. Not here: what a renderer does (`gs2ci.render.interface`), which one a reconstruction takes (`devices`).
+`cpu` is for the CPU; `warp` is for CUDA devices (extra `gpu`; never run on one so far), `warp:cuda:1` for one of
+several. Another renderer needs one class and one entry in `_BACKENDS`. Not here: what a renderer does
+(`gs2ci.render.interface`), its definition in float64, which tests hold all of them to (`tests/render/reference.py`),
+which one a reconstruction takes (`devices`).
 """
 
 from collections.abc import Callable
@@ -21,12 +22,6 @@ def _load_cpu(settings: RasterSettings) -> Backend:
     return CpuBackend(settings)
 
 
-def _load_reference(settings: RasterSettings) -> Backend:
-    from gs2ci.render.reference import ReferenceBackend  # noqa: PLC0415
-
-    return ReferenceBackend(settings)
-
-
 def _load_warp(settings: RasterSettings, device: str | None = None) -> Backend:
     try:
         from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415
@@ -38,7 +33,6 @@ def _load_warp(settings: RasterSettings, device: str | None = None) -> Backend:
 
 _BACKENDS: Final[dict[str, Callable[[RasterSettings], Backend]]] = {
     "cpu": _load_cpu,
-    "reference": _load_reference,
     "warp": _load_warp,
 }
 

@@ -2,7 +2,7 @@
 
 The model is the usual one of 3D Gaussian splatting (Kerbl et al. 2023): a Gaussian is projected by the affine
 approximation of the camera at its centre (EWA, Zwicker et al. 2001), drawn as a 2D Gaussian and blended front to back.
-The float64 definition (`reference.py`) and every fast path read the same numbers from here.
+The float64 definition (`tests/render/reference.py`) and every fast path read the same numbers from here.
 """
 
 from typing import Final

@@ -1,7 +1,7 @@
 """The depth at which a pixel's light is stopped along its ray: the definition of depth.
 
 Here: the contents of a depth map, its constants, and the profile of a Gaussian along a ray. Not here: its computation
-(`Backend.depths`, by the definition in `reference.py` and the kernel in `cpu/stopping.py`).
+(`Backend.depths`, by the definition in `tests/render/reference.py` and the kernel in `cpu/stopping.py`).
 
 Gaussian i stops the share w_i = alpha_i T_i of a pixel's light, as in blending. It does so not at the depth of its
 centre but where the Gaussian is densest along the ray. With the affine camera of the image model, depth z and screen

@@ -22,7 +22,7 @@ from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.idealisations import typical
 from gs2ci_sims.registration import MaskAlignment
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.stated import Stated
 from gs2ci_sims.world import LightPath, Motion, Mount, World
 
@@ -180,15 +180,15 @@ def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effec
     )
 
 
-def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
+def _data_sheet(rig: RigTable, table: WorldTable) -> SensorFigures:
     """Return the sensor's true figures: those of the rig file unless [world.sensor] states others.
 
     Those of [world.sensor] and of the result are at 12 bits, those of [sensor] in readings of its format.
     """
-    default, true = Sensor(), table.sensor
+    default, true = SensorFigures(), table.sensor
     steps = 2.0 ** (default.bits - (rig.sensor.bits or default.bits))
     black, stated = rig.sensor.black_level_dn * steps, rig.sensor.electrons_per_dn
-    return Sensor(
+    return SensorFigures(
         full_well_e=true.full_well_e or rig.sensor.full_well_e or default.full_well_e,
         electrons_per_dn=true.electrons_per_dn or (default.electrons_per_dn if stated is None else stated / steps),
         black_level_dn=black if true.black_level_dn is None else true.black_level_dn,

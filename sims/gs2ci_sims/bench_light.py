@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
-from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.base import Effect, LightStage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
@@ -29,9 +29,9 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scene import Scene
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.signals import Slices
 from gs2ci_sims.simulation_plan import DEFAULT_TOLERANCE_DN, Plan, PlanChoice, SimulationTask
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
@@ -105,7 +105,7 @@ class BenchLight:
     def __init__(
         self,
         scene: Scene,
-        sensor: Sensor,
+        sensor: SensorFigures,
         registration: MaskAlignment,
         *,
         full_scale_e_per_s: float,
@@ -201,9 +201,9 @@ class BenchLight:
         effects = self._effects(rig.sensor) if planned is None else planned.effects
         # Calibration targets include the distortion themselves.
         lens = () if self._sight.target else (LensDistortion,)
-        moving = [e for e in effects if e.stage in (Stage.MOTION, Stage.SCENE) or isinstance(e, lens)]
+        moving = [e for e in effects if e.stage in (LightStage.MOTION, LightStage.SCENE) or isinstance(e, lens)]
         chain = EffectChain(moving, self._seed_of(exposure), rig)
-        moved = chain.through(Stage.MOTION, path)
+        moved = chain.through(LightStage.MOTION, path)
         centres_s = np.array([0.5 * (mask.start_s + mask.end_s) for mask in exposure.masks]) - middle_s
         return Studio(self._sight.scene, moved, chain, self._sight.renderer), moved, centres_s
 
@@ -217,19 +217,19 @@ class BenchLight:
         height, width = self.scene.size
         seen = np.stack([self.registration.seen(pattern, top, height, width) for pattern in levels])
         chain = EffectChain(self._extra, self._seed, self.nominal_rig(self.sensor.bits))
-        return calibrated_masks(chain.through(Stage.MASKS, seen), chain)
+        return calibrated_masks(chain.through(LightStage.MASKS, seen), chain)
 
-    def nominal_rig(self, bits: int) -> Rig:
+    def nominal_rig(self, bits: int) -> RigFigures:
         """Return the rig's figures for one open mask over a second, at a bit depth of the converter."""
-        return Rig(
+        return RigFigures(
             light=Light(self._photons_per_s),
-            modulator=Modulator(masks=1),
+            modulator=ModulatorFigures(masks=1),
             timing=Timing(1.0),
             sensor=self._sensor_of(bits),
             device_seed=self._seed,
         )
 
-    def fixed_pattern(self, effect: Effect, signal: F64, rig: Rig) -> F64:
+    def fixed_pattern(self, effect: Effect, signal: F64, rig: RigFigures) -> F64:
         """Pass a signal [H, W, C] through one effect with this device's own pattern."""
         return np.asarray(effect.apply(signal, rig, generator(rig.device_seed, effect.name)))
 
@@ -274,7 +274,7 @@ class BenchLight:
         return _FollowedPath(times_s - middle_s, poses), middle_s
 
     def _photons(
-        self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
+        self, exposure: Exposure, rig: RigFigures, effects: tuple[Effect, ...], seed: int
     ) -> tuple[F64, tuple[Effect, ...]]:
         """Integrate over all masks shown, [H, W, 3]; return also which effects are simulated."""
         path, masks, slices = self._laid_out(exposure)
@@ -291,14 +291,14 @@ class BenchLight:
         return light.photons, chosen
 
     def _plan(
-        self, path: _FollowedPath, masks: F32, rig: Rig, effects: tuple[Effect, ...], slices: Slices, seed: int
+        self, path: _FollowedPath, masks: F32, rig: RigFigures, effects: tuple[Effect, ...], slices: Slices, seed: int
     ) -> Plan:
         """Plan the exposure; with a camera at rest, exposures with the same masks and times share a plan.
 
         Bounds depend on every pixel of the masks, so the key includes all inputs of the plan. An effect that shakes
         the camera draws new numbers in each exposure, so with such an effect each exposure has a plan of its own.
         """
-        steady = not path.moves and not any(effect.stage is Stage.MOTION for effect in effects)
+        steady = not path.moves and not any(effect.stage is LightStage.MOTION for effect in effects)
         key = _digest(rig, path.poses[0], masks, slices.start_s, slices.stop_s)
         if steady and key in self._plans_at_rest:
             return self._plans_at_rest[key]
@@ -322,7 +322,7 @@ class BenchLight:
         lamp = max(1 + self._lamp_drift_per_min * minutes, 0.0)
         return lamp, math.ceil(lamp / LAMP_STEP - ROUNDING) * LAMP_STEP
 
-    def _rig(self, exposure: Exposure) -> Rig:
+    def _rig(self, exposure: Exposure) -> RigFigures:
         """Return the figures of the rig for one exposure: the lamp, the mean time of its masks and the gaps."""
         count = max(len(exposure.masks), 1)
         shown_s = sum(m.end_s - m.start_s for m in exposure.masks) or exposure.end_s - exposure.start_s
@@ -330,15 +330,15 @@ class BenchLight:
         # Clock times have rounding errors; a nanosecond is no gap.
         interval_s = round(shown_s / count, 9) or shown_s / count
         gap_s = max(round((span_s - shown_s) / max(count - 1, 1), 9), 0.0)
-        return Rig(
+        return RigFigures(
             light=Light(self._photons_per_s * self._lamp(exposure)[1] * interval_s),
-            modulator=Modulator(masks=count),
+            modulator=ModulatorFigures(masks=count),
             timing=Timing(interval_s, gap_s),
             sensor=self._sensor_of(exposure.bits),
             device_seed=self._seed,
         )
 
-    def _sensor_of(self, bits: int) -> Sensor:
+    def _sensor_of(self, bits: int) -> SensorFigures:
         """Return the data sheet at another bit depth: the same full well with fewer or more steps."""
         steps = 2.0 ** (self.sensor.bits - bits)
         return replace(
@@ -348,7 +348,7 @@ class BenchLight:
             black_level_dn=self.sensor.black_level_dn / steps,
         )
 
-    def _effects(self, sensor: Sensor) -> tuple[Effect, ...]:
+    def _effects(self, sensor: SensorFigures) -> tuple[Effect, ...]:
         given = {effect.name for effect in self._extra}
         effects = tuple(effect for effect in sensor_effects(sensor) if effect.name not in given)
         if not self._noise:
@@ -357,7 +357,7 @@ class BenchLight:
         return (MotionBlur(), *filters, *effects, *self._extra)
 
 
-def _digest(rig: Rig, *arrays: NDArray[Any]) -> bytes:
+def _digest(rig: RigFigures, *arrays: NDArray[Any]) -> bytes:
     """Return a hash of all figures and arrays; the effects are always the same objects."""
     digest = hashlib.blake2b(repr(rig).encode())
     for array in arrays:

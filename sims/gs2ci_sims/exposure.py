@@ -22,7 +22,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
+from gs2ci_sims.effects.base import Effect, LightStage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.charge_noise import ChargeNoise
@@ -35,7 +35,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
 
@@ -47,7 +47,7 @@ def expose(
     scene: Scene,
     path: CameraPath,
     masks: F32,
-    rig: Rig,
+    rig: RigFigures,
     *,
     effects: Sequence[Effect],
     seed: int,
@@ -178,15 +178,15 @@ def integrate(
         InputError: The sensor's window misses all masks.
     """
     intervals = chain.rig.timing.intervals_s(len(masks))
-    path = chain.through(Stage.MOTION, path)
-    slices = chain.through(Stage.TIME, slices or nominal_slices(intervals)).cut_by_rows(scene.size[0])
+    path = chain.through(LightStage.MOTION, path)
+    slices = chain.through(LightStage.TIME, slices or nominal_slices(intervals)).cut_by_rows(scene.size[0])
     weights = _first_row_s(slices) @ slices.mix / chain.rig.timing.interval_s
     if not weights.any():
         raise InputError(
             "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
         )
-    moments = moments or chain.through(Stage.MOMENTS, one_per_interval(intervals))
-    shown = chain.through(Stage.MASKS, masks)
+    moments = moments or chain.through(LightStage.MOMENTS, one_per_interval(intervals))
+    shown = chain.through(LightStage.MASKS, masks)
     studio = Studio(scene, path, chain, renderer or Renderer())
     progress = progress or Silent()
     stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
@@ -212,7 +212,7 @@ def integrate(
     centres_s = intervals.mean(axis=1)
     # Rounding may give negative light: where the weights of moments cancel, and beside it by convolutions with large
     # kernels, which go through a Fourier transform.
-    photons = np.maximum(chain.through(Stage.PHOTONS, np.maximum(photons, 0)), 0)
+    photons = np.maximum(chain.through(LightStage.PHOTONS, np.maximum(photons, 0)), 0)
     return ExposureLight(
         photons,
         shown,
@@ -256,8 +256,8 @@ class Studio:
             return scene.gaussians
 
         self._scene, self._path, self._chain, self._renderer = scene, path, chain, renderer
-        self._moving = chain.through(Stage.SCENE, at_rest)
-        looking = having(chain.at(Stage.RADIANCE), ViewEffect)
+        self._moving = chain.through(LightStage.SCENE, at_rest)
+        looking = having(chain.at(LightStage.RADIANCE), ViewEffect)
         self._margin = chain.margin_px(scene.size, scene.intrinsics)
         self._lens = lens_of(looking)
         self._needs_depth = any(effect.needs_depth for effect in looking)
@@ -276,7 +276,7 @@ class Studio:
         depth = None
         if self._needs_depth:
             depth = self._renderer.depth(scene, pose[0], gaussians=gaussians, margin=margin)
-        seen = self._chain.through(Stage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
+        seen = self._chain.through(LightStage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
         truth = np.concatenate([bare, coverage[0][..., None]], axis=2)
         truth = truth if self._lens is None else self._lens.bent(truth, intrinsics)
         height, width = scene.size
@@ -318,7 +318,7 @@ class Studio:
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether skipping the closed pixels [H, W] gives the same light and saves work."""
-        plain = not self._chain.at(Stage.RADIANCE) and self._renderer.skips
+        plain = not self._chain.at(LightStage.RADIANCE) and self._renderer.skips
         plain = plain and self._scene.mesh is None
         return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
 
@@ -335,7 +335,7 @@ def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
 
 def open_field(chain: EffectChain, size: tuple[int, int]) -> F64:
     """Return the light of an all-open mask on a flat field, over that without effects on photons, [H, W]."""
-    return np.asarray(chain.through(Stage.PHOTONS, np.ones((*size, 1)))[..., 0])
+    return np.asarray(chain.through(LightStage.PHOTONS, np.ones((*size, 1)))[..., 0])
 
 
 def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
@@ -343,11 +343,11 @@ def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
 
     Each alone on a flat field, over the same field behind an all-open mask; 0 where that is dark.
     """
-    if not chain.at(Stage.PHOTONS):
+    if not chain.at(LightStage.PHOTONS):
         return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
     field = open_field(chain, masks.shape[1:])
     lit = field > 0
-    seen = np.stack([chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks])
+    seen = np.stack([chain.through(LightStage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks])
     return np.asarray(np.clip(np.where(lit, seen, 0) / np.where(lit, field, 1), 0, 1), dtype=np.float32)
 
 
@@ -358,8 +358,8 @@ def read_out(photons: F64, chain: EffectChain) -> F64:
         NumericsError: An effect gave readings that are not finite.
     """
     sensor = chain.rig.sensor
-    charge = chain.through(Stage.CHARGE, sensor.quantum_efficiency * photons)
-    reading = chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
+    charge = chain.through(LightStage.CHARGE, sensor.quantum_efficiency * photons)
+    reading = chain.through(LightStage.READOUT, sensor.dn_from_electrons(charge))
     if not np.isfinite(reading).all():
         raise NumericsError(
             f"{np.count_nonzero(~np.isfinite(reading))} simulated readings are not finite, through the effects "
@@ -383,13 +383,13 @@ def saturation_dn(chain: EffectChain) -> float:
     noise_e = math.hypot(*(effect.sigma_e for effect in chain.effects if isinstance(effect, ChargeNoise)))
     steady = [effect for effect in chain.effects if isinstance(effect, GainNonlinearity | BlackLevel)]
     behind = EffectChain(steady, chain.seed, chain.rig)
-    charge = behind.through(Stage.CHARGE, np.full((1, 1, 1), capacity_e))
-    full_dn = float(behind.through(Stage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
+    charge = behind.through(LightStage.CHARGE, np.full((1, 1, 1), capacity_e))
+    full_dn = float(behind.through(LightStage.READOUT, sensor.dn_from_electrons(charge))[0, 0, 0])
     top_dn = next((effect.max_dn for effect in chain.effects if isinstance(effect, Quantisation)), 2**sensor.bits - 1)
     return min(full_dn - 4 * noise_e * chain.rig.dn_per_e - 0.5, float(top_dn))
 
 
-def _check(scene: Scene, masks: F32, rig: Rig) -> None:
+def _check(scene: Scene, masks: F32, rig: RigFigures) -> None:
     if masks.ndim != 3 or masks.shape[1:] != scene.size:
         raise InputError(
             f"masks of shape {list(masks.shape)} on a sensor of {list(scene.size)}",

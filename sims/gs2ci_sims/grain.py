@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Brightening, Stage
+from gs2ci_sims.effects.base import Brightening, LightStage
 from gs2ci_sims.exposure import Studio
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments
@@ -80,9 +80,14 @@ def _squares_dn2(look: Preview, renderer: Renderer, travel: tuple[F64, F64]) -> 
         views = np.stack([studio.view(float(time_s))[2] for time_s in moments_s])
         for field in np.tensordot(beyond.T, views, axes=1):
             for n, mask in enumerate(look.shown):
-                behind = chain.through(Stage.PHOTONS, mask[..., None] * field)
+                behind = chain.through(LightStage.PHOTONS, mask[..., None] * field)
                 squares[n] += np.square(behind).mean(axis=(0, 1))
     mean = squares.max(axis=1) / (BURSTS * beyond.shape[1])
-    after = [one for stage in (Stage.CHARGE, Stage.READOUT) for one in chain.at(stage) if isinstance(one, Brightening)]
+    after = [
+        one
+        for stage in (LightStage.CHARGE, LightStage.READOUT)
+        for one in chain.at(stage)
+        if isinstance(one, Brightening)
+    ]
     gain = float(np.prod([max(one.brightest(look), 1.0) for one in after]))
     return np.asarray(mean * (look.rig.full_scale_e * look.rig.dn_per_e * gain) ** 2)

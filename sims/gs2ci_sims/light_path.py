@@ -15,7 +15,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, load, names
-from gs2ci_sims.effects.base import Effect, Stage, ViewEffect, having
+from gs2ci_sims.effects.base import Effect, LightStage, ViewEffect, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -53,8 +53,8 @@ from gs2ci_sims.effects.stage_ripple import StageRipple
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.effects.vignetting import Vignetting
-from gs2ci_sims.rig import Rig
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.rig import RigFigures
+from gs2ci_sims.sensor import SensorFigures
 
 Signal = TypeVar("Signal")
 EFFECT_GROUP: Final = "gs2ci.effects"
@@ -152,12 +152,12 @@ def generator(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(name.encode()),)))
 
 
-def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
+def sensor_effects(sensor: SensorFigures) -> tuple[Effect, ...]:
     """List the effects that every sensor has, with this one's figures."""
     return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
 
 
-def with_well_of(effects: Sequence[Effect], sensor: Sensor) -> Sensor:
+def with_well_of(effects: Sequence[Effect], sensor: SensorFigures) -> SensorFigures:
     """Return the data sheet with the full well of an effect that stands for its own: others act and count up to it."""
     wells = [effect.capacity_e for effect in effects if isinstance(effect, FullWell)]
     return replace(sensor, full_well_e=wells[0]) if wells else sensor
@@ -180,7 +180,7 @@ class EffectChain:
         InputError: An effect occurs twice or has no place in `LIGHT_PATH`, or the seed is negative.
     """
 
-    def __init__(self, effects: Sequence[Effect], seed: int, rig: Rig | None = None) -> None:
+    def __init__(self, effects: Sequence[Effect], seed: int, rig: RigFigures | None = None) -> None:
         order = LIGHT_PATH if all(type(effect) in LIGHT_PATH for effect in effects) else light_path()
         known = ", ".join(kind.name for kind in order)
         names = [effect.name for effect in effects]
@@ -189,21 +189,21 @@ class EffectChain:
                 raise InputError(f"effect {effect.name!r} has no place in the light path", allowed=known)
             if names.count(effect.name) > 1:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
-        self.rig = rig or Rig()
+        self.rig = rig or RigFigures()
         self.effects = tuple(sorted(effects, key=lambda effect: order.index(type(effect))))
         self.seed = seed
         _refuse_negative(seed)
 
-    def at(self, stage: Stage) -> tuple[Effect, ...]:
+    def at(self, stage: LightStage) -> tuple[Effect, ...]:
         """Get the effects of one stage, in order."""
         return tuple(effect for effect in self.effects if effect.stage is stage)
 
     def margin_px(self, size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the border of an image of this size the effects on views need."""
-        looking = having(self.at(Stage.RADIANCE), ViewEffect)
+        looking = having(self.at(LightStage.RADIANCE), ViewEffect)
         return sum(effect.margin_px(self.rig, size, intrinsics) for effect in looking)
 
-    def through(self, stage: Stage, signal: Signal) -> Signal:
+    def through(self, stage: LightStage, signal: Signal) -> Signal:
         """Pass the signal through the effects of one stage; without effects it is returned unchanged, bit for bit.
 
         A second call draws the same random numbers.

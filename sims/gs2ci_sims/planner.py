@@ -14,7 +14,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage, having
+from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, LightStage, having
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.quantisation import Quantisation
@@ -22,7 +22,7 @@ from gs2ci_sims.exact import rendering_error
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.preview import Preview, preview
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.sampling import Sampling, choose_sampling, unevenness
 from gs2ci_sims.signals import Slices, nominal_slices
 from gs2ci_sims.simulation_plan import IDLE, WITHIN, Decision, Plan, PlanChoice, SimulationTask, total
@@ -151,16 +151,18 @@ def _nearly_free(
         return set()
     masks = len(look.masks)
     affordable_s = CHEAP_SHARE * 1e-9 * VIEW_NS * float(math.prod(look.scene.size)) * masks
-    timing = [effect for effect in chain.at(Stage.TIME) if effect.name not in left_out]
+    timing = [effect for effect in chain.at(LightStage.TIME) if effect.name not in left_out]
 
     def uneven(effects: Sequence[Effect]) -> float:
         through = EffectChain(effects, chain.seed, look.rig).through
-        return unevenness(through(Stage.TIME, slices or nominal_slices(look.intervals_s)))
+        return unevenness(through(LightStage.TIME, slices or nominal_slices(look.intervals_s)))
 
     def cheap(effect: Effect) -> bool:
-        if effect.stage is Stage.TIME:
+        if effect.stage is LightStage.TIME:
             return uneven([*timing, effect]) <= uneven(timing) + UNEVEN_MORE
-        return effect.stage not in (Stage.MOTION, Stage.SCENE) and _seconds(effect, look, masks) <= affordable_s
+        return (
+            effect.stage not in (LightStage.MOTION, LightStage.SCENE) and _seconds(effect, look, masks) <= affordable_s
+        )
 
     candidates = [one for one in chain.effects if one.name in left_out and bounds[one.name].rms_dn > negligible_dn]
     return {effect.name for effect in candidates if cheap(effect)}
@@ -184,13 +186,13 @@ def _limits_within_reach(
     added_dn = sum(
         bounds[effect.name].peak_dn
         for effect in chain.effects
-        if effect.stage in (Stage.CHARGE, Stage.READOUT) and effect.name not in (*limits_dn, *absent)
+        if effect.stage in (LightStage.CHARGE, LightStage.READOUT) and effect.name not in (*limits_dn, *absent)
     )
     reading_dn = rig.dn_per_e * float(look.most_e.max()) + added_dn
     return {name for name, limit_dn in limits_dn.items() if reading_dn > limit_dn}
 
 
-def _with_reach(effect: KernelEffect, look: Preview, rig: Rig, share_dn: float) -> Effect:
+def _with_reach(effect: KernelEffect, look: Preview, rig: RigFigures, share_dn: float) -> Effect:
     """Cut the effect's kernel off as near as its share of the tolerance allows."""
     for reach in REACHES:
         if effect.kernel_bound(look, rig, reach).rms_dn <= share_dn:
@@ -201,14 +203,14 @@ def _with_reach(effect: KernelEffect, look: Preview, rig: Rig, share_dn: float) 
 def _as_moved(look: Preview, kept: Sequence[Effect], seed: int) -> Preview:
     """Return the preview with the motion that the kept effects add to the path's own."""
     chain = EffectChain(kept, seed, look.rig)
-    others = tuple(effect for effect in kept if effect.stage is not Stage.MOTION)
-    return dataclasses.replace(look, path=chain.through(Stage.MOTION, look.path), effects=others)
+    others = tuple(effect for effect in kept if effect.stage is not LightStage.MOTION)
+    return dataclasses.replace(look, path=chain.through(LightStage.MOTION, look.path), effects=others)
 
 
 def _seconds(effect: Effect, look: Preview, views: int) -> float:
     """Predict what an effect costs, from its cost per pixel of its stage's signal."""
     pixels = float(math.prod(look.scene.size))
-    count = {Stage.RADIANCE: views, Stage.MASKS: len(look.masks), Stage.PHOTONS: 1 + len(look.masks)}
+    count = {LightStage.RADIANCE: views, LightStage.MASKS: len(look.masks), LightStage.PHOTONS: 1 + len(look.masks)}
     return 1e-9 * effect.cost_ns * pixels * count.get(effect.stage, 1)
 
 

@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Bound, BoundStep, Effect, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, Effect, LightStage, gain_step
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import image_motion_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.previewed.charge import PreviewedCharge
 from gs2ci_sims.previewed.views import spectral_margin, spectral_part
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.spectrum import MovingSpectrum, moving_spectrum
 
@@ -161,11 +161,11 @@ class Preview(PreviewedCharge):
             effect: Applied to what those before it leave of the measurement, with its device's own pattern.
             most: The largest share of an image, rms, that it can change.
         """
-        names = [other.name for other in self._chain.at(Stage.PHOTONS)]
+        names = [other.name for other in self._chain.at(LightStage.PHOTONS)]
         earlier = names.index(effect.name) if effect.name in names else 0
-        chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
-        before = chain.through(Stage.PHOTONS, self.light_e)
-        after = EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before)
+        chain = EffectChain(self._chain.at(LightStage.PHOTONS)[:earlier], self.seed, self.rig)
+        before = chain.through(LightStage.PHOTONS, self.light_e)
+        after = EffectChain([effect], self.seed, self.rig).through(LightStage.PHOTONS, before)
         change_e = np.abs(self.recorded(after - before))
         # Masks that add up to an even light no longer do where others change the light of some more than of others.
         unlike_e = self._modulation(effect) * self.light_rms_e
@@ -195,7 +195,7 @@ def preview(
     scene: Scene,
     path: CameraPath,
     masks: F32,
-    rig: Rig,
+    rig: RigFigures,
     renderer: Renderer | None = None,
     *,
     effects: tuple[Effect, ...] = (),

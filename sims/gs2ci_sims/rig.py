@@ -1,7 +1,7 @@
 """The rig for the simulator: the figures of its parts, in electrons, photons and seconds.
 
-Here: one frozen record per part and `Rig`, which holds them. Each is a table of a rig file (`rig_file` reads it).
-Not here: imperfections (`effects`; their tables are `[effects.*]`), devices and drivers (`gs2ci.rig`), the scene.
+Here: one frozen record per part and `RigFigures`, which holds them. Each is a table of a rig file (`rig_file` reads
+it). Not here: imperfections (`effects`; their tables are `[effects.*]`), devices and drivers (`gs2ci.rig`), the scene.
 """
 
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Optics:
 
 
 @dataclass(frozen=True)
-class Modulator:
+class ModulatorFigures:
     """The mask generator, as imaged onto the sensor.
 
     Args:
@@ -100,7 +100,7 @@ class Modulator:
 
 
 @dataclass(frozen=True)
-class Rig:
+class RigFigures:
     """All figures that the light path and the bounds of its effects need.
 
     Args:
@@ -114,9 +114,9 @@ class Rig:
 
     light: Light = field(default_factory=Light)
     optics: Optics = field(default_factory=Optics)
-    modulator: Modulator = field(default_factory=Modulator)
+    modulator: ModulatorFigures = field(default_factory=ModulatorFigures)
     timing: Timing = field(default_factory=Timing)
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: SensorFigures = field(default_factory=SensorFigures)
     device_seed: int = 0
 
     def __post_init__(self) -> None:

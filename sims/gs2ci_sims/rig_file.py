@@ -30,11 +30,11 @@ from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.light_path import LIGHT_PATH, generator, light_path, sensor_effects, with_well_of
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
-from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, Optics, RigFigures, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.simulation_plan import PlanChoice
 
 Record = TypeVar("Record")
@@ -130,7 +130,7 @@ class Setup:
         seed: Of masks and all draws.
     """
 
-    rig: Rig
+    rig: RigFigures
     scene: SceneChoice = field(default_factory=SceneChoice)
     path: PathChoice = field(default_factory=PathChoice)
     plan: PlanChoice = field(default_factory=PlanChoice)
@@ -152,9 +152,9 @@ class Setup:
 PARTS: Final[dict[str, type]] = {
     "light": Light,
     "optics": Optics,
-    "modulator": Modulator,
+    "modulator": ModulatorFigures,
     "timing": Timing,
-    "sensor": Sensor,
+    "sensor": SensorFigures,
 }
 # Tables that only the rig file of a bench has; the two kinds share other names.
 BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
@@ -199,7 +199,7 @@ def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:
     choices: dict[str, Any] = {name: _record(kind, getattr(file, name)) for name, kind in CHOICES.items()}
     effects = _effects(kinds, file.effects)
     parts["sensor"] = with_well_of(effects, parts["sensor"])
-    rig = Rig(**parts, device_seed=file.device_seed)
+    rig = RigFigures(**parts, device_seed=file.device_seed)
     given = {effect.name for effect in effects}
     implied = [effect for effect in (MotionBlur(), *sensor_effects(rig.sensor)) if effect.name not in given]
     return Setup(rig, effects=(*implied, *effects), seed=file.seed, **choices)

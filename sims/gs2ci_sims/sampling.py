@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.base import Effect, LightStage
 from gs2ci_sims.effects.motion_blur import MotionBlur, sampling_bound
 from gs2ci_sims.grain import BURSTS, LENGTH_PX, MeasuredGrain
 from gs2ci_sims.grain import VIEWS as GRAIN_VIEWS
@@ -90,9 +90,9 @@ def choose_sampling(
         renderer: Draws some views to measure its grain, where that saves more of them; None does not measure it.
     """
     count = len(look.masks)
-    chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
+    chain = EffectChain([effect for effect in effects if effect.stage is LightStage.TIME], seed, look.rig)
     irregular = slices is not None
-    slices = chain.through(Stage.TIME, slices or nominal_slices(look.intervals_s)).cut_by_rows(look.scene.size[0])
+    slices = chain.through(LightStage.TIME, slices or nominal_slices(look.intervals_s)).cut_by_rows(look.scene.size[0])
     travel = _travel(look, slices)
     if travel[1][-1] == 0:
         whole = (float(travel[0][0]), float(travel[0][-1]))

@@ -1,4 +1,4 @@
-"""A sensor's data sheet, in EMVA 1288 terms, the figures of `Rig.sensor`.
+"""A sensor's data sheet, in EMVA 1288 terms, the figures of `RigFigures.sensor`.
 
 Not here: the effects that it implies (`effects`, listed by `light_path.sensor_effects`).
 """
@@ -12,7 +12,7 @@ from gs2ci.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorFigures:
     """A linear sensor. The defaults are a Sony IMX255-class one (mvBlueFOX3 manual, p. 861).
 
     Args:

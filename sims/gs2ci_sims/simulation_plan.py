@@ -14,7 +14,7 @@ from gs2ci_sims.effects.base import Bound, Effect
 from gs2ci_sims.exact import ExactRenderer
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices
 
@@ -44,7 +44,7 @@ class SimulationTask:
     scene: Scene
     path: CameraPath
     masks: F32
-    rig: Rig
+    rig: RigFigures
     effects: Sequence[Effect]
     seed: int = 0
     slices: Slices | None = None

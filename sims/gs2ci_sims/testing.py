@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from gs2ci_sims.effects.base import Effect, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Effect, LightStage
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import View
 
 _SIZE = (12, 16)
 
 
-def check_effect(effect: Effect, rig: Rig | None = None) -> None:
+def check_effect(effect: Effect, rig: RigFigures | None = None) -> None:
     """Hold an effect to the laws that the light path rests on.
 
     It is a frozen dataclass; it leaves its argument alone, gives the same for the same draws, and stays finite.
@@ -35,28 +35,28 @@ def check_effect(effect: Effect, rig: Rig | None = None) -> None:
     assert effect.cost_ns >= 0, "cost_ns is 0 or more"
     signal = _signal(effect.stage)
     before = _numbers(signal).copy()
-    first, second = (effect.apply(signal, rig or Rig(), np.random.default_rng(1)) for _ in range(2))
+    first, second = (effect.apply(signal, rig or RigFigures(), np.random.default_rng(1)) for _ in range(2))
     assert np.array_equal(_numbers(signal), before), "its argument is left alone"
     assert np.array_equal(_numbers(first), _numbers(second)), "the same draws give the same"
     assert np.isfinite(_numbers(first)).all(), "what comes out is finite"
     assert _numbers(first).shape == before.shape, "what comes out is as large as what went in"
 
 
-def _signal(stage: Stage) -> Any:
+def _signal(stage: LightStage) -> Any:
     draws = np.random.default_rng(0)
-    if stage is Stage.RADIANCE:
+    if stage is LightStage.RADIANCE:
         height, width = _SIZE
         intrinsics = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])
         return View(draws.random((*_SIZE, 3)), intrinsics, 0, 1 + draws.random(_SIZE))
     shapes = {
-        Stage.MASKS: (4, *_SIZE),
-        Stage.PHOTONS: (*_SIZE, 3),
-        Stage.CHARGE: (*_SIZE, 1),
-        Stage.READOUT: (*_SIZE, 1),
+        LightStage.MASKS: (4, *_SIZE),
+        LightStage.PHOTONS: (*_SIZE, 3),
+        LightStage.CHARGE: (*_SIZE, 1),
+        LightStage.READOUT: (*_SIZE, 1),
     }
     if stage not in shapes:
         raise NotImplementedError(f"no small signal for {stage}")
-    top = 1.0 if stage is Stage.MASKS else 1000.0
+    top = 1.0 if stage is LightStage.MASKS else 1000.0
     return top * draws.random(shapes[stage])
 
 

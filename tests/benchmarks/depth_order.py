@@ -40,10 +40,10 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from tests.processes import side_by_side
 
 SIZE = (96, 128)
@@ -170,11 +170,11 @@ def random_scene(rng: np.random.Generator, field_of_view_deg: float) -> Scene:
 
 def on_a_bench(scene: Scene, parallax_px: float, rng: np.random.Generator) -> Shot:
     """Expose a scene on the simulated bench, a stage moving the camera in a random direction."""
-    sensor = Sensor()
+    sensor = SensorFigures()
     photons = WELL_SHARE * sensor.full_well_e / sensor.quantum_efficiency / (VIEWS / 4)
-    rig = Rig(
+    rig = RigFigures(
         light=Light(photons),
-        modulator=Modulator(masks=VIEWS, open_share=0.25),
+        modulator=ModulatorFigures(masks=VIEWS, open_share=0.25),
         timing=Timing(INTERVAL_S),
         sensor=sensor,
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci_sims.exact import ExactRenderer
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scenes.files import load_scene, scene_names
 
 SIZE = (96, 128)
@@ -20,7 +20,7 @@ SAMPLES = (2, 4, 8)
 
 def run() -> None:
     """Print a row per scene."""
-    rig = Rig()
+    rig = RigFigures()
     white_dn = rig.full_scale_e * rig.dn_per_e
     columns = "".join(f"{f'{samples} x {samples}, DN':>12}{'dB':>7}" for samples in SAMPLES)
     print(f"{white_dn:.0f} DN at white; rms over the pixels")

@@ -16,9 +16,9 @@ import torch
 
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.settings import RasterSettings
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
+from tests.render.reference import ReferenceBackend
 
 SIZES = [(2000, (96, 128), 8), (12000, (192, 256), 8), (48000, (512, 512), 8), (48000, (512, 512), 32)]
 ROUNDS = 20

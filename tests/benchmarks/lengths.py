@@ -32,7 +32,7 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
-from gs2ci_sims.rig import Light, Modulator, Rig
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.stage import SuggestedCamera
 from tests.processes import side_by_side
@@ -99,7 +99,7 @@ def take(which: str, seed: int) -> tuple[Shot, Scene]:
     """Expose a solid on the simulated bench, and let its stage tell the path."""
     rng = np.random.default_rng([seed, SOLIDS.index(which)])
     scene = solid(which, rng, SuggestedCamera((HEIGHT, WIDTH), 45.0), backdrop=BACKDROP_MM)
-    rig = Rig(light=Light(4180.0), modulator=Modulator(VIEWS, 0.25))
+    rig = RigFigures(light=Light(4180.0), modulator=ModulatorFigures(VIEWS, 0.25))
     path = stage_move_for_parallax(scene, PARALLAX_PX, rig.exposure_s)
     masks = random_masks(VIEWS, (HEIGHT, WIDTH), 0.25, rng)
     shot = expose(scene, path, masks, rig, effects=(MotionBlur(), *sensor_effects(rig.sensor)), seed=seed)

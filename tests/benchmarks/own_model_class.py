@@ -30,7 +30,7 @@ from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.files import load_scene
 
 SIZE = (64, 96)
@@ -47,7 +47,7 @@ RAYS_THROUGH_MESHES = Renderer(supersampling=4)
 def taken(name: str, renderer: Renderer, seed: int, size: tuple[int, int] = SIZE) -> Shot:
     """Expose a scene of the simulator behind random masks, drawn by a renderer, with the sensor's noises."""
     scene = load_scene(name, size=size).scene
-    rig = Rig(light=Light(2000.0), modulator=Modulator(masks=MASKS), timing=Timing(0.02))
+    rig = RigFigures(light=Light(2000.0), modulator=ModulatorFigures(masks=MASKS), timing=Timing(0.02))
     path = stage_move_for_parallax(scene, PARALLAX_PX, rig.exposure_s, wobble_deg=0.02)
     masks = random_masks(MASKS, size, 0.25, np.random.default_rng(seed))
     effects = (MotionBlur(1), *sensor_effects(rig.sensor))

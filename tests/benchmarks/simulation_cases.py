@@ -23,7 +23,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.rig_file import read_rig_file
 from gs2ci_sims.rigs import library
 from gs2ci_sims.scene import Scene
@@ -108,7 +108,7 @@ class SimulationBench:
     scene: Scene
     path: CameraPath
     masks: F32
-    rig: Rig
+    rig: RigFigures
     effects: tuple[Effect, ...]
     seed: int
     tolerance_dn: float

@@ -24,7 +24,7 @@ from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
@@ -37,7 +37,7 @@ KILOBYTES_PER_GIB = 1024**2
 def _measured(parallax_px: float) -> str:
     began_s = time.process_time()
     scene = load_scene("planes", size=(HEIGHT, WIDTH)).scene
-    rig = Rig(light=Light(2000.0), modulator=Modulator(masks=MASKS), timing=Timing(0.01))
+    rig = RigFigures(light=Light(2000.0), modulator=ModulatorFigures(masks=MASKS), timing=Timing(0.01))
     path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s) if parallax_px else StageMove((0.0, 0.0, 0.0))
     masks = random_masks(MASKS, scene.size, 0.25, np.random.default_rng(0))
     effects = (

@@ -2,7 +2,7 @@
 
 It does no needless work: Gaussians are projected once per view, the (pixel, Gaussian) pairs whose alpha reaches
 the threshold are listed exactly, masked pixels are never listed, and only those pairs are evaluated. Autograd
-differentiates the rest. It shares the image model of `gs2ci.render.reference`, in float32, and never stops early.
+differentiates the rest. It shares the image model of `tests.render.reference`, in float32, and never stops early.
 """
 
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.reference import Splats, project
+from tests.render.reference import Splats, project
 
 
 def coded_sum(scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, masks: Tensor) -> Tensor:

@@ -58,7 +58,7 @@ def test_a_first_run_compiles_before_it_begins_if_the_code_can_be_kept(small, mo
     monkeypatch.setattr("gs2ci.render.backend.needs_compiling", lambda name: name == "cpu")
     monkeypatch.setattr(kernels, "cache_folder", lambda module: str(small) if kept else None)
     monkeypatch.setattr(preparing, "compile_kernels", taken.append)
-    preparing.prepare_first_run("reference", listener)
+    preparing.prepare_first_run("warp", listener)
     assert not listener.sentences
     preparing.prepare_first_run("cpu", listener)
     assert "compiles its kernels" in listener.sentences[0]

@@ -104,7 +104,7 @@ def test_a_backend_needs_compiling_until_its_kernels_lie_on_disk(monkeypatch, tm
     assert not needs_compiling("cpu")
     monkeypatch.setattr(kernels, "cache_folder", lambda module: None)
     assert needs_compiling("cpu")
-    assert not needs_compiling("reference")
+    assert not needs_compiling("warp")
 
 
 def test_a_helper_called_from_python_runs_as_it_is_written():

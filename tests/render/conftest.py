@@ -11,8 +11,8 @@ from torch import Tensor
 
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
-from gs2ci.render.reference import ReferenceBackend
 from tests.render.backends import FAST, to_the_end
+from tests.render.reference import ReferenceBackend
 
 MARGIN_MIN = 2e-5
 """Below this distance of an alpha to a threshold, float32 may fall on the other side of it."""

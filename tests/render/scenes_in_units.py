@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import coefficients
+from tests.render.backends import load_backend
 
 UNITS = (1e-3, 1.0, 20.0, 1e6)
 SIZE = (31, 43)

@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from gs2ci.render.adjoint import accumulate, coded_with_pull, pull_back
-from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
-from tests.render.backends import BACKENDS
+from tests.render.backends import BACKENDS, load_backend
 
 
 def with_graph(backend, case, weights, times=None):

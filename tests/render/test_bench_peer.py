@@ -2,8 +2,8 @@
 
 import torch
 
-from gs2ci.render.backend import load_backend
 from tests.benchmarks.torch_rasteriser import coded_sum
+from tests.render.backends import load_backend
 
 
 def test_peer_of_the_benchmark_agrees_with_the_definition(make, with_margin):

@@ -8,8 +8,8 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.reference import ReferenceBackend
 from tests.render.backends import to_the_end
+from tests.render.reference import ReferenceBackend
 
 TOLERANCE = 2e-4
 """Relative, in the 2-norm, as for still scenes (`cpu/test_parity.py`)."""

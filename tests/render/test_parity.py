@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR, TERMINATION_TRANSMITTANCE
-from gs2ci.render.reference import ReferenceBackend
-from tests.render.backends import to_the_end
+from tests.render.backends import load_backend, to_the_end
+from tests.render.reference import ReferenceBackend
 
 ORDINARY = 2e-5
 """Typical errors are 1e-6: this leaves room for other instruction sets and unlucky scenes."""

@@ -7,7 +7,7 @@ import torch
 
 from gs2ci.render.conventions import ALPHA_MAX, DILATION_PX2, NEAR
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.reference import ReferenceBackend
+from tests.render.reference import ReferenceBackend
 
 SIZE = (9, 11)
 INTRINSICS = torch.tensor([[20.0, 0, 5.5], [0, 20.0, 4.5], [0, 0, 1]])

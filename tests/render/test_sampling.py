@@ -5,14 +5,13 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.layout import lay_out
-from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.simd.vector import LANES
-from tests.render.backends import BACKENDS
+from tests.render.backends import BACKENDS, load_backend
+from tests.render.reference import ReferenceBackend
 
 TOLERANCE = 2e-5
 """As in `cpu/test_parity.py`."""

@@ -2,11 +2,10 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
-from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
-from tests.render.backends import to_the_end
+from tests.render.backends import load_backend, to_the_end
+from tests.render.reference import ReferenceBackend
 
 
 def statistics_of(backend, case, renderings=1):

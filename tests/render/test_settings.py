@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import load_backend
 from gs2ci.render.settings import RasterSettings
+from tests.render.backends import load_backend
 
 
 def test_defaults_reuse_nothing_and_stop_at_a_ten_thousandth():

@@ -8,14 +8,13 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import ALPHA_MAX
 from gs2ci.render.cpu.passes import Inputs, camera_fields
 from gs2ci.render.cpu.stopping import depth_fields
 from gs2ci.render.gaussians import Gaussians, joined
-from gs2ci.render.reference import project
 from gs2ci.render.stopping import NEARBY, RATIO_MAX
-from tests.render.backends import BACKENDS, to_the_end
+from tests.render.backends import BACKENDS, load_backend, to_the_end
+from tests.render.reference import project
 
 SIZE = (9, 11)
 MIDDLE = (0, 4, 5)

@@ -23,7 +23,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 
 PARTS_MAX: Final = 1024
@@ -56,7 +56,7 @@ def simulate_everything(
     scene: Scene,
     path: CameraPath,
     masks: F32,
-    rig: Rig,
+    rig: RigFigures,
     effects: Sequence[Effect],
     *,
     seed: int,

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from hypothesis import strategies as st
 
-from gs2ci_sims.effects.base import NOTHING, Stage, ViewEffect
+from gs2ci_sims.effects.base import NOTHING, LightStage, ViewEffect
 from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dust import Dust
@@ -39,7 +39,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import ReversingMove, stage_move_for_parallax
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, Optics, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from tests.sims.adversaries import FAMILIES
 
@@ -165,10 +165,10 @@ def _bench(seed):
     size = (int(rng.integers(20, 37)), int(rng.integers(24, 41)))
     count = int(rng.choice([1, 2, 4, 6]))
     scene = planes(rng, size)
-    rig = Rig(
+    rig = RigFigures(
         light=Light(drawn(rng, 50, 8000)),
         optics=Optics(f_number=drawn(rng, 2, 16)),
-        modulator=Modulator(masks=count),
+        modulator=ModulatorFigures(masks=count),
         timing=Timing(drawn(rng, 1e-3, 0.1), float(rng.choice([0.0, 0.0, 2e-4]))),
     )
     angle = rng.uniform(0, 2 * np.pi)
@@ -232,7 +232,9 @@ def ratios(case, effect, *, path=None, sampled=SAMPLED, company=(), renderer=REN
     rms, peak = float(np.sqrt(np.square(change).mean())), float(np.abs(change).max())
     # Views elsewhere carry the rasteriser's graininess, which is no effect of the light path; the rest is rounding.
     # So do views with another margin, which show where an effect on views changes nothing at all.
-    drawn_anew = effect.stage in (Stage.MOTION, Stage.MOMENTS) or (isinstance(effect, ViewEffect) and bound == NOTHING)
+    drawn_anew = effect.stage in (LightStage.MOTION, LightStage.MOMENTS) or (
+        isinstance(effect, ViewEffect) and bound == NOTHING
+    )
     grain = 2 * look.graininess(len(case.masks)) if drawn_anew else 0.0
     rounding = 1e-9 * look.full_scale_dn * len(case.masks)
     return _share(rms - grain - rounding, bound.rms_dn), _share(peak - 20 * grain - rounding, bound.peak_dn)

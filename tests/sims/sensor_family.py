@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from hypothesis import strategies as st
 
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
 from gs2ci_sims.effects.charge_noise import ChargeNoise
@@ -29,9 +29,9 @@ from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.light_path import LIGHT_PATH
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.preview import preview
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from tests.sims.adversaries import FAMILIES
 from tests.sims.families import log_uniform
 
@@ -68,7 +68,7 @@ SENSOR_FAMILY = {
 @st.composite
 def rigs(draw):
     """Draw a sensor, light between next to none and twice the full well, and a timing."""
-    sensor = Sensor(
+    sensor = SensorFigures(
         full_well_e=draw(log_uniform(500, 1e5)),
         electrons_per_dn=draw(log_uniform(0.3, 10)),
         quantum_efficiency=draw(st.floats(0.2, 1)),
@@ -76,7 +76,7 @@ def rigs(draw):
     )
     photons = draw(log_uniform(1e-4, 2)) * sensor.full_well_e / sensor.quantum_efficiency
     timing = Timing(draw(log_uniform(1e-4, 1)), draw(log_uniform(1e-5, 0.1)))
-    return Rig(Light(photons), modulator=Modulator(MASKS), timing=timing, sensor=sensor)
+    return RigFigures(Light(photons), modulator=ModulatorFigures(MASKS), timing=timing, sensor=sensor)
 
 
 @cache
@@ -84,7 +84,7 @@ def look_at(scene, masks):
     """Return a preview of one of `SCENES` scenes behind a family of masks."""
     travel = (0.0, 0.0, 0.0) if scene == SCENES - 1 else (0.3, 0.1, 0.0)
     seen, path = planes(np.random.default_rng(scene), SIZE), StageMove(travel)
-    rig = Rig(modulator=Modulator(MASKS))
+    rig = RigFigures(modulator=ModulatorFigures(MASKS))
     image = preview(seen, path, np.ones((MASKS, *SIZE), np.float32), rig).views[-1].mean(axis=2)
     return preview(seen, path, FAMILIES[masks](MASKS, image, np.random.default_rng(scene)), rig)
 
@@ -104,7 +104,7 @@ def readings_with_and_without(effect, look, rig, seed):
         signal = ShotNoise().apply(signal, rig, np.random.default_rng(seed + 1000))
     if place > LIGHT_PATH.index(FullWell):
         signal = np.minimum(signal, well_e)
-    if effect.stage is Stage.READOUT:
+    if effect.stage is LightStage.READOUT:
         signal = rig.sensor.dn_from_electrons(signal)
         return effect.apply(signal, rig, rng), signal
     changed = effect.apply(signal, rig, rng)

@@ -10,7 +10,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.preview import preview
-from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.sims.adversaries import FAMILIES
@@ -25,7 +25,7 @@ def scene():
 
 
 def bench(scene, family, parallax_px, masks=MASKS):
-    rig = Rig(modulator=Modulator(masks=masks), timing=Timing(0.02))
+    rig = RigFigures(modulator=ModulatorFigures(masks=masks), timing=Timing(0.02))
     path = stage_move_for_parallax(scene, parallax_px + 1e-9, rig.exposure_s, wobble_deg=0.0)
     image = preview(scene, path, np.ones((masks, *SIZE), np.float32), rig).views[-1].mean(axis=2)
     return rig, path, FAMILIES[family](masks, image, np.random.default_rng(3))

@@ -10,7 +10,7 @@ from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.world import MaskInterval, World
 
 SIZE = (40, 60)
@@ -19,7 +19,7 @@ SIZE = (40, 60)
 def make(**options):
     scene = planes(np.random.default_rng(1), SIZE)
     options = {"full_scale_e_per_s": 50_000.0, "noise": False} | options
-    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), **options)
+    light = BenchLight(scene, SensorFigures(), MaskAlignment(2, 10, 20), **options)
     world = World(light)
     return light, world
 
@@ -127,7 +127,7 @@ def test_the_truth_is_where_the_effects_moved_object_and_camera(kind, lens):
 def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
     def readings(seed):
         scene = planes(np.random.default_rng(1), SIZE)
-        light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, seed=seed)
+        light = BenchLight(scene, SensorFigures(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, seed=seed)
         world = World(light)
         return [expose(world, np.ones((100, 160), np.uint8)) for _ in range(2)]
 
@@ -201,7 +201,7 @@ def test_a_plan_knows_the_lamps_level():
     assert light.plans[1] is light.plans[2]  # the lamp has hardly changed: one plan for both
     world.clock.sleep_s(600.0)
     late = expose(world, np.ones((100, 160), np.uint8)).astype(float)
-    full_dn = 64.0 + Sensor().full_well_e / 2.7
+    full_dn = 64.0 + SensorFigures().full_well_e / 2.7
     wanted = np.minimum(64.0 + 2 * (first - 64.0), full_dn)
     assert first.max() < full_dn < 2 * first.max()
     assert "full_well" not in {effect.name for effect in light.plans[0].effects}

@@ -10,7 +10,7 @@ from gs2ci.core.lens import pixels_of, slopes_of, undistorted
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.lens_distortion import LensDistortion
@@ -20,10 +20,10 @@ from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer, rendered_depth
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
+from gs2ci_sims.sensor import SensorFigures
 
-SENSOR = Sensor()
+SENSOR = SensorFigures()
 STILL = StageMove((0.0, 0.0, 0.0))
 PHOTONS = 4000.0
 
@@ -39,7 +39,7 @@ def moving(small_scene):
 
 
 def rig_for(masks, photons=PHOTONS, **parts):
-    return Rig(light=Light(photons), modulator=Modulator(masks=len(masks)), sensor=SENSOR, **parts)
+    return RigFigures(light=Light(photons), modulator=ModulatorFigures(masks=len(masks)), sensor=SENSOR, **parts)
 
 
 def shoot(scene, path, masks, effects=(), *, photons=PHOTONS, seed=3, timing=None, **options):
@@ -176,7 +176,7 @@ def test_behind_a_ghost_or_dust_the_masks_of_a_shot_add_up_to_what_an_even_field
     shot = shoot(small_scene, STILL, masks, [effect])
     even = masks.sum(axis=0, dtype=np.float64)[..., None]
     opened = np.ones((*small_scene.size, 1))
-    seen, field = (effect.apply(light, Rig(), generator(0, effect.name)) for light in (even, opened))
+    seen, field = (effect.apply(light, RigFigures(), generator(0, effect.name)) for light in (even, opened))
     np.testing.assert_allclose(shot.masks.sum(axis=0), (seen / max(field.max(), 1))[..., 0], atol=1e-5)
 
 
@@ -189,7 +189,7 @@ def test_the_unit_of_a_measurement_grows_with_the_light_that_a_ghost_adds(small_
 def test_masks_are_calibrated_against_the_open_field_behind_the_same_ghost_or_dust(small_scene, masks, effect):
     chain = EffectChain([effect], 0)
     opened = np.ones((*small_scene.size, 1))
-    lit = chain.through(Stage.PHOTONS, opened)[..., 0] > 0
+    lit = chain.through(LightStage.PHOTONS, opened)[..., 0] > 0
     found = calibrated_masks(np.stack([*masks, opened[..., 0]]), chain)
     np.testing.assert_allclose(found[-1], lit, rtol=1e-6)
     if isinstance(effect, Dust):

@@ -17,7 +17,7 @@ from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.signals import nominal_slices
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
@@ -44,7 +44,7 @@ class Shaky(Renderer):
 
 
 def setup(scene, photons=4000.0, parallax_px=4.0):
-    rig = Rig(light=Light(photons), modulator=Modulator(masks=MASKS), timing=Timing(0.02, 0.0))
+    rig = RigFigures(light=Light(photons), modulator=ModulatorFigures(masks=MASKS), timing=Timing(0.02, 0.0))
     path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s, wobble_deg=0.0)
     return rig, path, random_masks(MASKS, SIZE, 0.3, generator(1, "masks"))
 

@@ -2,35 +2,35 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.dsnu import Dsnu
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.light_path import EffectChain, generator
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 CHARGE = np.random.default_rng(3).uniform(0, 500, (40, 50, 3))
 
 
 class Glow:
     name = "glow"
-    stage = Stage.CHARGE
+    stage = LightStage.CHARGE
 
     def apply(self, signal, rig, rng):
         return signal + 1
 
 
-@pytest.mark.parametrize("stage", Stage)
+@pytest.mark.parametrize("stage", LightStage)
 def test_a_chain_without_effects_hands_back_the_very_same_signal(stage):
     assert EffectChain((), seed=0).through(stage, CHARGE) is CHARGE
 
 
 def test_an_effect_acts_at_its_own_stage_only():
     chain = EffectChain([ReadNoise(1.0)], seed=0)
-    assert chain.through(Stage.READOUT, CHARGE) is CHARGE
-    assert chain.through(Stage.CHARGE, CHARGE) is not CHARGE
+    assert chain.through(LightStage.READOUT, CHARGE) is CHARGE
+    assert chain.through(LightStage.CHARGE, CHARGE) is not CHARGE
 
 
 def test_effects_come_in_their_physical_order_however_they_are_listed():
@@ -40,21 +40,21 @@ def test_effects_come_in_their_physical_order_however_they_are_listed():
 
 
 def test_the_well_clips_before_the_amplifier_adds_its_noise():
-    charge = EffectChain([ReadNoise(2.0), FullWell(100.0)], seed=0).through(Stage.CHARGE, np.full((99, 99), 1e6))
+    charge = EffectChain([ReadNoise(2.0), FullWell(100.0)], seed=0).through(LightStage.CHARGE, np.full((99, 99), 1e6))
     assert charge.std() == pytest.approx(2.0, rel=0.05)
     assert charge.mean() == pytest.approx(100.0, abs=0.2)
 
 
 def test_switching_shot_noise_off_does_not_change_what_read_noise_draws():
-    both = EffectChain([ShotNoise(), ReadNoise(2.0)], seed=7).through(Stage.CHARGE, CHARGE)
-    shot = EffectChain([ShotNoise()], seed=7).through(Stage.CHARGE, CHARGE)
-    read = EffectChain([ReadNoise(2.0)], seed=7).through(Stage.CHARGE, CHARGE)
+    both = EffectChain([ShotNoise(), ReadNoise(2.0)], seed=7).through(LightStage.CHARGE, CHARGE)
+    shot = EffectChain([ShotNoise()], seed=7).through(LightStage.CHARGE, CHARGE)
+    read = EffectChain([ReadNoise(2.0)], seed=7).through(LightStage.CHARGE, CHARGE)
     np.testing.assert_allclose(both - shot, read - CHARGE, atol=1e-9)
 
 
 def test_switching_an_effect_on_draws_nothing_from_the_generators_of_others():
-    full = EffectChain([ShotNoise(), FullWell(1e9)], seed=7).through(Stage.CHARGE, CHARGE)
-    assert np.array_equal(full, EffectChain([ShotNoise()], seed=7).through(Stage.CHARGE, CHARGE))
+    full = EffectChain([ShotNoise(), FullWell(1e9)], seed=7).through(LightStage.CHARGE, CHARGE)
+    assert np.array_equal(full, EffectChain([ShotNoise()], seed=7).through(LightStage.CHARGE, CHARGE))
 
 
 def test_generators_differ_by_name_and_by_seed_and_repeat():
@@ -64,8 +64,8 @@ def test_generators_differ_by_name_and_by_seed_and_repeat():
 
 
 def test_effects_draw_independently_also_if_the_exposure_has_the_seed_of_the_device():
-    dark, rig = np.zeros((300, 300, 1)), Rig(device_seed=5)
-    drawn = [EffectChain([one], 5, rig).through(Stage.CHARGE, dark).ravel() for one in (ReadNoise(1.0), Dsnu(1.0))]
+    dark, rig = np.zeros((300, 300, 1)), RigFigures(device_seed=5)
+    drawn = [EffectChain([one], 5, rig).through(LightStage.CHARGE, dark).ravel() for one in (ReadNoise(1.0), Dsnu(1.0))]
     assert abs(np.corrcoef(*drawn)[0, 1]) < 5 / 300
 
 

@@ -9,7 +9,7 @@ import pytest
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci_sims import light_path as light_paths
-from gs2ci_sims.effects.base import EffectRecord, Stage
+from gs2ci_sims.effects.base import EffectRecord, LightStage
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -32,7 +32,7 @@ from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.sims import brute_force
@@ -50,7 +50,7 @@ def scene():
 
 
 def rig_with(masks=4, photons=4000.0, interval_s=0.02, dark_s=0.0):
-    return Rig(light=Light(photons), modulator=Modulator(masks=masks), timing=Timing(interval_s, dark_s))
+    return RigFigures(light=Light(photons), modulator=ModulatorFigures(masks=masks), timing=Timing(interval_s, dark_s))
 
 
 def masks_for(rig):
@@ -112,7 +112,7 @@ def test_a_plan_stays_within_its_tolerance_of_simulating_everything_with_no_more
 class Veil(EffectRecord):
     """An effect of another package that says nothing of what leaving it out would change."""
 
-    stage = Stage.PHOTONS
+    stage = LightStage.PHOTONS
     cost_ns = 1.0
 
     def apply(self, signal, rig, rng):

@@ -46,7 +46,7 @@ from gs2ci_sims.light_path import LIGHT_PATH, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.planner import plan
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
@@ -78,7 +78,7 @@ def scene():
 
 @pytest.mark.parametrize("effect", EXTREMES, ids=str)
 def test_an_effect_at_the_end_of_its_range_gives_readings_in_range_or_one_error(scene, effect):
-    rig = Rig(light=Light(4000.0), modulator=Modulator(MASKS), timing=Timing(0.02))
+    rig = RigFigures(light=Light(4000.0), modulator=ModulatorFigures(MASKS), timing=Timing(0.02))
     masks = random_masks(MASKS, SIZE, 0.4, np.random.default_rng(6))
     own = [other for other in sensor_effects(rig.sensor) if other.name != effect.name]
     effects = (MotionBlur(), *own, effect)
@@ -97,7 +97,7 @@ def test_an_effect_at_the_end_of_its_range_gives_readings_in_range_or_one_error(
 
 
 def test_a_sensor_full_of_dark_charge_keeps_the_limits_that_clip_it(scene):
-    rig = Rig(light=Light(100.0), modulator=Modulator(MASKS), timing=Timing(0.02))
+    rig = RigFigures(light=Light(100.0), modulator=ModulatorFigures(MASKS), timing=Timing(0.02))
     masks = random_masks(MASKS, SIZE, 0.4, np.random.default_rng(6))
     for current, clipped in ((10.0, False), (1e6, True)):
         effects = (MotionBlur(), *sensor_effects(rig.sensor), DarkCurrent(current))

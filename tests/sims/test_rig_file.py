@@ -9,7 +9,7 @@ from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import ReversingMove, StageMove
 from gs2ci_sims.planner import plan
 from gs2ci_sims.rig_file import read_rig_file, setup_from_tables
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.simulation_plan import SimulationTask
 
 
@@ -76,7 +76,7 @@ def test_bounds_count_charge_up_to_the_full_well_that_the_file_gives_as_an_effec
     bound = next(one.bound for one in decided.decisions if one.name == "shot_noise")
     light = integrate(scene, path, setup.masks(), EffectChain(setup.effects, 0, setup.rig))
     charge = setup.rig.sensor.quantum_efficiency * light.photons
-    assert charge.mean() > 4 * Sensor().full_well_e
+    assert charge.mean() > 4 * SensorFigures().full_well_e
     assert bound.rms_dn >= setup.rig.dn_per_e * np.sqrt(charge.mean())
 
 

@@ -12,15 +12,15 @@ from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.exposure import read_out, saturation_dn
 from gs2ci_sims.light_path import EffectChain, sensor_effects
-from gs2ci_sims.rig import Rig
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.rig import RigFigures
+from gs2ci_sims.sensor import SensorFigures
 
-SENSOR = Sensor()
+SENSOR = SensorFigures()
 SATURATION_DN = saturation_dn(EffectChain(sensor_effects(SENSOR), 0))
 
 
 def readings(photons, seed=0, sensor=SENSOR):
-    chain = EffectChain(sensor_effects(sensor), seed, Rig(sensor=sensor))
+    chain = EffectChain(sensor_effects(sensor), seed, RigFigures(sensor=sensor))
     return read_out(np.full((400, 400, 1), float(photons)), chain)
 
 
@@ -75,8 +75,8 @@ def test_full_pixels_are_told_whatever_is_added_behind_the_well(added):
 
 @pytest.mark.parametrize("well_e", 8000.0 + 2.7 * np.arange(-0.5, 0.5, 0.1))
 def test_full_pixels_without_noise_are_told_wherever_their_reading_is_rounded_to(well_e):
-    sensor = Sensor(full_well_e=well_e, read_noise_e=0.0)
-    chain = EffectChain([FullWell(well_e), Quantisation(12)], 0, Rig(sensor=sensor))
+    sensor = SensorFigures(full_well_e=well_e, read_noise_e=0.0)
+    chain = EffectChain([FullWell(well_e), Quantisation(12)], 0, RigFigures(sensor=sensor))
     assert (read_out(np.full((2, 2, 1), 1e6), chain) >= saturation_dn(chain)).all()
 
 
@@ -94,8 +94,8 @@ def test_a_pixel_well_below_the_full_well_is_not_called_saturated():
 
 
 def test_a_converter_too_short_for_the_well_saturates_first():
-    short = Sensor(electrons_per_dn=1.0)
-    assert saturation_dn(EffectChain(sensor_effects(short), 0, Rig(sensor=short))) == 4095
+    short = SensorFigures(electrons_per_dn=1.0)
+    assert saturation_dn(EffectChain(sensor_effects(short), 0, RigFigures(sensor=short))) == 4095
     assert (readings(1e6, sensor=short) == 4095).all()
 
 
@@ -120,4 +120,4 @@ def test_readings_and_electrons_convert_both_ways():
 )
 def test_a_data_sheet_out_of_range_is_refused(figures):
     with pytest.raises(InputError, match="allowed"):
-        Sensor(**figures)
+        SensorFigures(**figures)

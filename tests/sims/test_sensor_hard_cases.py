@@ -22,10 +22,10 @@ from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import LIGHT_PATH, EffectChain, sensor_effects
 from gs2ci_sims.path import StageMove
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 
 STILL = StageMove((0.0, 0.0, 0.0))
 MILD = (
@@ -41,8 +41,8 @@ EXTREME = (
 
 
 def shoot(scene, count=2, effects=MILD, photons=4000.0, open_share=0.5, sensor=None, seed=0):
-    sensor = sensor or Sensor()
-    rig = Rig(Light(photons), modulator=Modulator(count), timing=Timing(0.01), sensor=sensor)
+    sensor = sensor or SensorFigures()
+    rig = RigFigures(Light(photons), modulator=ModulatorFigures(count), timing=Timing(0.01), sensor=sensor)
     masks = (np.random.default_rng(1).random((count, *scene.size)) < open_share).astype(np.float32)
     masks[0, 0, 0] = 1.0
     return expose(scene, STILL, masks, rig, effects=(*effects, *sensor_effects(sensor)), seed=seed), rig

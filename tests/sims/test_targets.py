@@ -7,7 +7,7 @@ from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
 from gs2ci_sims.world import World
 
@@ -19,7 +19,7 @@ def light():
     scene = planes(np.random.default_rng(1), SIZE)
     effects = (Prnu(0.02), Defocus(1.0, 2.0))
     return BenchLight(
-        scene, Sensor(), MaskAlignment(1, 0, 0), full_scale_e_per_s=50_000.0, noise=False, effects=effects
+        scene, SensorFigures(), MaskAlignment(1, 0, 0), full_scale_e_per_s=50_000.0, noise=False, effects=effects
     )
 
 
@@ -48,7 +48,7 @@ def test_with_the_lens_cap_on_there_is_only_black(light):
 def test_a_lamp_that_drifts_dims_over_the_worlds_time(light):
     fading = BenchLight(
         light.scene,
-        Sensor(),
+        SensorFigures(),
         MaskAlignment(1, 0, 0),
         full_scale_e_per_s=50_000.0,
         noise=False,

@@ -17,13 +17,13 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.files import load_scene, scene_names
 from gs2ci_sims.scenes.planes import backdrop_at, planes
 from gs2ci_sims.scenes.rectangles import coloured, depth_of, samples
 from gs2ci_sims.scenes.surfels import gaussians_from_surfels
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from tests.stability.laboratory import laboratory_masks
 
 INTERVAL_S = 0.02
@@ -70,15 +70,15 @@ class Bench:
     parallax_px: float = 3.0
     path: Callable[[Scene, float], CameraPath] | None = None
     photons: float | None = None
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: SensorFigures = field(default_factory=SensorFigures)
     effects: tuple[Effect, ...] = ()
 
     def expose(self, size: tuple[int, int], seed: int = 0) -> Shot:
         """Expose once, at this size in pixels."""
         scene = build(self.scene, size)
-        rig = Rig(
+        rig = RigFigures(
             light=Light(self._photons()),
-            modulator=Modulator(masks=self.views, open_share=self.open_share, feature_px=self.feature_px),
+            modulator=ModulatorFigures(masks=self.views, open_share=self.open_share, feature_px=self.feature_px),
             timing=Timing(INTERVAL_S),
             sensor=self.sensor,
         )

@@ -22,7 +22,7 @@ from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from tests.stability import changes, damages, faults
 from tests.stability.benches import INTERVAL_S, Bench, ahead, aside, still, to_and_fro, turning
 from tests.stability.changes import Change
@@ -204,9 +204,9 @@ def _readout() -> Iterator[Case]:
     for by in (0.05, 0.3, -0.3):
         yield Case("sensor", f"dark level off by {by:g}", change=changes.offset(by), quick=by == -0.3)
     for bits in (4, 6, 8, 10, 14, 16):
-        sensor = Sensor(bits=bits, electrons_per_dn=10700 / 2**bits / 0.95, black_level_dn=2**bits / 64)
+        sensor = SensorFigures(bits=bits, electrons_per_dn=10700 / 2**bits / 0.95, black_level_dn=2**bits / 64)
         yield Case("bits", f"{bits}", Bench(sensor=sensor), quick=bits == 8)
-    deep = Sensor(full_well_e=2e6, bits=16, electrons_per_dn=32.0)
+    deep = SensorFigures(full_well_e=2e6, bits=16, electrons_per_dn=32.0)
     for scene in ("lamp", "sun"):
         yield Case(
             "high dynamic range",

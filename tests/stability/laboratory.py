@@ -10,7 +10,7 @@ from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.masks import random_masks
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # Elements of two pixels, not quite on the pixel grid, blurred, and leaking. Leakage of 60:1 and what blur spills into
 # closed elements make up the 25:1 that is measured in all.
@@ -36,7 +36,7 @@ def laboratory_masks(count: int, size: tuple[int, int], ratio: float, rng: np.ra
         InputError: See `random_masks`.
     """
     masks = random_masks(count, size, ratio, rng, feature_px=LABORATORY_FEATURE_PX)
-    rig = Rig()
+    rig = RigFigures()
     for effect in LABORATORY:
         masks = effect.apply(masks, rig, rng)
     return np.asarray(np.clip(masks / LABORATORY_ON_LEVEL, 0.0, 1.0), dtype=np.float32)

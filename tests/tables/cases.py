@@ -30,7 +30,7 @@ from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_grey_masks, random_masks
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Light, Modulator, Rig
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.tables.beside import BesideViews, beside_file, read_beside
@@ -156,10 +156,10 @@ class Case:
         loaded = load_scene(self.scene, size=size, views=self.views)
         share = 0.25 if self.open_share is None else self.open_share
         photons = loaded.light.full_scale_photons if self.full_scale_photons is None else self.full_scale_photons
-        modulator = Modulator(loaded.views, share, self.feature_px)
+        modulator = ModulatorFigures(loaded.views, share, self.feature_px)
         if self.stopped_down:
             photons *= min(1.0, LIT_FOR_OPEN_MASKS / (modulator.masks * modulator.open_share))
-        rig = Rig(light=Light(photons), modulator=modulator)
+        rig = RigFigures(light=Light(photons), modulator=modulator)
         draw = random_grey_masks if self.grey_masks else random_masks
         masks = draw(loaded.views, size, share, np.random.default_rng(seed), feature_px=self.feature_px)
         path = loaded.path(rig.exposure_s)

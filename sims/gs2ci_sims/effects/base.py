@@ -19,7 +19,7 @@ from pydantic.alias_generators import to_snake
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import BoundedRecord
 from gs2ci.core.errors import InputError
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
     from gs2ci_sims.path import CameraPath
@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # scenes need torch, which a bench's computer need not have
 
 
 @enum.unique
-class Stage(enum.Enum):
+class LightStage(enum.Enum):
     """The place in the light path where an effect acts, and the signal there."""
 
     MOTION = "where the camera is at any time, CameraPath"
@@ -63,7 +63,7 @@ class BoundStep:
     law: str = ""
 
 
-def gain_step(rig: Rig) -> BoundStep:
+def gain_step(rig: RigFigures) -> BoundStep:
     """Return the sensor's gain as a step, K."""
     return BoundStep("K", rig.dn_per_e, "DN/e", "gain of the sensor")
 
@@ -128,7 +128,7 @@ class ViewPreview(Protocol):
         """Get the masks as nominally shown, [N, H, W]."""
 
     @property
-    def rig(self) -> Rig:
+    def rig(self) -> RigFigures:
         """Get the figures of the rig."""
 
     @property
@@ -258,7 +258,7 @@ class EffectRecord(BoundedRecord):
         if "name" not in vars(cls):
             cls.name = to_snake(cls.__name__)
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Return that nothing is known of what leaving the effect out would change: every plan simulates it."""
         return UNAVOIDABLE.by("inf")
 
@@ -272,14 +272,14 @@ class Effect(Protocol):
     """
 
     name: ClassVar[str]
-    stage: ClassVar[Stage]
+    stage: ClassVar[LightStage]
     cost_ns: ClassVar[float]
     fixed_pattern: ClassVar[bool]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Return an upper bound on the change if the effect is left out. Cheap: nothing is rendered."""
 
-    def apply(self, signal: Any, rig: Rig, rng: np.random.Generator) -> Any:
+    def apply(self, signal: Any, rig: RigFigures, rng: np.random.Generator) -> Any:
         """Return the signal with the effect; never changes its argument. `rng` belongs to this effect alone."""
 
 
@@ -294,7 +294,7 @@ class KernelEffect(Effect, Protocol):
     def reach(self) -> float:
         """Get where the kernel is truncated now, in standard deviations."""
 
-    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: RigFigures, reach: float) -> Bound:
         """Return an upper bound on the difference between the full kernel and one of this reach."""
 
 
@@ -310,7 +310,7 @@ class Brightening(Effect, Protocol):
 class Charging(Effect, Protocol):
     """An effect that fills pixels in the dark."""
 
-    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
         """Return an upper bound on the electrons added, in the mean over the pixels and in the fullest one."""
 
 
@@ -318,7 +318,7 @@ class Charging(Effect, Protocol):
 class Lowering(Effect, Protocol):
     """An effect that may take a reading below the data sheet's black level."""
 
-    def lowered_dn(self, rig: Rig) -> float:
+    def lowered_dn(self, rig: RigFigures) -> float:
         """Return by how much at most, DN; for a noise, six standard deviations."""
 
 
@@ -355,7 +355,7 @@ class ViewEffect(Effect, Protocol):
 
     needs_depth: ClassVar[bool]
 
-    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
+    def margin_px(self, rig: RigFigures, size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the border of an image of this size the effect needs."""
 
 

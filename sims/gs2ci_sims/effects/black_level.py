@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -23,20 +23,20 @@ class BlackLevel(EffectRecord):
         shift_dn: True black level minus the data sheet's, DN.
     """
 
-    stage: ClassVar[Stage] = Stage.READOUT
+    stage: ClassVar[LightStage] = LightStage.READOUT
     cost_ns: ClassVar[float] = 2.0
 
     shift_dn: FiniteFloat
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Exactly the shift."""
         shift = BoundStep("D", self.shift_dn, "DN", "shift of the black level")
         return Bound(abs(self.shift_dn), abs(self.shift_dn)).by("abs(D)", shift)
 
-    def lowered_dn(self, rig: Rig) -> float:
+    def lowered_dn(self, rig: RigFigures) -> float:
         """The shift, if it is one down."""
         return max(-self.shift_dn, 0.0)
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Shift readings [H, W, C]."""
         return signal + self.shift_dn

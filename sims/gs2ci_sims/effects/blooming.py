@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Blooming(EffectRecord):
         share: Share of the excess charge that spills, 0 to 1.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 40.0
 
     share: Annotated[float, Field(ge=0, le=1)]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The total excess S spills into pixels that take at most the well's charge W each.
 
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
@@ -49,7 +49,7 @@ class Blooming(EffectRecord):
             gain_step(rig),
         )
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Spill electrons [H, W, C] along axis 0."""
         well_e = rig.sensor.full_well_e
         spilled = self.share * np.maximum(signal - well_e, 0.0)

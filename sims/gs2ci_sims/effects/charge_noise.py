@@ -4,25 +4,25 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, gain_step
 from gs2ci_sims.effects.counts import SIGMAS
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
 class ChargeNoise(EffectRecord):
     """Normal numbers that an effect adds to the electrons, drawn in its own way."""
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
 
     sigma_e: NotNegative
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Standard deviation times the gain K (EMVA 1288, eq. 10), whatever the scene."""
         sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
         bound = Bound(self.sigma_e * rig.dn_per_e, self.lowered_dn(rig), random=True)
         return bound.by("K * sigma", sigma, gain_step(rig))
 
-    def lowered_dn(self, rig: Rig) -> float:
+    def lowered_dn(self, rig: RigFigures) -> float:
         """Six standard deviations."""
         return SIGMAS * self.sigma_e * rig.dn_per_e

@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.effects.trigger_timing import within_window
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 
@@ -21,12 +21,12 @@ class ClockDrift(EffectRecord):
         ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.1
 
     ppm: Annotated[FiniteFloat, Field(gt=-1e6)]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Each mask's weight changes by the stretch, the last one's by the part cut off, and its light comes later.
 
         The time removed from its own interval and the time added after it are together at most twice the delay.
@@ -45,7 +45,7 @@ class ClockDrift(EffectRecord):
         """The share of the last mask's light that changes, or moves in time."""
         return float(self._changes(scene, scene.rig)[1].max())
 
-    def _changes(self, scene: ViewPreview, rig: Rig) -> tuple[F64, F64, F64]:
+    def _changes(self, scene: ViewPreview, rig: RigFigures) -> tuple[F64, F64, F64]:
         """Return the change of each mask's light, its magnitude in time [N], and the interval of the change [N, 2]."""
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
@@ -62,7 +62,7 @@ class ClockDrift(EffectRecord):
         """The stretch."""
         return 1 + 1e-6 * self.ppm
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Stretch the slices and close the window; a rolling shutter closes every row by itself."""
         begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
         later = replace(

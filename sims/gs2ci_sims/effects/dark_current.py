@@ -8,9 +8,9 @@ from pydantic import Field, FiniteFloat
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # The temperature for which data sheets state the current.
 REFERENCE_C: Final = 25.0
@@ -30,7 +30,7 @@ class DarkCurrent(EffectRecord):
         doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 2.0
 
     current_e_per_s: NotNegative
@@ -41,7 +41,7 @@ class DarkCurrent(EffectRecord):
         """Get the mean electrons that one pixel collects in the dark."""
         return float(self.current_e_per_s * 2 ** ((self.temperature_c - REFERENCE_C) / self.doubling_k) * exposure_s)
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The collected charge D, which is exact, and the shot noise that comes with it: sqrt(D^2 + D), times K A.
 
         Charge beyond the full well is lost.
@@ -60,10 +60,10 @@ class DarkCurrent(EffectRecord):
             gain_step(rig),
         )
 
-    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
         """Return the collected charge, the same in every pixel."""
         return (self.collected_e(rig.exposure_s),) * 2
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""
         return signal + self.collected_e(rig.exposure_s)

@@ -8,9 +8,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative, Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, MotionPreview, Previewed
 from gs2ci_sims.effects.kernels import disc
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import View
 
 # Step between the diameters for which the view is blurred; between them the blurred views are interpolated.
@@ -37,7 +37,7 @@ class Defocus(EffectRecord):
         focus_depth: z of what is sharp, scene units, more than 0.
     """
 
-    stage: ClassVar[Stage] = Stage.RADIANCE
+    stage: ClassVar[LightStage] = LightStage.RADIANCE
     cost_ns: ClassVar[float] = 400.0
     needs_depth: ClassVar[bool] = True
 
@@ -50,7 +50,7 @@ class Defocus(EffectRecord):
         diameter = focal_px * self.aperture * np.abs(1 / safe - 1 / self.focus_depth)
         return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change of the previewed views by the disc that changes each pixel most; of other light, the spectrum."""
         focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), _depths(scene)
         widest = self._widest_px(scene)
@@ -91,12 +91,12 @@ class Defocus(EffectRecord):
     def _widest_px(self, scene: MotionPreview) -> float:
         return float(self.diameter_px(np.array(_depths(scene)), float(scene.scene.intrinsics[0, 0])).max())
 
-    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
+    def margin_px(self, rig: RigFigures, size: tuple[int, int], intrinsics: F64) -> int:
         """Half of the widest disc there can be, that of infinity or of half the focus depth."""
         widest = self.diameter_px(np.array([0.5 * self.focus_depth, 1e12]), float(intrinsics[0, 0])).max()
         return int(min(np.ceil(0.5 * widest), max(size)))
 
-    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
         """Blur the view by layers of disc diameter."""
         assert signal.depth is not None, "the exposure renders depth for effects that need it"
         diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))

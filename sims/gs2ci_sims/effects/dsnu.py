@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.charge_noise import ChargeNoise
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,6 @@ class Dsnu(ChargeNoise):
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add the pattern to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)

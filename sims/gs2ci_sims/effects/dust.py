@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.effects.kernels import disc
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 MOST_PX: Final = 128.0
 MOST_PARTICLES: Final = 10_000
@@ -31,7 +31,7 @@ class Dust(EffectRecord):
         cone_px: Diameter of the cone where it crosses the glass, in sensor pixels, 0 to 128.
     """
 
-    stage: ClassVar[Stage] = Stage.PHOTONS
+    stage: ClassVar[LightStage] = LightStage.PHOTONS
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True
 
@@ -57,7 +57,7 @@ class Dust(EffectRecord):
             passed[row : row + 2 * reach + 1, column : column + 2 * reach + 1] *= 1 - shadow
         return passed[reach : reach + size[0], reach : reach + size[1]]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The loss of the previewed measurement by this device's shadows, plus the preview's possible error in full."""
         deepest = float(self.shadow().max())
         return scene.of_photon_effect(self, 1.0 if self.particles > 0 else 0.0).after(
@@ -67,6 +67,6 @@ class Dust(EffectRecord):
             BoundStep("s", deepest, "", "deepest shadow of one particle"),
         )
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Shade photons [H, W, C]."""
         return np.asarray(signal * self.transmission(signal.shape[:2], rng)[..., None])

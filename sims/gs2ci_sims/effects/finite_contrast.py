@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class FiniteContrast(EffectRecord):
         patch_px: Scale over which the leakage varies, pixels, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.MASKS
+    stage: ClassVar[LightStage] = LightStage.MASKS
     cost_ns: ClassVar[float] = 10.0
     fixed_pattern: ClassVar[bool] = True
 
@@ -36,7 +36,7 @@ class FiniteContrast(EffectRecord):
     spread: Annotated[float, Field(ge=0, le=2)] = 0.62
     patch_px: NotNegative = 4.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The light that passes all closed elements by this device's map of leakage."""
         return scene.of_mask_effect(self).after(
             BoundStep("C", self.contrast, "", "contrast, median over the field"),
@@ -51,7 +51,7 @@ class FiniteContrast(EffectRecord):
         pattern = (pattern - pattern.mean()) / deviation if deviation > 0 else np.zeros(size)
         return np.asarray(np.minimum(np.exp(self.spread * pattern) / self.contrast, 1.0))
 
-    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
         """Raise the off level of masks [N, H, W]."""
         leak = self.leakage((signal.shape[1], signal.shape[2]), rng)
         return np.asarray(leak + (1 - leak) * signal.astype(np.float64))

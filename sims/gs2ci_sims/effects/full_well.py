@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,12 @@ class FullWell(EffectRecord):
         capacity_e: Electrons, more than 0.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 2.0
 
     capacity_e: Annotated[float, Field(gt=0)]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The charge beyond the capacity, with six standard deviations of its noise."""
         _, rms_e, peak_e = scene.excess_e(self, self.capacity_e)
         dn = rig.dn_per_e * scene.gain_after(self)
@@ -39,6 +39,6 @@ class FullWell(EffectRecord):
             gain_step(rig),
         )
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Clip electrons [H, W, C]."""
         return np.minimum(signal, self.capacity_e)

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class GainNonlinearity(EffectRecord):
         departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 10.0
 
     departure: Annotated[float, Field(gt=-0.25, lt=0.25)]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The parabola, its top from half the well on, of charge with shot noise; one exposure in 1e7 exceeds it.
 
         The limit for one exposure is that of a sum of squared changes (`counts.most_in_sum`) with a mean of r^2. The
@@ -66,7 +66,7 @@ class GainNonlinearity(EffectRecord):
             BoundStep("every", every_dn, "DN", "rms with six sigma of noise in every pixel"),
         )
 
-    def _over_exposures(self, scene: Previewed, rig: Rig) -> tuple[BoundStep, ...]:
+    def _over_exposures(self, scene: Previewed, rig: RigFigures) -> tuple[BoundStep, ...]:
         """Derive the rms over pixels and exposures, the last step.
 
         A count c of mean q has a mean square of q^2 + q, and the square of the change is at most a concave function of
@@ -94,7 +94,7 @@ class GainNonlinearity(EffectRecord):
             BoundStep("r", min(likely_dn + error_dn, top_dn), "DN", "rms over pixels and exposures", "min(v + u, top)"),
         )
 
-    def _bent_dn(self, charge_e: F64, rig: Rig) -> F64:
+    def _bent_dn(self, charge_e: F64, rig: RigFigures) -> F64:
         """Return the magnitude of the parabola at these charges, its top from half the well on."""
         x = np.minimum(charge_e / rig.sensor.full_well_e, 0.5)
         return np.asarray(4 * abs(self.departure) * rig.dn_per_e * rig.sensor.full_well_e * x * (1 - x))
@@ -103,7 +103,7 @@ class GainNonlinearity(EffectRecord):
         """The steepest slope: it is the factor by which a change of the light before the amplifier grows."""
         return 1 + 4 * abs(self.departure)
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Bend electrons [H, W, C]; beyond the ends the response continues without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
 from gs2ci_sims.effects.kernels import disc
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 MOST_BLUR_PX: Final = 256.0
 
@@ -29,13 +29,13 @@ class GhostReflection(EffectRecord):
         blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
     """
 
-    stage: ClassVar[Stage] = Stage.PHOTONS
+    stage: ClassVar[LightStage] = LightStage.PHOTONS
     cost_ns: ClassVar[float] = 100.0
 
     share: Annotated[float, Field(ge=0, le=0.5)]
     blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR_PX)] = 0.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The ghost of the previewed measurement, plus its share of the preview's possible error.
 
         Neither the rotation nor the blur increases an image's rms.
@@ -49,7 +49,7 @@ class GhostReflection(EffectRecord):
         """The image and its ghost."""
         return 1 + self.share
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add the ghost to photons [H, W, C]; beyond the border the image is mirrored."""
         turned = np.ascontiguousarray(signal[::-1, ::-1])
         spread = cv2.filter2D(turned, cv2.CV_64F, disc(self.blur_px), borderType=cv2.BORDER_REFLECT)

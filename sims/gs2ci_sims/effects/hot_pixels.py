@@ -8,9 +8,9 @@ from pydantic import Field
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # Of Chernoff's limit: edges of the charge, and the values of s, as multiples of 1 / hottest^2. Each s gives a limit
 # that holds, and with more of them the least one changes by less than 2 %.
@@ -32,14 +32,14 @@ class HotPixels(EffectRecord):
         mean_e_per_s: Their mean excess, electrons per second, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 
     share: Annotated[float, Field(ge=0, le=1)]
     mean_e_per_s: NotNegative
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Limits of the sum of the squared excess charges, and of the largest, of one exposure of one device.
 
         The charge of a hot pixel of mean m, its own shot noise included, is at least j electrons with a probability of
@@ -73,7 +73,7 @@ class HotPixels(EffectRecord):
             gain_step(rig),
         )
 
-    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
         """Return limits of the mean excess charge over all pixels and of the hottest pixel's, without shot noise.
 
         The sum of exponential numbers of mean m is sub-gamma with scale m (`counts.most_in_sum`).
@@ -105,7 +105,7 @@ class HotPixels(EffectRecord):
         limits = (SIGMAS**2 / 2 + self.share * pixels * expected) / powers[:, 0]
         return float(limits.min())
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""
         hot = rng.random(signal.shape) < self.share
         return signal + hot * rng.exponential(self.mean_e_per_s * rig.exposure_s, signal.shape)

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 
@@ -20,12 +20,12 @@ class IlluminationDrift(EffectRecord):
         rate_per_s: Relative change per second.
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.1
 
     rate_per_s: FiniteFloat
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Each mask's light changes by the mean of the drift; if the drift changes sign, by the mean magnitude."""
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
@@ -46,7 +46,7 @@ class IlluminationDrift(EffectRecord):
         """The drift at either end of the exposure."""
         return float(np.abs(self._factor(scene.intervals_s) - 1).max())
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Scale each slice by the drift at its middle, cut in four to follow it."""
         pieces = signal.split(4)
         return pieces.scaled(self._factor(0.5 * (pieces.start_s + pieces.stop_s)))

@@ -7,7 +7,7 @@ import numpy as np
 from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import BoundStep
 from gs2ci_sims.effects.periodic import Oscillation
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,6 @@ class IlluminationFlicker(Oscillation):
         mains = BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains")
         return mains, BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
 
-    def phase(self, rig: Rig, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
         """Draw the phase."""
         return float(rng.uniform(0, 2 * np.pi))

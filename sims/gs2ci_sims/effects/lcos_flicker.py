@@ -7,7 +7,7 @@ import numpy as np
 from gs2ci.core.config import Positive
 from gs2ci_sims.effects.base import BoundStep
 from gs2ci_sims.effects.periodic import Oscillation
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class LcosFlicker(Oscillation):
         """Return the drive's frequency."""
         return (BoundStep("f", self.drive_hz, "Hz", "frequency of the drive"),)
 
-    def phase(self, rig: Rig, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
         """Return the phase, which is 0 when the first mask is switched on."""
         begin = -0.5 * rig.exposure_s
         return -2 * np.pi * self.drive_hz * begin

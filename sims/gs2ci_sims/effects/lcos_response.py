@@ -7,8 +7,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 # Where slices are cut, in time constants: the weight of the old mask falls by at most a quarter from cut to cut.
@@ -26,12 +26,12 @@ class LcosResponse(EffectRecord):
         tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.2
 
     tau_s: NotNegative
 
-    def states(self, masks: int, rig: Rig) -> F64:
+    def states(self, masks: int, rig: RigFigures) -> F64:
         """Return the modulator's state at the switch to each mask, as shares of all masks, [N, N]."""
         on = -np.expm1(-rig.timing.interval_s / self.tau_s)
         off = float(np.exp(-rig.timing.dark_s / self.tau_s))
@@ -42,7 +42,7 @@ class LcosResponse(EffectRecord):
             states[n] *= off
         return states
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times its difference from the mask."""
         if self.tau_s == 0:
             return NOTHING.by("0")
@@ -59,12 +59,12 @@ class LcosResponse(EffectRecord):
         """The share that belongs to older masks, and as much that comes from the next one."""
         return 2 * self._weight(scene.rig) if self.tau_s > 0 else 0.0
 
-    def _weight(self, rig: Rig) -> float:
+    def _weight(self, rig: RigFigures) -> float:
         """Return the mean weight of the old state over an interval."""
         ratio = self.tau_s / rig.timing.interval_s
         return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Mix the rest of older masks into each mask's time."""
         if self.tau_s == 0:
             return signal

@@ -11,9 +11,9 @@ from scipy.ndimage import map_coordinates
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, MotionPreview, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, MotionPreview, Previewed
 from gs2ci_sims.effects.kernels import shift_shares
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import View
 
 # Newton steps that invert the polynomial: more than enough with quadratic convergence.
@@ -34,7 +34,7 @@ class LensDistortion(EffectRecord):
         k2: Coefficient of r^4.
     """
 
-    stage: ClassVar[Stage] = Stage.RADIANCE
+    stage: ClassVar[LightStage] = LightStage.RADIANCE
     cost_ns: ClassVar[float] = 600.0
     needs_depth: ClassVar[bool] = False
 
@@ -72,7 +72,7 @@ class LensDistortion(EffectRecord):
         """Get the coefficients that a perfect calibration would find: OpenCV's k1 k2 p1 p2 k3, [5]."""
         return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change of the previewed views by the lens; of other light, that by the largest displacement."""
         return scene.of_views(*scene.view_change(self)).after(
             BoundStep("k1", self.k1, "", "r becomes r (1 + k1 r^2 + k2 r^4)"),
@@ -104,11 +104,11 @@ class LensDistortion(EffectRecord):
     def _moved(self, size: tuple[int, int], intrinsics: F64) -> F64:
         return self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
 
-    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
+    def margin_px(self, rig: RigFigures, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the largest displacement along an axis, and two pixels for the interpolation."""
         return int(np.ceil(np.abs(self._moved(size, intrinsics)).max())) + 2
 
-    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
         """Resample the view with cubic splines at its light's origin; beyond the margin the border is repeated."""
         return View(self.bent(signal.radiance, signal.intrinsics), signal.intrinsics, signal.margin, signal.depth)
 

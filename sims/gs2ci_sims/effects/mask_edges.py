@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -24,18 +24,18 @@ class MaskEdges(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[Stage] = Stage.MASKS
+    stage: ClassVar[LightStage] = LightStage.MASKS
     cost_ns: ClassVar[float] = 20.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.5
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change by the blur of the masks that reach it."""
         sigma = BoundStep("sigma", self.sigma_px, "px", "standard deviation of the blur of the masks")
         return scene.of_mask_effect(self).after(sigma)
 
-    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: RigFigures, reach: float) -> Bound:
         """The masks' deviation from their mean, times twice the truncated share of the kernel, per direction.
 
         Each mask's change counts at the brightest light, and changes of different masks do not cancel.
@@ -45,7 +45,7 @@ class MaskEdges(EffectRecord):
         light = 4 * tail * scene.full_scale_dn * scene.scene.brightest
         return Bound(light * deviation, light * len(scene.masks))
 
-    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
         """Blur masks [N, H, W]."""
         return self._blurred(signal, self.reach)
 

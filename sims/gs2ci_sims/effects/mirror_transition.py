@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 
@@ -25,12 +25,12 @@ class MirrorTransition(EffectRecord):
         transition_s: How long it takes, 0 or more, at most an interval.
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.1
 
     transition_s: NotNegative = 13e-6
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Half of the transition's share of the interval belongs to the previous mask."""
         share = 0.5 * self._share(rig)
         apart = _masks_before(scene.shown, rig) - scene.shown
@@ -44,7 +44,7 @@ class MirrorTransition(EffectRecord):
         """The share that belongs to the previous mask, and as much that comes from the next one."""
         return self._share(scene.rig)
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Mix the previous mask into the start of each mask's time."""
         if self._share(rig) == 0:
             return signal
@@ -58,7 +58,7 @@ class MirrorTransition(EffectRecord):
             old[after_first, pieces.shown[after_first] - 1] = level
         return replace(pieces, mix=new * pieces.mix + (1 - new) * old)
 
-    def _share(self, rig: Rig) -> float:
+    def _share(self, rig: RigFigures) -> float:
         share = self.transition_s / rig.timing.interval_s
         if share > 1:
             raise InputError(
@@ -69,7 +69,7 @@ class MirrorTransition(EffectRecord):
         return share
 
 
-def _masks_before(masks: NDArray[np.floating], rig: Rig) -> F64:
+def _masks_before(masks: NDArray[np.floating], rig: RigFigures) -> F64:
     """Return the state that each mask replaces, [N, H, W]."""
     before = np.zeros(masks.shape)
     if rig.timing.dark_s == 0:

@@ -10,8 +10,8 @@ from scipy.ndimage import affine_transform
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Misregistration(EffectRecord):
         magnification: Magnification of the masks on the sensor, more than 0.
     """
 
-    stage: ClassVar[Stage] = Stage.MASKS
+    stage: ClassVar[LightStage] = LightStage.MASKS
     cost_ns: ClassVar[float] = 60.0
 
     right_px: FiniteFloat = 0.0
@@ -36,7 +36,7 @@ class Misregistration(EffectRecord):
     turn_mrad: FiniteFloat = 0.0
     magnification: Positive = 1.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change of each mask that reaches it."""
         return scene.of_mask_effect(self).after(
             BoundStep("x", self.right_px, "px", "shift of the masks to the right"),
@@ -45,7 +45,7 @@ class Misregistration(EffectRecord):
             BoundStep("scale", self.magnification, "", "magnification"),
         )
 
-    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: RigFigures, rng: np.random.Generator) -> F64:
         """Move masks [N, H, W]."""
         return self._moved(signal)
 

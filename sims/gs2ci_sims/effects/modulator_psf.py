@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # A kernel with this reach, in standard deviations, counts as complete.
 WHOLE_REACH: Final = 8.0
@@ -29,19 +29,19 @@ class ModulatorPsf(EffectRecord):
         reach: Where the kernel is cut off, in standard deviations; the planner chooses.
     """
 
-    stage: ClassVar[Stage] = Stage.PHOTONS
+    stage: ClassVar[LightStage] = LightStage.PHOTONS
     cost_ns: ClassVar[float] = 60.0
 
     sigma_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     diffraction: bool = True
     reach: Annotated[float, Field(gt=0, le=10)] = 8.0
 
-    def total_sigma_px(self, rig: Rig) -> float:
+    def total_sigma_px(self, rig: RigFigures) -> float:
         """Get the standard deviation of blur and diffraction together, in sensor pixels."""
         spread_um = 0.42e-3 * rig.optics.wavelength_nm * rig.optics.f_number if self.diffraction else 0.0
         return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change of the previewed measurement by the blur: one convolution.
 
         Of the preview's possible error, the blur removes at most the share that it removes of a chequerboard.
@@ -58,12 +58,12 @@ class ModulatorPsf(EffectRecord):
             BoundStep("x", taken, "", "what it takes of a chequerboard", "1 - exp(-4 * sigma**2)"),
         )
 
-    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: RigFigures, reach: float) -> Bound:
         """The measurement times twice the truncated share of the kernel, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
         dn = 4 * tail * rig.dn_per_e
         return Bound(dn * scene.light_rms_e, dn * float(scene.most_e.max()))
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""
         return blurred(signal, self.total_sigma_px(rig), self.reach)

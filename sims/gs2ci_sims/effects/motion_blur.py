@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.moments import Moments, one_per_interval
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import nominal_slices
 from gs2ci_sims.waves import FREQUENCIES, CollectedWaves
 
@@ -24,7 +24,7 @@ class MotionBlur(EffectRecord):
         edges_s: Ends of the panels, increasing; empty: one panel per mask interval.
     """
 
-    stage: ClassVar[Stage] = Stage.MOMENTS
+    stage: ClassVar[LightStage] = LightStage.MOMENTS
     cost_ns: ClassVar[float] = 0.0
 
     nodes: int = 3
@@ -37,7 +37,7 @@ class MotionBlur(EffectRecord):
                 allowed="1 or more; two or more ends of panels, or none",
             )
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Each view's spectrum, times the error of one view per mask instead of the sweep through its interval.
 
         A cosine of frequency f swept over d pixels keeps sin(x)/x of its amplitude, x = pi f d: the transfer
@@ -57,7 +57,7 @@ class MotionBlur(EffectRecord):
             ),
         )
 
-    def apply(self, signal: Moments, rig: Rig, rng: np.random.Generator) -> Moments:
+    def apply(self, signal: Moments, rig: RigFigures, rng: np.random.Generator) -> Moments:
         """Replace the one moment per interval."""
         return Moments(np.array(self.edges_s) if self.edges_s else signal.edges_s, self.nodes)
 

@@ -10,8 +10,8 @@ from pydantic import FiniteFloat
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import MovingScene
 
 
@@ -25,14 +25,14 @@ class ObjectMotion(EffectRecord):
         velocity: Velocity in scene units per second, along the scene's axes, [3].
     """
 
-    stage: ClassVar[Stage] = Stage.SCENE
+    stage: ClassVar[LightStage] = LightStage.SCENE
     cost_ns: ClassVar[float] = 5.0
 
     centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     radius: Positive
     velocity: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The change by a shift of half of the path, limited by the share of the frame of the object and its path.
 
         A pixel changes by at most the range of the radiance, and only pixels crossed by the silhouette change.
@@ -62,7 +62,7 @@ class ObjectMotion(EffectRecord):
         near = scene.scene.depth_range()[0]
         return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
 
-    def apply(self, signal: MovingScene, rig: Rig, rng: np.random.Generator) -> MovingScene:
+    def apply(self, signal: MovingScene, rig: RigFigures, rng: np.random.Generator) -> MovingScene:
         """Return the scene with the object in motion.
 
         Raises:

@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import Field
 
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 # Pieces per period, so that an oscillation is followed within a mask; for oscillations much faster than the masks only
@@ -21,7 +21,7 @@ PIECES_MAX: Final = 96
 class Oscillation(EffectRecord):
     """Light that oscillates about its mean by the share `depth`, 0 to 1."""
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.2
 
     depth: Annotated[float, Field(ge=0, le=1)]
@@ -31,10 +31,10 @@ class Oscillation(EffectRecord):
         """Return how the frequency of the light follows from the parameters, the frequency itself as the last step."""
 
     @abstractmethod
-    def phase(self, rig: Rig, rng: np.random.Generator) -> float:
+    def phase(self, rig: RigFigures, rng: np.random.Generator) -> float:
         """Return the phase in the middle of the exposure, radians."""
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The oscillation left in an interval's mean, depth |sin x / x|, at the worst phase; the rest moves in time."""
         *before, light = self.frequency()
         steps = (*before, *swing_left(self.depth, light, rig.timing.interval_s))
@@ -50,7 +50,7 @@ class Oscillation(EffectRecord):
         """The oscillation's depth."""
         return self.depth
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Modulate the light of the slices."""
         return swinging(signal, self.depth, self.frequency()[-1].value, self.phase(rig, rng))
 

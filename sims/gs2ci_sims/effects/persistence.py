@@ -7,9 +7,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Persistence(EffectRecord):
             [H, W, C]; finite, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 3.0
 
     share: float
@@ -52,7 +52,7 @@ class Persistence(EffectRecord):
         started = np.exp(-self.gap_s / self.decay_s)
         return float(-self.share * started * np.expm1(-exposure_s / self.decay_s))
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The released charge, which is exact, and its shot noise, up to the full well, times K."""
         released_e = np.minimum(
             self.released_share(rig.exposure_s) * np.asarray(self.earlier_e), rig.sensor.full_well_e
@@ -78,12 +78,12 @@ class Persistence(EffectRecord):
             gain_step(rig),
         )
 
-    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: RigFigures, size: tuple[int, int]) -> tuple[float, float]:
         """Return the released charge: its mean and its largest."""
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         return float(released_e.mean()), float(released_e.max())
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C].
 
         Raises:

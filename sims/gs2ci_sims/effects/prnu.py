@@ -12,14 +12,14 @@ from gs2ci_sims.effects.base import (
     Bound,
     BoundStep,
     EffectRecord,
+    LightStage,
     Previewed,
-    Stage,
     ViewPreview,
     enlarging_step,
     gain_step,
 )
 from gs2ci_sims.effects.counts import SIGMAS, most_in_sum
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class Prnu(EffectRecord):
         spread: Relative standard deviation, 0 to 0.5 (0.01 is usual); no factor falls below 0.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 20.0
     fixed_pattern: ClassVar[bool] = True
 
     spread: Annotated[float, Field(ge=0, le=0.5)]
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Spread times charge, times K; one device in 1e7 exceeds it, even if masks leave light in a single pixel.
 
         The mean square over devices is v. The limit for one device is that of a sum of squared normal numbers
@@ -72,6 +72,6 @@ class Prnu(EffectRecord):
         """Six standard deviations above the mean."""
         return 1 + 6 * self.spread
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Scale mean electrons [H, W, C]."""
         return signal * np.maximum(1 + self.spread * rng.standard_normal(signal.shape), 0.0)

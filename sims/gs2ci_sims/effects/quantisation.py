@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, gain_step
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, gain_step
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Quantisation(EffectRecord):
         bits: Bits of the converter, 1 to 32.
     """
 
-    stage: ClassVar[Stage] = Stage.READOUT
+    stage: ClassVar[LightStage] = LightStage.READOUT
     cost_ns: ClassVar[float] = 5.0
 
     bits: Annotated[int, Field(ge=1, le=32)]
@@ -32,7 +32,7 @@ class Quantisation(EffectRecord):
         """Get the highest reading."""
         return int(2**self.bits - 1)
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Rounding changes a reading by at most half a step; readings beyond the range are clipped at either end.
 
         Below it, each pixel counts as one without light whose noises all are at six standard deviations.
@@ -50,6 +50,6 @@ class Quantisation(EffectRecord):
             gain_step(rig),
         )
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Round and clip readings [H, W, C]."""
         return np.clip(np.rint(signal), 0, self.max_dn)

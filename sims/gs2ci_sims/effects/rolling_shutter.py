@@ -7,8 +7,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Shutter, Slices
 
 # A row that opens within a slice of time collects the slice's mean light times its share of the slice. So slices are
@@ -28,12 +28,12 @@ class RollingShutter(EffectRecord):
         line_delay_s: Delay from each row to the next, finite, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 10.0
 
     line_delay_s: NotNegative
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The light of each mask that each row misses."""
         missed = self._missed(scene)
         return scene.of_masks(self, missed[..., None] * scene.shown, scene.shown).after(
@@ -60,7 +60,7 @@ class RollingShutter(EffectRecord):
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Add the shutter to the slices; row 0 is not affected.
 
         It comes first among the effects on time: those that move the sensor's window move this shutter.

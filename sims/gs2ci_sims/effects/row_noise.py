@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.charge_noise import ChargeNoise
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,6 @@ class RowNoise(ChargeNoise):
 
     cost_ns: ClassVar[float] = 2.0
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""
         return signal + self.sigma_e * rng.standard_normal((len(signal), 1, 1))

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, enlarging_step, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, enlarging_step, gain_step
 from gs2ci_sims.effects.counts import most_counted_e, most_in_sum
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # Above this mean the error of the quantile's third-order expansion is below a tenth of an electron within eight
 # standard deviations, so the rounded expansion is used without a correction.
@@ -28,10 +28,10 @@ class ShotNoise(EffectRecord):
     rejection samplers would draw again: this makes a plan comparable with the full simulation of the same seed.
     """
 
-    stage: ClassVar[Stage] = Stage.CHARGE
+    stage: ClassVar[LightStage] = LightStage.CHARGE
     cost_ns: ClassVar[float] = 400.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Standard deviation sqrt(mean), times the gain K (EMVA 1288, eq. 10); one exposure in 1e7 exceeds it.
 
         Dark charge counts too. The mean square over exposures is Q. The limit for one exposure is that of a sum of
@@ -62,7 +62,7 @@ class ShotNoise(EffectRecord):
             gain_step(rig),
         )
 
-    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: RigFigures, rng: np.random.Generator) -> F64:
         """Draw counted electrons for mean electrons [H, W, C]."""
         uniform = np.clip(rng.random(signal.shape), 1e-16, 1 - 2**-53)
         return poisson_quantile(uniform, signal)

@@ -8,9 +8,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # The path is followed in so many steps to find its reversals.
 STEPS: Final = 1024
@@ -93,12 +93,12 @@ class StageBacklash(EffectRecord):
         play: Lost motion, scene units, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.MOTION
+    stage: ClassVar[LightStage] = LightStage.MOTION
     cost_ns: ClassVar[float] = 1.0
 
     play: NotNegative
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """What the largest lag shifts the image of the nearest point by; nothing where the path never turns back."""
         lagging = self._lagging(scene.path, rig)
         worst = float(np.abs(lagging.lag(np.linspace(lagging.begin_s, lagging.end_s, STEPS))).max())
@@ -119,10 +119,10 @@ class StageBacklash(EffectRecord):
             ),
         )
 
-    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
         """Let the path lag."""
         return self._lagging(signal, rig)
 
-    def _lagging(self, path: CameraPath, rig: Rig) -> LaggingPath:
+    def _lagging(self, path: CameraPath, rig: RigFigures) -> LaggingPath:
         half = 0.5 * rig.exposure_s
         return LaggingPath(path, self.play, -half, half)

@@ -8,9 +8,9 @@ from pydantic import Field
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 # Steps in which the warp is inverted; between them it is taken for a line.
 WARP_STEPS: Final = 4097
@@ -54,13 +54,13 @@ class StageRipple(EffectRecord):
         hertz: Turns of the screw per second, more than 0.
     """
 
-    stage: ClassVar[Stage] = Stage.MOTION
+    stage: ClassVar[LightStage] = LightStage.MOTION
     cost_ns: ClassVar[float] = 0.1
 
     share: Annotated[float, Field(ge=0, le=1)]
     hertz: Positive
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """What the image's shift changes: its speed times the most that the camera is early or late."""
         delay_s = self.share / (2 * np.pi * self.hertz)
         motion_px = float(scene.motion_px.max())
@@ -79,7 +79,7 @@ class StageRipple(EffectRecord):
             ),
         )
 
-    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
         """Run through the path unevenly."""
         delay_s = self.share / (2 * np.pi * self.hertz)
         return WarpedPath(signal, delay_s, self.hertz, float(rng.uniform(0, 2 * np.pi)))

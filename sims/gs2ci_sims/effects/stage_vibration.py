@@ -7,9 +7,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative, Positive
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
 from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class StageVibration(EffectRecord):
         hertz: More than 0.
     """
 
-    stage: ClassVar[Stage] = Stage.MOTION
+    stage: ClassVar[LightStage] = LightStage.MOTION
     cost_ns: ClassVar[float] = 0.1
 
     amplitude: NotNegative
     hertz: Positive
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """What shifting the image of the nearest point by the amplitude along both axes changes."""
         near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
         shift_px = 2**0.5 * self.amplitude * focal_px / near
@@ -70,7 +70,7 @@ class StageVibration(EffectRecord):
             ),
         )
 
-    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: RigFigures, rng: np.random.Generator) -> CameraPath:
         """Let the path tremble."""
         first, second = rng.uniform(0, 2 * np.pi, 2)
         return TremblingPath(signal, self.amplitude, self.hertz, (float(first), float(second)))

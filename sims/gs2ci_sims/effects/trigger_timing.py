@@ -9,8 +9,8 @@ from pydantic import FiniteFloat
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage, ViewPreview
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed, ViewPreview
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import Slices
 
 # Jitter is taken to stay within so many standard deviations: one exposure in 370 does not.
@@ -28,13 +28,13 @@ class TriggerTiming(EffectRecord):
         jitter_s: Standard deviation of the normal jitter, at least 0; a draw beyond three of them is cut to that.
     """
 
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[LightStage] = LightStage.TIME
     cost_ns: ClassVar[float] = 0.1
 
     latency_s: FiniteFloat = 0.0
     jitter_s: NotNegative = 0.0
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
         losses = list(self._missed_shares(scene, rig))
         bounds = [scene.of_shares(self, lost, lost, 1.0) for lost in losses]
@@ -58,7 +58,7 @@ class TriggerTiming(EffectRecord):
         """What the first or the last mask loses."""
         return max(float(lost.max()) for lost in self._missed_shares(scene, scene.rig))
 
-    def _missed_shares(self, scene: ViewPreview, rig: Rig) -> Iterator[F64]:
+    def _missed_shares(self, scene: ViewPreview, rig: RigFigures) -> Iterator[F64]:
         """Return which share of each mask's light the earliest window misses, and the latest, [N] each."""
         for sign in (-1, 1):
             late_s = self.latency_s + sign * JITTER_SIGMAS * self.jitter_s
@@ -66,7 +66,7 @@ class TriggerTiming(EffectRecord):
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
             yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
-    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: RigFigures, rng: np.random.Generator) -> Slices:
         """Cut the slices to the window; behind a rolling shutter, shift the window of every row."""
         jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
         late_s = self.latency_s + self.jitter_s * float(jitter)

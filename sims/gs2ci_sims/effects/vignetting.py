@@ -7,8 +7,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.config import NotNegative
-from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, Previewed, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, EffectRecord, LightStage, Previewed
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import View
 
 
@@ -23,7 +23,7 @@ class Vignetting(EffectRecord):
         exponent: n, at least 0.
     """
 
-    stage: ClassVar[Stage] = Stage.RADIANCE
+    stage: ClassVar[LightStage] = LightStage.RADIANCE
     cost_ns: ClassVar[float] = 20.0
 
     exponent: NotNegative = 4.0
@@ -35,7 +35,7 @@ class Vignetting(EffectRecord):
         square += np.square((rows - intrinsics[1, 2]) / intrinsics[1, 1])
         return np.asarray((1 + square) ** (-0.5 * self.exponent))
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """The share of its reading that each pixel loses, under whichever masks are the more open."""
         lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
         return scene.of_masks(self, lost * scene.most_open).after(
@@ -43,7 +43,7 @@ class Vignetting(EffectRecord):
             BoundStep("c", float(lost.max()), "", "share lost in the farthest corner"),
         )
 
-    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
         """Darken the view."""
         factor = self.transmission(signal.radiance.shape[:2], signal.intrinsics)
         return View(signal.radiance * factor[..., None], signal.intrinsics, signal.margin, signal.depth)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Effect, Moving, Stage, ViewChange, having
+from gs2ci_sims.effects.base import Effect, LightStage, Moving, ViewChange, having
 from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
@@ -32,7 +32,7 @@ class PreviewedMotion(PreviewedViews):
     @cached_property
     def moved_path(self) -> CameraPath:
         """Get the path with all effects on it."""
-        return self._chain.through(Stage.MOTION, self.path)
+        return self._chain.through(LightStage.MOTION, self.path)
 
     @cached_property
     def object_px_per_s(self) -> float:

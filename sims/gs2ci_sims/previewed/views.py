@@ -17,13 +17,13 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, Modulating, Stage, gain_step, having
+from gs2ci_sims.effects.base import BoundStep, Brightening, Effect, LightStage, Modulating, gain_step, having
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.kernels import shift_shares
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import binned
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.spectrum import MovingSpectrum, amplitude_left
 
@@ -56,7 +56,7 @@ class PreviewedViews:
     scene: Scene
     path: CameraPath
     masks: F32
-    rig: Rig
+    rig: RigFigures
     times_s: F64
     fine_views: F32
     samples: int
@@ -89,7 +89,7 @@ class PreviewedViews:
 
     def recorded(self, light: F64) -> F64:
         """Return what the sensor records of light of three colours, [H, W, 3]: one of them in each pixel, or all."""
-        return self._mosaic.through(Stage.CHARGE, light)
+        return self._mosaic.through(LightStage.CHARGE, light)
 
     @cached_property
     def colours(self) -> float:
@@ -140,13 +140,13 @@ class PreviewedViews:
 
     def masks_around(self, effect: Effect) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the masks as the effects before this one leave them, and as this one does then, [N, H, W] each."""
-        acting = self._chain.at(Stage.MASKS)
+        acting = self._chain.at(LightStage.MASKS)
         names = [other.name for other in acting]
         earlier = names.index(effect.name) if effect.name in names else 0
         number, before = self._latest_masks.get("after", (0, self.masks))
         if number != earlier:
-            before = EffectChain(acting[:earlier], self.seed, self.rig).through(Stage.MASKS, self.masks)
-        after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
+            before = EffectChain(acting[:earlier], self.seed, self.rig).through(LightStage.MASKS, self.masks)
+        after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(LightStage.MASKS, before)
         self._latest_masks.clear()
         # The next effect is asked about next; after the last one they are `shown`.
         if effect in acting[:-1]:
@@ -160,7 +160,7 @@ class PreviewedViews:
     @cached_property
     def shown(self) -> NDArray[Any]:
         """Get the masks with all effects on masks, [N, H, W]."""
-        return np.asarray(self._chain.through(Stage.MASKS, self.masks))
+        return np.asarray(self._chain.through(LightStage.MASKS, self.masks))
 
     @cached_property
     def most_open(self) -> NDArray[Any]:

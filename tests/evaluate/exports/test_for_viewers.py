@@ -9,7 +9,7 @@ import torch
 
 from gs2ci.evaluate.exports.for_viewers import brought_nearer, for_viewers
 from gs2ci.render.gaussians import logit
-from gs2ci.render.reference import ReferenceBackend, project
+from tests.render.reference import ReferenceBackend, project
 from tests.render.scenes_in_units import SIZE, drawn, psnr_db, scaled
 
 FOCAL = 1.1 * max(SIZE)

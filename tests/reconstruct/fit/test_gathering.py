@@ -8,7 +8,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.cpu.backend import CpuBackend
-from gs2ci.render.reference import ReferenceBackend
+from tests.render.reference import ReferenceBackend
 
 SIZE = (20, 27)
 INTRINSICS = torch.tensor([[30.0, 0, 13.5], [0, 30, 10], [0, 0, 1]])

@@ -8,10 +8,10 @@ from gs2ci_sims.effects.base import (
     Brightening,
     Charging,
     KernelEffect,
+    LightStage,
     Lowering,
     Modulating,
     Moving,
-    Stage,
     ViewChange,
     ViewEffect,
     having,
@@ -57,11 +57,11 @@ from gs2ci_sims.light_path import LIGHT_PATH, EffectChain, generator
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import ReversingMove, StageMove
 from gs2ci_sims.preview import preview
-from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 
 SIZE = (20, 26)
-RIG = Rig(light=Light(9000.0), modulator=Modulator(masks=3), timing=Timing(0.02, 1e-4))
+RIG = RigFigures(light=Light(9000.0), modulator=ModulatorFigures(masks=3), timing=Timing(0.02, 1e-4))
 EFFECTS = (
     BayerFilter(),
     BlackLevel(-3.0),
@@ -145,8 +145,8 @@ def test_a_derivation_holds_every_figure_of_its_effect(looks, effect):
 
 def test_masks_reach_each_effect_as_those_before_it_leave_them_in_whatever_order_they_are_asked_about(looks):
     look = looks[0]
-    acting = EffectChain(EFFECTS, look.seed, RIG).at(Stage.MASKS)
-    left = [EffectChain(acting[:count], look.seed, RIG).through(Stage.MASKS, look.masks) for count in range(9)]
+    acting = EffectChain(EFFECTS, look.seed, RIG).at(LightStage.MASKS)
+    left = [EffectChain(acting[:count], look.seed, RIG).through(LightStage.MASKS, look.masks) for count in range(9)]
     for effect in (*acting, *acting[::-1], acting[0]):
         before, after = look.masks_around(effect)
         place = acting.index(effect)

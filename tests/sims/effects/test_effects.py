@@ -11,9 +11,9 @@ from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.moments import one_per_interval
-from gs2ci_sims.rig import Optics, Rig
+from gs2ci_sims.rig import Optics, RigFigures
 
-RIG = Rig()
+RIG = RigFigures()
 
 
 def rng(seed=0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -38,10 +38,10 @@ from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Light, Modulator, Rig
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.sensor import SensorFigures
 from gs2ci_sims.signals import View
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 
@@ -52,7 +52,7 @@ RENDERER = Renderer()
 
 
 def rig_for(masks):
-    return Rig(light=Light(1000.0), modulator=Modulator(masks=len(masks)))
+    return RigFigures(light=Light(1000.0), modulator=ModulatorFigures(masks=len(masks)))
 
 
 def opened(size, count=1):
@@ -244,11 +244,11 @@ def test_defocus_is_bounded_for_the_few_pixels_that_are_nearest_and_for_a_camera
 
 
 DARK = {
-    "noise about 0": (Sensor(black_level_dn=0.0, read_noise_e=30.0), ()),
-    "noise that reaches 0": (Sensor(black_level_dn=40.0, read_noise_e=30.0), ()),
-    "rows that reach 0": (Sensor(black_level_dn=5.0), (RowNoise(8.0),)),
-    "a black level that has drifted below 0": (Sensor(), (BlackLevel(-100.0),)),
-    "one that has drifted near 0, and noise": (Sensor(read_noise_e=9.0), (BlackLevel(-62.0),)),
+    "noise about 0": (SensorFigures(black_level_dn=0.0, read_noise_e=30.0), ()),
+    "noise that reaches 0": (SensorFigures(black_level_dn=40.0, read_noise_e=30.0), ()),
+    "rows that reach 0": (SensorFigures(black_level_dn=5.0), (RowNoise(8.0),)),
+    "a black level that has drifted below 0": (SensorFigures(), (BlackLevel(-100.0),)),
+    "one that has drifted near 0, and noise": (SensorFigures(read_noise_e=9.0), (BlackLevel(-62.0),)),
 }
 
 
@@ -289,7 +289,7 @@ CHARGED = [
 @pytest.mark.parametrize("photons", [0.0, 1000.0, 15000.0])
 def test_a_bound_on_charge_holds_before_an_amplifier_that_bends(scene, effect, departure, photons):
     """The amplifier is steepest at no charge where it bends upwards, at the full well where it bends downwards."""
-    rig = Rig(light=Light(photons), modulator=Modulator(masks=2))
+    rig = RigFigures(light=Light(photons), modulator=ModulatorFigures(masks=2))
     own = [FullWell(rig.sensor.full_well_e), GainNonlinearity(departure), DarkCurrent(3000.0)]
     company = [one for one in own if one.name != effect.name]
     found = reached(scene, effect, opened(SIZE, 2), company, rig=rig, seeds=range(2))
@@ -326,7 +326,10 @@ def coloured(scene, colour):
 
 def colour_masks(colour):
     """Return two masks that are open at the pixels of one colour, and one that is open at the others."""
-    own = MOSAIC.apply(np.broadcast_to(np.arange(3.0), (*SIZE, 3)), Rig(), np.random.default_rng(0))[..., 0] == colour
+    own = (
+        MOSAIC.apply(np.broadcast_to(np.arange(3.0), (*SIZE, 3)), RigFigures(), np.random.default_rng(0))[..., 0]
+        == colour
+    )
     return np.stack([own, own, ~own]).astype(np.float32)
 
 
@@ -353,7 +356,7 @@ def test_light_that_the_relay_brings_to_pixels_of_its_colour_counts(scene):
 
     def recorded(reach):
         blur = ModulatorPsf(0.6, reach=reach)
-        return look.recorded(EffectChain((blur,), 0, look.rig).through(Stage.PHOTONS, red_e))
+        return look.recorded(EffectChain((blur,), 0, look.rig).through(LightStage.PHOTONS, red_e))
 
     change_dn = look.rig.dn_per_e * (recorded(8.0) - recorded(2.0))
     assert 0 < np.sqrt(np.square(change_dn).mean()) <= ModulatorPsf(0.6).kernel_bound(look, look.rig, 2.0).rms_dn

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -46,10 +46,10 @@ from gs2ci_sims.effects.vignetting import Vignetting
 from gs2ci_sims.light_path import LIGHT_PATH, EffectChain
 from gs2ci_sims.moments import one_per_interval
 from gs2ci_sims.path import StageMove
-from gs2ci_sims.rig import Modulator, Rig
+from gs2ci_sims.rig import ModulatorFigures, RigFigures
 from gs2ci_sims.signals import View, nominal_slices
 
-RIG = Rig(modulator=Modulator(masks=4))
+RIG = RigFigures(modulator=ModulatorFigures(masks=4))
 INTERVALS = RIG.timing.intervals_s(4)
 ONE_OF_EACH = [
     StageRipple(0.1, 20.0), StageBacklash(0.1), StageVibration(0.01, 30.0),
@@ -70,15 +70,15 @@ def signal_at(stage, scene):
     rng = np.random.default_rng(4)
     height, width = scene.size
     return {
-        Stage.MOTION: lambda: StageMove((0.5, 0.1, 0.0)),
-        Stage.SCENE: lambda: lambda _time_s: scene.gaussians,
-        Stage.TIME: lambda: nominal_slices(INTERVALS),
-        Stage.MOMENTS: lambda: one_per_interval(INTERVALS),
-        Stage.RADIANCE: lambda: View(rng.uniform(0, 1, (height, width, 3)), scene.intrinsics, 0, scene.depth),
-        Stage.MASKS: lambda: (rng.random((4, height, width)) < 0.4).astype(np.float32),
-        Stage.PHOTONS: lambda: rng.uniform(0, 300, (height, width, 3)),
-        Stage.CHARGE: lambda: rng.uniform(0, 300, (height, width, 3)),
-        Stage.READOUT: lambda: rng.uniform(0, 300, (height, width, 3)),
+        LightStage.MOTION: lambda: StageMove((0.5, 0.1, 0.0)),
+        LightStage.SCENE: lambda: lambda _time_s: scene.gaussians,
+        LightStage.TIME: lambda: nominal_slices(INTERVALS),
+        LightStage.MOMENTS: lambda: one_per_interval(INTERVALS),
+        LightStage.RADIANCE: lambda: View(rng.uniform(0, 1, (height, width, 3)), scene.intrinsics, 0, scene.depth),
+        LightStage.MASKS: lambda: (rng.random((4, height, width)) < 0.4).astype(np.float32),
+        LightStage.PHOTONS: lambda: rng.uniform(0, 300, (height, width, 3)),
+        LightStage.CHARGE: lambda: rng.uniform(0, 300, (height, width, 3)),
+        LightStage.READOUT: lambda: rng.uniform(0, 300, (height, width, 3)),
     }[stage]()
 
 

@@ -19,11 +19,11 @@ from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
 from gs2ci_sims.effects.vignetting import Vignetting
-from gs2ci_sims.rig import Modulator, Optics, Rig
+from gs2ci_sims.rig import ModulatorFigures, Optics, RigFigures
 from gs2ci_sims.scene import camera_looking_ahead
 from gs2ci_sims.signals import View
 
-RIG = Rig()
+RIG = RigFigures()
 SIZE = (41, 61)
 CAMERA = camera_looking_ahead(SIZE, 40.0)
 
@@ -157,7 +157,7 @@ def test_vignetting_follows_the_angle_also_of_pixels_that_are_no_squares():
 
 
 def test_relay_blur_and_diffraction_add_in_quadrature():
-    rig = Rig(optics=Optics(f_number=16.0, wavelength_nm=600.0), modulator=Modulator(pitch_um=8.0))
+    rig = RigFigures(optics=Optics(f_number=16.0, wavelength_nm=600.0), modulator=ModulatorFigures(pitch_um=8.0))
     airy_px = 0.42 * 0.6 * 16.0 / 8.0
     assert ModulatorPsf(0.3).total_sigma_px(rig) == pytest.approx(np.hypot(0.3, airy_px))
     light = np.zeros((31, 31, 3))

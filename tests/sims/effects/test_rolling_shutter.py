@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.mirror_transition import MirrorTransition
@@ -19,12 +19,12 @@ from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.signals import Shutter, nominal_slices
 
 SIZE = (16, 24)
-RIG = Rig(modulator=Modulator(4), timing=Timing(0.1, 0.02))
+RIG = RigFigures(modulator=ModulatorFigures(4), timing=Timing(0.1, 0.02))
 INTERVALS = RIG.timing.intervals_s(4)
 MASKS = random_masks(4, SIZE, 0.4, np.random.default_rng(0))
 SCENE = planes(np.random.default_rng(1), SIZE)
@@ -63,7 +63,7 @@ def test_a_row_that_opens_after_the_last_mask_sees_nothing():
 
 def light_of_rows(effects, rig, rows):
     """Return for how long each row collects light of the one mask, [rows] seconds."""
-    slices = EffectChain(effects, 0, rig).through(Stage.TIME, nominal_slices(rig.timing.intervals_s(1)))
+    slices = EffectChain(effects, 0, rig).through(LightStage.TIME, nominal_slices(rig.timing.intervals_s(1)))
     return slices.weights_s()[:, 0] @ slices.shutter.open_share(slices.start_s, slices.stop_s, rows)
 
 
@@ -71,7 +71,7 @@ def light_of_rows(effects, rig, rows):
 @pytest.mark.parametrize("ppm", [-2e5, 0.0, 1e5, 2e5])
 @pytest.mark.parametrize("transition_s", [0.0, 1e-4])
 def test_a_row_collects_what_of_the_mask_lies_within_its_own_window(latency_ms, ppm, transition_s):
-    rig, delay_s, rows = Rig(modulator=Modulator(1), timing=Timing(10e-3)), 0.2e-3, 11
+    rig, delay_s, rows = RigFigures(modulator=ModulatorFigures(1), timing=Timing(10e-3)), 0.2e-3, 11
     effects = [ClockDrift(ppm), TriggerTiming(1e-3 * latency_ms), RollingShutter(delay_s)]
     effects += [MirrorTransition(transition_s)] if transition_s else []
     late_s = 1e-3 * latency_ms + delay_s * np.arange(rows)

@@ -23,8 +23,8 @@ from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
-from gs2ci_sims.rig import Light, Modulator, Rig
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
+from gs2ci_sims.sensor import SensorFigures
 from tests.sims.adversaries import FAMILIES
 from tests.sims.sensor_family import (
     MASKS,
@@ -68,7 +68,7 @@ def test_the_bound_of_a_sensor_effect_holds_and_is_not_idle(kind):
 @pytest.mark.parametrize("kind", SENSOR_FAMILY, ids=lambda kind: kind.name)
 @pytest.mark.parametrize("photons", [0.0, 1e9])
 def test_no_light_and_far_too_much_give_finite_bounds_and_finite_readings(kind, photons, look):
-    rig = Rig(Light(photons), modulator=Modulator(MASKS))
+    rig = RigFigures(Light(photons), modulator=ModulatorFigures(MASKS))
     effect = {
         Prnu: Prnu(0.01), Dsnu: Dsnu(2.0), DarkCurrent: DarkCurrent(1e9, 100.0), HotPixels: HotPixels(1.0, 1e12),
         Persistence: Persistence(1.0, 1e-6, 0.0, 1e12), FullWell: FullWell(1e4), Blooming: Blooming(1.0),
@@ -97,7 +97,7 @@ def test_an_effect_of_no_strength_is_bounded_by_nothing_and_changes_nothing(effe
 def test_a_bound_holds_for_every_exposure_and_device_where_the_charge_is_known(effect, masks, mean_e):
     still = look_at(SCENES - 1, masks)
     assert still.at_rest
-    rig = Rig(modulator=Modulator(MASKS), sensor=Sensor(full_well_e=500.0, quantum_efficiency=1.0))
+    rig = RigFigures(modulator=ModulatorFigures(MASKS), sensor=SensorFigures(full_well_e=500.0, quantum_efficiency=1.0))
     lit = dataclasses.replace(still, rig=rig)
     rig = dataclasses.replace(rig, light=Light(rig.light.full_scale_photons * mean_e / float(lit.charge_e.max())))
     found = np.array([sensor_ratios(still, rig, effect, seed) for seed in range(60)])
@@ -107,7 +107,7 @@ def test_a_bound_holds_for_every_exposure_and_device_where_the_charge_is_known(e
 
 def test_few_hot_pixels_stay_within_their_bound_in_each_of_many_devices(look):
     """Six standard errors of the squares' sum are exceeded here by 1.5 times: one pixel may hold most of it."""
-    rig = Rig(Light(1e4), modulator=Modulator(MASKS))
+    rig = RigFigures(Light(1e4), modulator=ModulatorFigures(MASKS))
     size = look.scene.size
     effect = HotPixels(6 / np.prod(size), 100 / rig.exposure_s)
     bound = effect.bound(dataclasses.replace(look, rig=rig), rig)

@@ -21,10 +21,12 @@ from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.exposure import read_out
 from gs2ci_sims.light_path import EffectChain
-from gs2ci_sims.rig import Modulator, Rig, Timing
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
+from gs2ci_sims.sensor import SensorFigures
 
-RIG = Rig(modulator=Modulator(masks=4), timing=Timing(0.2, 0.05), sensor=Sensor(full_well_e=10_000.0))
+RIG = RigFigures(
+    modulator=ModulatorFigures(masks=4), timing=Timing(0.2, 0.05), sensor=SensorFigures(full_well_e=10_000.0)
+)
 EXPOSURE_S = 0.95
 
 
@@ -71,7 +73,7 @@ def test_dsnu_has_its_standard_deviation_whatever_the_signal():
 @pytest.mark.parametrize("effect", [Prnu(0.02), Dsnu(3.0), HotPixels(0.01, 1e3)], ids=lambda effect: effect.name)
 def test_a_fixed_pattern_is_the_devices_and_not_the_exposures(effect):
     one, again = (EffectChain([effect], seed, RIG).through(effect.stage, flat(50)) for seed in (1, 2))
-    other = EffectChain([effect], 1, Rig(device_seed=7)).through(effect.stage, flat(50))
+    other = EffectChain([effect], 1, RigFigures(device_seed=7)).through(effect.stage, flat(50))
     assert np.array_equal(one, again)
     assert not np.array_equal(one, other)
 

@@ -15,12 +15,12 @@ from gs2ci_sims.effects.stage_ripple import StageRipple
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.effects.trigger_timing import TriggerTiming
 from gs2ci_sims.path import ReversingMove, StageMove
-from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.signals import nominal_slices
 
 INTERVAL_S = 0.01
-RIG = Rig(modulator=Modulator(masks=4), timing=Timing(INTERVAL_S))
-GAPPED = Rig(modulator=Modulator(masks=4), timing=Timing(INTERVAL_S, 0.002))
+RIG = RigFigures(modulator=ModulatorFigures(masks=4), timing=Timing(INTERVAL_S))
+GAPPED = RigFigures(modulator=ModulatorFigures(masks=4), timing=Timing(INTERVAL_S, 0.002))
 
 
 def rng(seed=0):
@@ -139,7 +139,7 @@ def test_vibration_displaces_the_camera_by_its_amplitude_along_both_axes():
 
 
 def test_backlash_holds_the_camera_back_after_a_reversal_until_the_play_is_used_up():
-    rig = Rig(modulator=Modulator(masks=8), timing=Timing(0.1))
+    rig = RigFigures(modulator=ModulatorFigures(masks=8), timing=Timing(0.1))
     path = ReversingMove((1.0, 0.0, 0.0), 0.8)
     lagging = StageBacklash(0.05).apply(path, rig, rng())
     # The drive turns at -0.2 s and at 0.2 s; the camera waits there until 0.05 of way are used up.

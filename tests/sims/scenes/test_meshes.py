@@ -19,7 +19,7 @@ from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.rig import ModulatorFigures, RigFigures, Timing
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes import meshes
 from gs2ci_sims.scenes.files import load_scene
@@ -30,7 +30,7 @@ from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
 from tests.sims.brute_force import deviation_dn, simulate_everything
 
 SIZE = (24, 32)
-RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))
+RIG = RigFigures(modulator=ModulatorFigures(masks=2), timing=Timing(0.02))
 STILL = StageMove((0.0, 0.0, 0.0))
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, EffectRecord, Previewed, Stage
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, EffectRecord, LightStage, Previewed
+from gs2ci_sims.rig import RigFigures
 from gs2ci_sims.signals import View
 
 
@@ -20,7 +20,7 @@ class DimCorner(EffectRecord):
         share: From 0 to 1.
     """
 
-    stage: ClassVar[Stage] = Stage.RADIANCE
+    stage: ClassVar[LightStage] = LightStage.RADIANCE
     cost_ns: ClassVar[float] = 10.0
 
     share: Annotated[float, Field(ge=0, le=1)] = 0.2
@@ -32,11 +32,11 @@ class DimCorner(EffectRecord):
         lost[:rows, :columns] = self.share
         return lost
 
-    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+    def bound(self, scene: Previewed, rig: RigFigures) -> Bound:
         """Return what leaving it out would change, at most."""
         return scene.of_masks(self, self.lost(scene.scene.size) * scene.most_open)
 
-    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: RigFigures, rng: np.random.Generator) -> View:
         """Darken the corner."""
         height, width = signal.radiance.shape[:2]
         kept = 1 - self.lost((height, width), signal.margin)
