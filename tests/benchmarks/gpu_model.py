@@ -27,7 +27,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -147,7 +147,7 @@ def state(count: int, size: tuple[int, int], views: int) -> FitState:
     )
     renderer = ShotRenderer(shot, matrix, WarpBackend(RasterSettings()))
     settings = replace(CoarseSettings(), surfaces=None, mask_moments_from=0.0)
-    exposure = Exposure(Holdout(shot, np.zeros(size, bool)), renderer, geometry)
+    exposure = FittedExposure(Holdout(shot, np.zeros(size, bool)), renderer, geometry)
     return FitState([exposure], scene, settings, seed=0)
 
 

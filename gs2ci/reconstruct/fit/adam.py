@@ -59,7 +59,8 @@ class Adam:
         if values.dtype == torch.float32:
             call(adam_step, *numbers, np.array(constants, np.float32))
         else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
-            _adam_step(*(one.numpy() for one in numbers), np.array(constants))
+            value, slope, mean, square = (one.numpy() for one in numbers)
+            _adam_step(value, slope, mean, square, np.array(constants))
 
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""

@@ -44,8 +44,7 @@ class SimilarityOnDevice:
 
     def _compared(self, error: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return 1 − similarity, [H, W, C], and the similarity's derivatives by filtered e, e² and eb."""
-        channels = error.shape[2]
-        fe, ee, eb = self._filtered(torch.cat([error, error * error, error * self._centred], dim=2)).split(channels, 2)
+        fe, ee, eb = self._filtered(torch.cat([error, error * error, error * self._centred], dim=2)).chunk(3, dim=2)
         ma = self._mean + fe
         difference = (ee - fe * fe).clamp(min=0.0)
         bottom = 2 * self._variance + 2 * (eb - fe * self._centred_mean) + difference + C2
@@ -66,7 +65,7 @@ class SimilarityOnDevice:
     def of_error(self, error: Tensor) -> tuple[Tensor, Tensor]:
         """See `ssim.SimilarityTo.of_error`; the gradient is the caller's."""
         apart, *derivatives = self._compared(error)
-        by_e, by_ee, by_eb = self._filtered(torch.cat(derivatives, dim=2)).split(error.shape[2], 2)
+        by_e, by_ee, by_eb = self._filtered(torch.cat(derivatives, dim=2)).chunk(3, dim=2)
         gradient = (by_e + 2 * error * by_ee + self._centred * by_eb) / error.numel()
         return 1 - apart.mean(dtype=torch.float64), gradient
 

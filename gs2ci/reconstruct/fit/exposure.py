@@ -13,7 +13,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.device_losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Score, nothing
-from gs2ci.reconstruct.fit.losses import DataTerm
+from gs2ci.reconstruct.fit.losses import DataTerm, Term
 from gs2ci.reconstruct.fit.poses import PoseCorrections
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces
@@ -63,7 +63,7 @@ class ExposureState:
         shot, seen = holdout.shot, ~holdout.pixels
         given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
         there = on_device(torch.empty(0, device=renderer.device))
-        self._data_term = DataTermOnDevice(*given, renderer.device) if there else DataTerm(*given)
+        self._data_term: Term = DataTermOnDevice(*given, renderer.device) if there else DataTerm(*given)
 
     @property
     def awaits_moments(self) -> bool:

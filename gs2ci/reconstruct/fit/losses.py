@@ -5,7 +5,7 @@ here: the rendering that makes the prediction (`gs2ci.render`).
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import torch
@@ -36,6 +36,16 @@ class LossWeights(Bounded):
     window_px: Annotated[int, Field(ge=LEAST_WINDOW, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = WINDOW
     opacity: float = 0.01
     size: float = 0.0
+
+
+class Term(Protocol):
+    """What an iteration asks of a data term: of arrays on the host, of tensors on a device."""
+
+    def value_and_gradient(self, predicted: Any) -> tuple[Any, Any]:
+        """Return the loss of a prediction [H, W, C] and its gradient."""
+
+    def dissimilarity(self, predicted: Any) -> Any:
+        """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero at pixels that do not count."""
 
 
 class DataTerm:
@@ -119,7 +129,9 @@ def add_regularisers(scene: Gaussians, weights: LossWeights) -> float | Tensor:
 
     A number, or a tensor [] of a scene on a device.
     """
-    found = weights.opacity * call(add_opacity_gradient, *_values(scene.opacity_logits, weights.opacity))
+    found: float | Tensor = weights.opacity * call(
+        add_opacity_gradient, *_values(scene.opacity_logits, weights.opacity)
+    )
     if weights.size:
         found += weights.size * call(add_size_gradient, *_values(scene.log_scales, weights.size))
     return found

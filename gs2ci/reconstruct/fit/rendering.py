@@ -135,7 +135,7 @@ class ShotRenderer:
         )
 
         def pull_channels(gradient: Image) -> Image:
-            by_moments = pull(self._to_colours(gradient))
+            by_moments: Image = pull(self._to_colours(gradient))
             if self._mask_moments is None:
                 return by_moments
             pull_back([moments], [torch.as_tensor(by_moments)])

@@ -11,7 +11,7 @@ pytest.importorskip("warp", reason="Warp is not installed")
 from gs2ci.reconstruct.fit.coarse import fit_coarse
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import Exposure
+from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -35,7 +35,9 @@ def exposure_of(moving_plane):
     shot, geometry = moving_plane
     pixels = np.zeros(shot.size, bool)
     pixels[::7, ::5] = True
-    return Exposure(Holdout(shot, pixels), ShotRenderer(shot, geometry.intrinsics, load_backend("warp")), geometry)
+    return FittedExposure(
+        Holdout(shot, pixels), ShotRenderer(shot, geometry.intrinsics, load_backend("warp")), geometry
+    )
 
 
 def settings(iterations=12):
