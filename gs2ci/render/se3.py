@@ -11,8 +11,6 @@ import math
 import torch
 from torch import Tensor
 
-from gs2ci.render.places import on_device
-
 _SERIES_BELOW_ANGLE2 = 0.25
 """Squared angle below which the series take over; the closed forms lose less than two digits above it."""
 _SERIES_TERMS = 8
@@ -50,19 +48,16 @@ def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def _coefficients(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return sin x / x, (1 - cos x) / x^2 and (x - sin x) / x^3 for x^2 = `angle2`."""
-    there = on_device(angle2)
-    if not there and bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
+    if bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
         a, b, c = _three_series(angle2).unbind(-1)
         return a, b, c
     small, near, far2 = _split(angle2)
-    # On a device few operations count, not whether both branches are computed.
-    series = _three_series(near).unbind(-1) if there else tuple(_series(near, first) for first in (1, 2, 3))
     far = far2.sqrt()
     sine = torch.sin(far)
     # 1 - cos x = 2 sin^2(x / 2), which does not cancel.
-    a = torch.where(small, series[0], sine / far)
-    b = torch.where(small, series[1], 2 * torch.sin(far / 2).square() / far2)
-    c = torch.where(small, series[2], (far - sine) / (far2 * far))
+    a = torch.where(small, _series(near, 1), sine / far)
+    b = torch.where(small, _series(near, 2), 2 * torch.sin(far / 2).square() / far2)
+    c = torch.where(small, _series(near, 3), (far - sine) / (far2 * far))
     return a, b, c
 
 

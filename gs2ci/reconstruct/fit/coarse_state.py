@@ -275,7 +275,7 @@ class FitState:
         inside = torch.ones(len(scene), dtype=torch.bool) if self._outside is None else ~self._outside
         change = change_among(self.settings.density, inside, scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
-        middle = paths[0][len(paths[0]) // 2].detach().cpu()
+        middle = paths[0][len(paths[0]) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self.exposures[0].renderer.intrinsics)
         source = change.source[order]
         self.optimiser.replace(self._there(change.scene.map(lambda rows: rows[order])), source, change.forget)

@@ -121,7 +121,7 @@ class DepthField:
         """
         if iteration % self._settings.every or scene.means.grad is None or scene.log_scales.grad is None:
             return None
-        pose = world_to_camera[self._reference].detach().double().cpu().numpy()
+        pose = world_to_camera[self._reference].detach().double().numpy()
         low, between = self._grid = self._grid or self._over(scene, pose)
         found = scene.means.new_empty(self._mean.shape, dtype=torch.float64)
         call(

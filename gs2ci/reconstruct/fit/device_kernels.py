@@ -13,7 +13,6 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.fit.distances import FARTHEST, MOST_GROWTH
-from gs2ci.render.se3 import exp
 
 
 def _there(values: Any, like: Tensor, dtype: torch.dtype | None = None) -> Tensor:
@@ -94,23 +93,6 @@ def _most_growth(distance: Tensor) -> Tensor:
 def _bounded(growth: Tensor, distance: Tensor) -> Tensor:
     """See `distances.bounded`."""
     return torch.minimum(growth.clamp(min=-MOST_GROWTH), _most_growth(distance))
-
-
-def correct_poses(twists: Tensor, units: Tensor, initial: Tensor, out: Tensor) -> None:
-    """See `pose_kernels.correct_poses`."""
-    out.copy_(exp(twists.detach().double() * units.double()) @ initial.double())
-
-
-def twist_gradient(twists: Tensor, units: Tensor, poses: Tensor, gradient: Tensor, out: Tensor) -> None:
-    """See `pose_kernels.twist_gradient`."""
-    with torch.enable_grad():
-        own = twists.detach().double().requires_grad_()
-        motion = exp(own * units.double())
-        # The poses are those that the motion gave, so that what it moved is its inverse times these.
-        initial = torch.linalg.inv(motion.detach()) @ poses.detach().double()
-        torch.autograd.backward(((motion @ initial)[:, :3] * gradient.double()[:, :3]).sum())
-    assert own.grad is not None
-    out.add_(own.grad.to(out.dtype))
 
 
 def step_of_gaussians(

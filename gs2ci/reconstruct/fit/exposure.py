@@ -59,7 +59,7 @@ class ExposureState:
         self.renderer = renderer.with_one_moment() if settings.mask_moments_from > 0 else renderer
         self.reuse = self.renderer.reuse()
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
-        self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors, renderer.device)
+        self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         shot, seen = holdout.shot, ~holdout.pixels
         given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
         there = on_device(torch.empty(0, device=renderer.device))
@@ -97,8 +97,7 @@ class ExposureState:
 
     def path(self) -> F64:
         """Return the present poses, [N, 4, 4]."""
-        found: F64 = self.poses.world_to_camera().detach().double().cpu().numpy()
-        return found
+        return self.poses.world_to_camera().detach().double().numpy()
 
     def views(self, scene: Gaussians) -> F32:
         """Render the scene as each mask saw it, [N, H, W, C] float32, not clamped."""

@@ -164,9 +164,9 @@ class MaskMoments:
         here = self.of_mask()
         if self.count == len(self.moments):
             return world_to_camera
-        along = path_twists(world_to_camera, self.offsets().to(world_to_camera), here)
+        along = path_twists(world_to_camera, self.offsets().to(world_to_camera.dtype), here)
         moved = se3.exp(along) @ world_to_camera[here]
-        alone = (torch.tensor(self.moments)[here] == 1).to(world_to_camera.device)
+        alone = torch.tensor(self.moments)[here] == 1
         return torch.where(alone[:, None, None], world_to_camera[here], moved)
 
     @property

@@ -11,12 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
-from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render.adjoint import Image
 from gs2ci.render.gaussians import all_finite
 
@@ -75,30 +74,20 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
 class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
-    def __init__(
-        self,
-        world_to_camera: F64,
-        settings: PoseSettings,
-        errors: PoseErrors | None = None,
-        device: torch.device | None = None,
-    ) -> None:
-        """Start at given poses, [N, 4, 4]; `errors` are standard errors, None if they are unknown.
-
-        Poses and twists lie on the device; None: on the host.
-        """
-        self._initial = torch.from_numpy(world_to_camera).float().to(device)
+    def __init__(self, world_to_camera: F64, settings: PoseSettings, errors: PoseErrors | None = None) -> None:
+        """Start at given poses, [N, 4, 4]; `errors` are standard errors, None if they are unknown."""
+        self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
-        self._units = torch.tensor([length] * 3 + [1.0] * 3, device=device)
+        self._units = torch.tensor([length] * 3 + [1.0] * 3)
         self._errors: Tensor | None = None
         if errors is not None and settings.given_weight > 0:
-            wide = [errors.position] * 3 + [errors.rotation] * 3
-            spread = torch.tensor(wide, dtype=torch.float32, device=device)
+            spread = torch.tensor([errors.position] * 3 + [errors.rotation] * 3, dtype=torch.float32)
             # Steps are small compared with the errors; otherwise poses would scatter further than the prior allows.
             self._units = torch.minimum(self._units, spread * (_STEP_IN_ERRORS / settings.rate))
             self._errors = spread / self._units
         self._settings = settings
-        self._twists = torch.zeros(len(world_to_camera), 6, device=device, requires_grad=settings.refine)
+        self._twists = torch.zeros(len(world_to_camera), 6, requires_grad=settings.refine)
         self._adam = Adam() if settings.refine else None
         self._accumulated = 0
 
@@ -107,7 +96,7 @@ class PoseCorrections:
         if self._adam is None:
             return self._initial
         found = torch.empty_like(self._initial)
-        call(correct_poses, self._twists.detach(), self._units, self._initial, found)
+        correct_poses(*self._arrays(), self._initial.numpy(), found.numpy())
         return found
 
     def pull(self, world_to_camera: Tensor, gradient: Image) -> None:
@@ -115,14 +104,19 @@ class PoseCorrections:
 
         Args:
             world_to_camera: The present poses, at which the gradient was taken.
-            gradient: By the poses; their last rows are ignored.
+            gradient: By the poses; their last rows are ignored. From a device it is read back: twists are a few numbers
+                a view, and a device would take a hundred launches for what the host does at once.
         """
         if self._adam is None:
             return
         if self._twists.grad is None:
             self._twists.grad = torch.zeros_like(self._twists)
-        by_poses = torch.as_tensor(gradient).float().contiguous()
-        call(twist_gradient, self._twists.detach(), self._units, world_to_camera, by_poses, self._twists.grad)
+        twists, units = self._arrays()
+        by_poses = np.ascontiguousarray(torch.as_tensor(gradient).cpu().numpy(), np.float32)
+        twist_gradient(twists, units, world_to_camera.numpy(), by_poses, self._twists.grad.numpy())
+
+    def _arrays(self) -> tuple[F32, F32]:
+        return self._twists.detach().numpy(), self._units.numpy()
 
     def penalty(self) -> Tensor | float:
         """Return the cost of the corrections by the prior on given poses, [] (see `PoseSettings.given_weight`)."""
@@ -154,7 +148,7 @@ class PoseCorrections:
     def shift(self, twists: Tensor) -> None:
         """Move the cameras by small twists after their poses, in scene units, [N, 6]; Adam's moments stay."""
         with torch.no_grad():
-            self._twists.add_(twists.to(self._units.device) / self._units)
+            self._twists.add_(twists / self._units)
 
     def forget_gradient(self) -> None:
         """Discard the accumulated gradient."""

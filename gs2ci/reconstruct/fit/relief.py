@@ -62,7 +62,7 @@ class ReliefStep:
     Args:
         means: [G, 3].
         log_sizes: Of every axis of each Gaussian, [G].
-        twists: Of the cameras, applied after their poses: translation in scene units first, [N, 6]; on the host.
+        twists: Of the cameras, applied after their poses: translation in scene units first, [N, 6].
         bend: Direction, [2]: off the reference view's axis, the addition to inverse depth grows by the square of the
             component of (u, v) along it.
         shrink: The share by which inverse depths are divided afterwards.
@@ -83,7 +83,7 @@ def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> Re
         world_to_camera: Poses, [N, 4, 4].
         reference: The view whose centre stays in place.
     """
-    poses = world_to_camera.detach().double().cpu().numpy()
+    poses = world_to_camera.detach().double().numpy()
     own = poses[reference]
     travel = (poses @ np.linalg.inv(own))[:, :3, 3]
     bend = _main_direction(travel[:, :2])
@@ -145,7 +145,7 @@ class Relief:
         aside, forward = along.twists[:, 3:].square().sum(), (along.twists[:, 2] / along.shrink).square().sum()
         if not bool(aside > forward):
             return None
-        gradient = _gradient(scene, twist_gradient, along).cpu()
+        gradient = _gradient(scene, twist_gradient, along)
         if not bool(torch.isfinite(gradient)):
             return None
         self._beta.grad = gradient
@@ -176,8 +176,8 @@ class Exchange:
 
 def _gradient(scene: Gaussians, twist_gradient: Tensor, along: ReliefStep) -> Tensor:
     """Return the derivative of the objective by beta."""
-    total = (twist_gradient * along.twists.to(twist_gradient.device)).sum(dtype=torch.float64)
+    total = float((twist_gradient * along.twists).sum(dtype=torch.float64))
     for parameter, step in ((scene.means, along.means), (scene.log_scales, along.log_sizes[:, None])):
         if parameter.grad is not None:
-            total += call(derivative_along, parameter.grad, step)
-    return total
+            total += float(call(derivative_along, parameter.grad, step))
+    return torch.tensor(total, dtype=torch.float64)

@@ -13,7 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import Image, Pull, as_image, coded_with_pull, pull_back
+from gs2ci.render.adjoint import Image, Pull, coded_with_pull, pull_back
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -106,6 +106,7 @@ class ShotRenderer:
         For `reuse` and `screen` see `Backend.coded`.
         """
         poses, times = self._moments(world_to_camera)
+        poses = poses.to(scene.means.device)
         image = self._backend.coded(scene, poses, self.intrinsics, self._mask_set, screen, reuse, times)
         if self._channels is not None:
             return coding.select(image, self._channels.to(image.device))
@@ -130,27 +131,30 @@ class ShotRenderer:
             own = moments.requires_grad_()
             with torch.enable_grad():
                 moments, times = self._moments(own)
+        there = moments.detach().to(scene.means.device)
         image, pull = coded_with_pull(
-            self._backend, scene, moments.detach(), self.intrinsics, self._mask_set, screen, reuse, times
+            self._backend, scene, there, self.intrinsics, self._mask_set, screen, reuse, times
         )
 
         def pull_channels(gradient: Image) -> Image:
             by_moments: Image = pull(self._to_colours(gradient))
             if self._mask_moments is None:
                 return by_moments
-            pull_back([moments], [torch.as_tensor(by_moments)])
+            pull_back([moments], [torch.as_tensor(by_moments).cpu()])
             assert own.grad is not None
-            return as_image(own.grad.float())
+            found: F32 = own.grad.float().numpy()
+            return found
 
         def pull_picture(gradient: Image) -> Image:
             pull(self._to_colours(gradient))
-            return as_image(torch.zeros_like(world_to_camera, dtype=torch.float32))
+            return np.zeros(world_to_camera.shape, np.float32)
 
         return self._to_channels(image), pull_picture if self._one_picture else pull_channels
 
     def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[Image, Pull]:
         """Render a sum of views, [V, 4, 4], of a scene that stands still under another mask set, [H, W, 3]."""
-        return coded_with_pull(self._backend, scene, world_to_camera, self.intrinsics, mask_set)
+        there = world_to_camera.to(scene.means.device)
+        return coded_with_pull(self._backend, scene, there, self.intrinsics, mask_set)
 
     def _to_channels(self, image: Image) -> Image:
         """Return a colour image, [H, W, 3], as the sensor sees it, [H, W, C]."""
@@ -226,7 +230,13 @@ class ShotRenderer:
         """
         when = self._when(scene, times)
         return self._backend.views(
-            scene, world_to_camera, self.intrinsics, self.size, colours, self._sampling, times=when
+            scene,
+            world_to_camera.to(scene.means.device),
+            self.intrinsics,
+            self.size,
+            colours,
+            self._sampling,
+            times=when,
         )
 
     def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:

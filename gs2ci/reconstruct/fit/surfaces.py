@@ -143,7 +143,7 @@ class Surfaces:
 
     def moved(self, step: FieldStep, world_to_camera: Tensor) -> "Surfaces":
         """Return the surfaces after a field was added to depths where the term looks, from poses, [N, 4, 4]."""
-        inverse_depth, poses = self.inverse_depth.copy(), world_to_camera.detach().double().cpu().numpy()
+        inverse_depth, poses = self.inverse_depth.copy(), world_to_camera.detach().double().numpy()
         for found, pixels, view in zip(inverse_depth, self.pixels, self.views, strict=True):
             step.of_map(found, pixels.at, self.rays, poses[view])
         return replace(self, inverse_depth=inverse_depth)
@@ -179,7 +179,7 @@ class Surfaces:
     def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float | Tensor:
         """Do so for the k-th swept view, of a scene that stands still."""
         pixels = self.pixels[k]
-        means, ray = scene.means.detach(), pose[2]
+        means, ray = scene.means.detach(), pose[2].to(scene.means.device)
         # Distances are taken from the median surface, so that the squares do not cancel numerically.
         at = (NEAR, self.parallax_px)
         middle = self.parallax_px * pixels.middle

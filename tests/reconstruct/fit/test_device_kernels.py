@@ -11,7 +11,6 @@ from gs2ci.reconstruct.fit import (
     depth_field_kernels,
     device_kernels,
     gaussian_kernels,
-    pose_kernels,
     relief_kernels,
     surface_kernels,
     view_steps,
@@ -62,18 +61,6 @@ def adam():
     return parameter, gradient, 0.1 * normal(300), normal(300) ** 2, constants
 
 
-def poses(refined):
-    twists, units = 0.1 * normal(8, 6), torch.tensor([0.7] * 3 + [1.0] * 3)
-    twists[0] = 0
-    twists[1, 3:] = torch.tensor([0.9, 0.4, -0.3])  # beyond the series
-    initial = exp(normal(8, 6).double() * 0.3).float()
-    if refined:
-        return twists, units, initial, torch.zeros(8, 4, 4)
-    there = torch.zeros(8, 4, 4)
-    pose_kernels.correct_poses(twists.numpy(), units.numpy(), initial.numpy(), there.numpy())
-    return twists, units, there, normal(8, 4, 4), 0.5 * normal(8, 6)
-
-
 def map_of_depths():
     pixels = torch.arange(0, 200, 3)
     inverse = normal(200).abs() - 0.1
@@ -95,8 +82,6 @@ CASES = {
         *(POSE, NEAR, torch.zeros(GAUSSIANS, 3)),
     ),
     view_steps.move_in_view: lambda: (*scene(), normal(GAUSSIANS, 3), POSE, NEAR, 0.01, 0.2),
-    pose_kernels.correct_poses: lambda: poses(refined=True),
-    pose_kernels.twist_gradient: lambda: poses(refined=False),
     relief_kernels.step_of_gaussians: lambda: (
         *(scene()[0], POSE, np.array([0.6, 0.8]), NEAR, 1.5),
         *(torch.zeros(GAUSSIANS, 3), torch.zeros(GAUSSIANS)),
