@@ -3,13 +3,13 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import hypothesis
 import numba
 import numpy as np
 import pytest
-import torch
 
 from gs2ci import cli
 from gs2ci.core.records import Shot, Truth
@@ -61,7 +61,10 @@ def pytest_configure(config: pytest.Config) -> None:
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     threads = max(1, machine()["usable_cores"] // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    torch.set_num_threads(threads)
+    with suppress(ModuleNotFoundError):  # `python -m tests.newest` goes without
+        import torch  # noqa: PLC0415
+
+        torch.set_num_threads(threads)
     # A shell that starts the suite in the background has it ignore Ctrl-C, which tests of interruptions send.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

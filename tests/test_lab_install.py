@@ -30,10 +30,12 @@ from gs2ci_sims.scenes.meshes import mesh_from_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-MISSING = sorted({module for modules in EXTRAS.values() for module in modules})
+# All that `gs2ci[calibrate]` does without, and what `gs2ci` alone does.
+MISSING = sorted({module for extra, modules in EXTRAS.items() if extra != "calibrate" for module in modules})
+LEAST = [*MISSING, *EXTRAS["calibrate"], "llvmlite"]
 
-# In a process of its own: modules of the extras cannot be found, and the scene's light, which torch renders, is off.
-PRELUDE = """
+# In a process of its own: modules of the extras cannot be found.
+HIDDEN = """
 import sys
 MISSING = {missing}
 class Absent:
@@ -41,10 +43,15 @@ class Absent:
         if name.partition(".")[0] in MISSING:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Absent())
+"""
+# The scene's light, which torch renders, is off.
+DARK = """
 import gs2ci.rig.simulated as simulated
 from gs2ci_sims.world import Darkness
 lit = simulated.build_bench
 simulated.build_bench = lambda table, light=None: lit(table, light or Darkness())
+"""
+TYPED = """
 from gs2ci import cli
 for line in {lines}:
     sys.argv = ["gs2ci", *line]
@@ -53,10 +60,28 @@ for line in {lines}:
 heavy = sorted(name for name in MISSING if name in sys.modules)
 print("heavy", heavy)
 """
+# All of a bench without twins: its modules, its rig file, the patterns of a file, and an image for the modulator.
+BENCH = """
+import importlib, pkgutil
+from pathlib import Path
+import numpy as np
+import gs2ci_drivers
+import gs2ci.rig.calibrated, gs2ci.rig.discovery, gs2ci.rig.doctor, gs2ci.rig.patterns, gs2ci.rig.recording
+from gs2ci.rig.opening import load_rig
+from gs2ci.core.foreign.opening import load_single
+from gs2ci_drivers.dlpc900 import erle, rle
+
+for found in pkgutil.walk_packages(gs2ci_drivers.__path__, "gs2ci_drivers."):
+    importlib.import_module(found.name)
+assert load_rig(Path({rig!r})).bench is None
+np.savez("masks.npz", masks=np.eye(8))
+words = load_single(Path("masks.npz")).values.astype(np.uint32)
+assert erle.encode(words).hex().startswith("0100000107000000") and len(rle.encode(words)) > 8
+"""
 
 
-def run_without_extras(lines, folder):
-    code = PRELUDE.format(missing=MISSING, lines=json.dumps(lines))
+def run_hiding(modules, code, folder, **given):
+    code = (HIDDEN + code).format(missing=modules, **given)
     path = os.pathsep.join([str(ROOT / name) for name in (".", "drivers", "calibration", "sims")])
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -80,7 +105,7 @@ def test_a_bench_is_captured_and_files_are_handled_and_the_rest_says_what_to_ins
         ["reconstruct", "shot.h5"],
         ["demo", "-o", "demo"],
     ]
-    done = run_without_extras(lines, tmp_path)
+    done = run_hiding(MISSING, DARK + TYPED, tmp_path, lines=json.dumps(lines))
     said = [line for line in done.stdout.splitlines() if line.startswith(("status", "heavy"))]
     assert said == [
         "status 0 capture",
@@ -93,6 +118,30 @@ def test_a_bench_is_captured_and_files_are_handled_and_the_rest_says_what_to_ins
     ]
     assert (tmp_path / "shot.h5").is_file()
     assert done.stderr.count("pip install 'gs2ci[reconstruct]'") == 2
+
+
+def test_a_bench_that_calibrates_elsewhere_needs_nothing_that_compiles(tmp_path):
+    rigs = ROOT / "docs" / "rigs"
+    np.savez(tmp_path / "exposure.npz", meas=np.ones((8, 8)), masks=np.ones((4, 8, 8)))
+    lines = [
+        ["plugins"],
+        ["recover", "nothing.h5"],
+        ["import", "exposure.npz", "-o", "shot.h5"],
+        ["calibrate", "all", "--rig", str(rigs / "real.toml"), "-o", "bench.cal.h5"],
+        ["live", "--rig", str(rigs / "real.toml")],
+        ["capture", "--rig", str(rigs / "simulated.toml"), "-o", "shot.h5"],
+        ["demo", "-o", "demo"],
+    ]
+    done = run_hiding(LEAST, BENCH + TYPED, tmp_path, lines=json.dumps(lines), rig=str(rigs / "real.toml"))
+    assert [line for line in done.stdout.splitlines() if line.startswith(("status", "heavy"))] == [
+        "status 0 plugins",
+        *(f"status 2 {line[0]}" for line in lines[1:]),
+        "heavy []",
+    ]
+    said = done.stderr.split("error: ")[1:]
+    assert len(said) == len(lines) - 1
+    assert ["gs2ci[calibrate]" in each for each in said] == [False, True, True, True, True, True], done.stderr
+    assert all("gs2ci[reconstruct]" in each for each in said[1:])
 
 
 def test_what_each_extra_brings_is_what_the_error_names():
@@ -164,7 +213,7 @@ def _hand_to_bluesky(folder):
         gs2ci.ophyd_bench(rig, folder)
 
 
-# What asks for each extra; `reconstruct` has a process of its own above.
+# What asks for each extra; `reconstruct` and `calibrate` have processes of their own above.
 ASKED = {
     "gpu": _render_on_a_device,
     "genicam": _list_cameras,
@@ -180,7 +229,7 @@ ASKED = {
 
 
 def test_every_extra_is_asked_for_somewhere():
-    assert {*ASKED, "reconstruct"} == set(EXTRAS)
+    assert {*ASKED, "calibrate", "reconstruct"} == set(EXTRAS)
 
 
 @pytest.mark.parametrize("extra", ASKED)

@@ -3,7 +3,8 @@
     python -m tests.wheel [-o dist] [--quick]
 
 The wheel is built from the unpacked sdist, so that the sdist is known to be complete. Two environments: what a bench's
-computer installs (`pip install gs2ci`), where a bench is captured without torch; and `gs2ci[reconstruct]`, where the
+computer installs (`pip install gs2ci`, where every module of the rig and the drivers is imported, and with
+`[calibrate]`, where a simulated bench is captured without torch); and `gs2ci[reconstruct]`, where the
 kernels are compiled, every one, and the demo runs small. With --quick the second one borrows the packages of this
 environment, so that no gigabyte is fetched.
 """
@@ -40,7 +41,20 @@ for command in cli.COMMANDS:
             status = end.code
     assert not status and "usage" in told.getvalue(), f"{command}: {status}, {told.getvalue()}"
 """
-# What a bench's computer does: the light of the simulated scene, which torch renders, is off.
+# What a bench's computer needs to capture: nothing that is compiled, or compiles.
+BARE = """
+import importlib, importlib.util, pkgutil
+import numpy as np
+import gs2ci_drivers
+import gs2ci.rig.calibrated, gs2ci.rig.discovery, gs2ci.rig.doctor, gs2ci.rig.patterns, gs2ci.rig.recording
+for name in ("torch", "numba", "scipy", "cv2"):
+    assert importlib.util.find_spec(name) is None, f"{name} is installed: this is not the least"
+for found in pkgutil.walk_packages(gs2ci_drivers.__path__, "gs2ci_drivers."):
+    importlib.import_module(found.name)
+from gs2ci_drivers.dlpc900 import erle
+assert len(erle.encode(np.zeros((1080, 1920), np.uint32))) < 8000
+"""
+# What it does that calibrates: the light of the simulated scene, which torch renders, is off.
 LAB = """
 import importlib.util, sys
 import gs2ci, gs2ci_drivers, gs2ci_calibration, gs2ci_sims
@@ -88,11 +102,13 @@ def build(folder: Path, output: Path) -> Path:
 
 
 def lab(wheel: Path, folder: Path) -> None:
-    """Install what a bench's computer needs; ask every command for its help; capture."""
+    """Install what a bench's computer needs; ask every command for its help; install what calibrates, and capture."""
     say("pip install gs2ci, in an empty environment")
     python = environment(folder)
     pip(python, [str(wheel)])
     helped(python, folder)
+    run([python, "-c", BARE], folder)
+    pip(python, [f"gs2ci[calibrate] @ {wheel.as_uri()}"])
     shutil.copy(ROOT / "docs" / "rigs" / "simulated.toml", folder)
     run([python, "-c", LAB], folder)
     assert (folder / "shot.h5").is_file()

@@ -153,7 +153,7 @@ def folder_of(run: Run | str | Path) -> Path:
 
 
 def _depth(given: Any) -> F32:
-    from gs2ci.core.foreign.assemble import load_single
+    from gs2ci.core.foreign.opening import load_single
 
     where = given if isinstance(given, str | Path) else "depth"
     depth = load_single(Path(given)).values if isinstance(given, str | Path) else np.asarray(on_host(given))

@@ -285,8 +285,8 @@ def _place(path: str | Path) -> Path:
 
 
 def _given(name: str, value: ArrayOrFile) -> "Array | None":
-    from gs2ci.core.foreign.assemble import load_single
     from gs2ci.core.foreign.container import Array
+    from gs2ci.core.foreign.opening import load_single
 
     if value is None:
         return None

@@ -1,13 +1,17 @@
 """pycolmap, imported so that signals go on meaning what they meant before: `from gs2ci.core.colmap import pycolmap`.
 
-Not here: any use of it.
+There is none for Linux on ARM (no wheel, and no source that pip could build). There something takes its place of which
+every use is a `GeometryError`, so that another way is gone or the reason said. Not here: any use of it.
 """
 
 import ctypes
+import platform
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
+
+from gs2ci.core.errors import GeometryError
 
 # More than any system's `struct sigaction` takes (152 bytes on 64-bit Linux).
 _ACTION_BYTES: Final = 1024
@@ -30,9 +34,30 @@ def _same_signals() -> Iterator[None]:
             sigaction(int(number), action, None)
 
 
+class _Absent:
+    """Stands for pycolmap where there is none."""
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse every use.
+
+        Raises:
+            GeometryError: Always.
+        """
+        raise GeometryError(
+            f"this needs pycolmap ({name}), of which there is none for {platform.machine()}",
+            remedy="reconstruct on an x86-64 computer: shot files and run folders are the same everywhere",
+        )
+
+
 # On import, its logging library takes SIGTERM and the signals of crashes. SIGTERM then kills the process at once, with
 # files half-written and devices at work.
 with _same_signals():
-    import pycolmap
+    try:
+        import pycolmap
+    except ModuleNotFoundError:
+        # Elsewhere it can be installed, which the error says.
+        if platform.machine() != "aarch64":
+            raise
+        pycolmap = _Absent()
 
 __all__ = ["pycolmap"]

@@ -1,6 +1,6 @@
 """Which packages belong to which extra of gs2ci, and the message if one is missing.
 
-`pip install gs2ci` installs what a bench needs: capture, calibration, import. Not here: the list of these packages
+`pip install gs2ci` installs what a bench needs to capture. Not here: the list of these packages
 (pyproject.toml; `tests/test_lab_install.py` checks that the two agree).
 """
 
@@ -9,6 +9,7 @@ from typing import Final
 from gs2ci.core.errors import InputError
 
 EXTRAS: Final[dict[str, tuple[str, ...]]] = {
+    "calibrate": ("cv2", "numba", "scipy"),
     "reconstruct": ("imageio", "jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
     "cluster": ("cryptography", "dask", "distributed"),
     "view": ("viser",),
@@ -30,4 +31,8 @@ def missing_extra(error: ModuleNotFoundError) -> InputError | None:
     extra = next((name for name, modules in EXTRAS.items() if module in modules), None)
     if extra is None:
         return None
-    return InputError(f"this needs {module}, which is not installed", remedy=f"pip install 'gs2ci[{extra}]'")
+    remedy = f"pip install 'gs2ci[{extra}]'"
+    if extra == "calibrate":
+        # Which of the two is wanted, the module alone does not tell.
+        remedy += " to calibrate, import and look at live pictures; for all else pip install 'gs2ci[reconstruct]'"
+    return InputError(f"this needs {module}, which is not installed", remedy=remedy)

@@ -3,26 +3,29 @@
 All name the pictures in the run folder's `views/`. Not here: images, Gaussians.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import OPENCV_FROM_OPENGL, camera_centres
-from gs2ci.core.colmap import pycolmap
-from gs2ci.core.errors import StorageError
 from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.evaluate.whole_folder import view_names
 
-CAMERA_ID: Final = 1
-_POINTS_NAME: Final = "points3D.bin"
-# Without observations a point takes: number, x y z, colour, error, length of its track (COLMAP's scripts/python/
-# read_write_model.py); before all of them their count.
-_POINT_BYTES: Final = 8 + 3 * 8 + 3 + 8 + 8
-_OBSERVATION_BYTES: Final = 4 + 4
+# COLMAP's binary files (its documentation, "Output Format"): numbers without padding, least byte first.
+_PINHOLE: Final = 1
+_FULL_OPENCV: Final = 6
+_CAMERA: Final = np.dtype([("id", "<i4"), ("model", "<i4"), ("width", "<u8"), ("height", "<u8")])
+_CAMERA_ID: Final = 1
+_IMAGE: Final = np.dtype([("id", "<u4"), ("turn", "<f8", 4), ("shift", "<f8", 3), ("camera", "<u4")])
+_OBSERVED: Final = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])
+_POINT: Final = np.dtype([("id", "<u8"), ("place", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("views", "<u8")])
+_SIGHTING: Final = np.dtype([("image", "<u4"), ("index", "<u4")])
 # One view of so many is left to judge by.
 _EVERY: Final = 8
 # instant-ngp's box: its unit cube holds what lies between these quantiles, filled to this share.
@@ -128,36 +131,53 @@ def write_colmap_model(
 
     Raises:
         StorageError: The disk refuses.
+
+    Written here and not by pycolmap, of which there is none for Linux on ARM; tests read it with pycolmap.
     """
     pixels, seen = _observed(Cameras(world_to_camera, intrinsics, distortion), points.astype(np.float64), size, depth)
-    # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
-    bent = [] if distortion is None else [*distortion, 0.0, 0.0, 0.0]
-    model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            camera_id=CAMERA_ID,
-            model="PINHOLE" if distortion is None else "FULL_OPENCV",
-            width=size[1],
-            height=size[0],
-            params=[intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2], *bent],
-        )
-    )
-    for image_id, (name, pose) in enumerate(
-        zip(view_names(len(world_to_camera)), world_to_camera, strict=True), start=1
-    ):
-        own = pixels[image_id - 1][seen[image_id - 1]]
-        image = pycolmap.Image(name=name, camera_id=CAMERA_ID, image_id=image_id, keypoints=own)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
-    _add_points(model, points.astype(np.float64), np.round(255 * np.clip(colors, 0, 1)).astype(np.uint8), seen)
-    model.update_point_3d_errors()
-    model.write_binary(folder)
-    # pycolmap does not say that the disk has refused; the points are written last.
-    wanted = 8 + _POINT_BYTES * len(points) + _OBSERVATION_BYTES * int(seen.sum())
-    if (folder / _POINTS_NAME).stat().st_size != wanted:
-        raise StorageError(
-            f"{folder / _POINTS_NAME} cannot be written: not all of its {len(points)} points are in it",
-            remedy="check the free space and the permissions",
-        )
+    lens = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
+    model = _PINHOLE
+    if distortion is not None:
+        # The last three parameters of FULL_OPENCV are k4 k5 k6, the denominator of a rational model.
+        model, lens = _FULL_OPENCV, [*lens, *distortion, 0.0, 0.0, 0.0]
+    camera = np.array((_CAMERA_ID, model, size[1], size[0]), _CAMERA)
+    files = {
+        "cameras.bin": [_count(1), camera.tobytes(), np.array(lens, "<f8").tobytes()],
+        "images.bin": [_count(len(world_to_camera)), *_images(world_to_camera, pixels, seen)],
+        "points3D.bin": [_count(len(points)), *_points(points, colors, seen)],
+    }
+    for name, parts in files.items():
+        write_whole(folder / name, b"".join(parts))
+
+
+def _count(number: int) -> bytes:
+    return number.to_bytes(8, "little")
+
+
+def _images(world_to_camera: F64, pixels: F64, seen: Bool) -> Iterator[bytes]:
+    """Encode each view: its pose, its name, and where it observes which points, in their order."""
+    turns = Rotation.from_matrix(world_to_camera[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
+    names = view_names(len(world_to_camera))
+    for number, (name, turn, pose) in enumerate(zip(names, turns, world_to_camera, strict=True)):
+        numbers = np.flatnonzero(seen[number])
+        observed = np.zeros(len(numbers), _OBSERVED)
+        observed["pixel"], observed["point"] = pixels[number, numbers], numbers + 1
+        yield np.array((number + 1, turn, pose[:3, 3], _CAMERA_ID), _IMAGE).tobytes() + name.encode() + b"\0"
+        yield _count(len(numbers)) + observed.tobytes()
+
+
+def _points(points: F32, colors: F32, seen: Bool) -> Iterator[bytes]:
+    """Encode each point and its track: the views that see it, and which of their observations it is."""
+    table = np.zeros(len(points), _POINT)
+    table["id"], table["place"] = np.arange(len(points)) + 1, points
+    table["colour"] = np.round(255 * np.clip(colors, 0, 1))
+    # Observations are where the points are projected to: their error is zero.
+    table["views"] = seen.sum(axis=0)
+    indices = np.cumsum(seen, axis=1) - 1
+    for row, sees, index in zip(table, seen.T, indices.T, strict=True):
+        track = np.zeros(int(row["views"]), _SIGHTING)
+        track["image"], track["index"] = np.flatnonzero(sees) + 1, index[sees]
+        yield row.tobytes() + track.tobytes()
 
 
 def _observed(cameras: Cameras, points: F64, size: tuple[int, int], depth: F32 | None) -> tuple[F64, Bool]:
@@ -173,13 +193,3 @@ def _observed(cameras: Cameras, points: F64, size: tuple[int, int], depth: F32 |
         seen[view, inside] = (known > 0) & (np.abs(ahead[inside] - known) <= SAME_SURFACE * known)
     seen &= seen.sum(axis=0) > 1
     return pixels, seen
-
-
-def _add_points(model: Any, points: F64, colors: Sequence[Any] | Any, seen: Bool) -> None:
-    # A view's observations are numbered in the order of the points.
-    numbers = np.cumsum(seen, axis=1) - 1
-    for index, (point, color) in enumerate(zip(points, colors, strict=True)):
-        track = pycolmap.Track()
-        for view in np.flatnonzero(seen[:, index]):
-            track.add_element(int(view) + 1, int(numbers[view, index]))
-        model.add_point3D(point, track, color)

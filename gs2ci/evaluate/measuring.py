@@ -22,7 +22,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
-from gs2ci.reconstruct.geometry.telemetry import errors_of_given
+from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
 
 # The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
 # surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).

@@ -17,7 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.settings import Settings
 
 Switch = Callable[[Settings], Settings]
@@ -138,6 +138,12 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
     ),
     Mechanism(
         "surfaces", "light is drawn to surfaces on which swept views agree", partial(_fit, surfaces=None), "surfaces"
+    ),
+    Mechanism(
+        "snapped jumps",
+        "jumps of depth are moved to edges of the view that was swept",
+        lambda settings: _surfaces(settings, lambda one: replace(one, snap=False)),
+        "surfaces",
     ),
     Mechanism(
         "depth field",

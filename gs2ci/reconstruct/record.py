@@ -18,11 +18,11 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
 from gs2ci.reconstruct.fit.smear import smeared_views
 from gs2ci.reconstruct.fusion import Recovered
-from gs2ci.reconstruct.geometry.centre import doubts_about_centre
+from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
-from gs2ci.reconstruct.geometry.telemetry import Movement, movement
-from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.geometry.path.centre import doubts_about_centre
+from gs2ci.reconstruct.geometry.path.telemetry import Movement, movement
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings, order_findings
 from gs2ci.reconstruct.hypotheses.moving import Speeds
 from gs2ci.reconstruct.hypotheses.race import Raced

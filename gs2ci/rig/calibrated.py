@@ -6,7 +6,7 @@ measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`).
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import STEP, fit, of_these_times
 from gs2ci_calibration.frames import Dark, by_colour
-from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plan import CaptureSettings
+
+if TYPE_CHECKING:
+    from gs2ci_calibration.probe import Probe
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Calibrated:
 
     bundle: Bundle
     notes: tuple[str, ...]
-    probe: Probe | None = None
+    probe: "Probe | None" = None
     weights: F32 | None = None
 
     @property
@@ -229,7 +231,12 @@ def load(
     found.require(bundle)
     for note in found.notes:
         progress.say(note)
-    seen = probe_mask(bench, masks).require() if probe else None
+    seen = None
+    if probe:
+        # A capture without a bundle does without SciPy.
+        from gs2ci_calibration.probe import probe_mask  # noqa: PLC0415
+
+        seen = probe_mask(bench, masks).require()
     return Calibrated(bundle, found.notes, seen, _weights(bundle, bench.capture))
 
 

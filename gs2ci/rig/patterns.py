@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, U8, U16
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import load_single
+from gs2ci.core.foreign.opening import load_single
 from gs2ci.rig.config import CaptureTable, RegistrationTable
 
 MOST_ROUNDED: Final = 0.05

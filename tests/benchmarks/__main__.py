@@ -17,6 +17,7 @@ import torch
 
 BENCHMARKS = (
     "first_table",
+    "photographs_drawn",
     "rasteriser",
     "profile",
     "gpu_kernels",
@@ -54,6 +55,7 @@ BENCHMARKS = (
     "stage_interleavings",
     "disturbed_sweeps",
     "wide_motion",
+    "ties",
     "photograph_rings",
     "given_poses",
     "depth",
@@ -94,6 +96,7 @@ LONG = (
     "endings",
     "gpu",
     "photograph_rings",
+    "ties",
     "motion_within_masks",
     "moving",
     "nonrigid",
@@ -107,6 +110,7 @@ LONG = (
     "depth",
     "lengths",
     "first_table",
+    "photographs_drawn",
     "list_reuse",
     "harmonics",
     "beside_files",

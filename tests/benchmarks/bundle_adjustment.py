@@ -26,9 +26,9 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.geometry.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.motion import MotionSettings, Sightings, estimate_motion, start_motion
-from gs2ci.reconstruct.geometry.tracks import Tracks, find_corners, find_tracks
+from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
+from gs2ci.reconstruct.geometry.path.motion import MotionSettings, Sightings, estimate_motion, start_motion
+from gs2ci.reconstruct.geometry.tracks.tracks import Tracks, find_corners, find_tracks
 
 SHARED = ("fern_smooth", "fern_smooth_cr16", "fern_smooth_r50", "fern_photos_wide")
 ROUNDS = 3

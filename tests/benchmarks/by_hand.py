@@ -29,8 +29,8 @@ from matplotlib.figure import Figure
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.evaluate.pages.charts import Chart, Line, chart_svg
-from gs2ci.reconstruct.geometry import focal
-from gs2ci.reconstruct.geometry.motion import MotionSettings
+from gs2ci.reconstruct.geometry.path import focal
+from gs2ci.reconstruct.geometry.path.motion import MotionSettings
 from gs2ci.reconstruct.learned.ffdnet import Convolution, FfdNet, export_ffdnet
 from gs2ci_calibration.masks.gray_code import GrayCode
 from tests.reconstruct.conftest import bent_path, make_tracks

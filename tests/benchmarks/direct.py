@@ -13,11 +13,11 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.geometry.direct import Direct, at_rest
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sources import uniform_motion
+from gs2ci.reconstruct.geometry.sources.direct import Direct, at_rest
+from gs2ci.reconstruct.geometry.sources.sources import uniform_motion
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, ahead, still, turning

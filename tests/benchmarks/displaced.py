@@ -20,10 +20,10 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.geometry.displaced import blocks_of, displaced_motion
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.reversal import turned
+from gs2ci.reconstruct.geometry.sources.displaced import blocks_of, displaced_motion
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.depth_order import COUNT, draw

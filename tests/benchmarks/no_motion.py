@@ -18,8 +18,8 @@ import numpy as np
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.validity import Criteria
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings

@@ -14,7 +14,7 @@ from dataclasses import asdict
 import numpy as np
 from scipy.stats import gmean, spearmanr
 
-from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from tests.tables.cases import Case
 from tests.tables.works import initialise_case
 

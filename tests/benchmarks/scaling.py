@@ -18,7 +18,7 @@ from torch import Tensor
 from gs2ci.core.kernels import f32_1, i64, in_parts, kernel
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells

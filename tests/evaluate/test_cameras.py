@@ -77,12 +77,12 @@ def test_a_lens_is_told_to_both_programs(tmp_path):
 
 
 def test_a_disk_that_refuses_a_part_of_the_points_is_told(tmp_path):
-    """pycolmap does not tell: the limit on the size of files is met in the middle of the points."""
+    """The limit on the size of files is met in the middle of the points."""
     points = np.random.default_rng(0).random((400, 3)).astype(np.float32)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, hard))
     try:
-        with pytest.raises(StorageError, match=r"points3D\.bin cannot be written: not all of its 400 points"):
+        with pytest.raises(StorageError, match=r"points3D\.bin cannot be written: File too large"):
             write_colmap_model(tmp_path, random_poses(0), INTRINSICS, (40, 60), points=points, colors=points)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

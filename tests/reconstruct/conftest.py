@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.cameras import nerfstudio_transforms
-from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.tracks import Tracks
+from gs2ci.reconstruct.geometry.path.motion import predict_positions
+from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 from gs2ci.reconstruct.measurement.coding import Coding
 
 REFERENCE_MARGIN = 40

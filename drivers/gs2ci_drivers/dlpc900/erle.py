@@ -14,11 +14,13 @@ Grammar, row by row; n is one byte below 128, else two (low seven bits with the 
 A pixel is [bits 16-23][bits 8-15][bits 0-7] of its word.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
-from gs2ci.core.arrays import U8, U32
-from gs2ci.core.kernels import helper, kernel, u8_1, u32_2
-from gs2ci_drivers.dlpc900.coding import encoded, put_pixel
+import numpy as np
+
+from gs2ci.core.arrays import I64, U32
+from gs2ci_drivers.dlpc900.coding import check_words, padded, pixel_bytes, repeats, run_lengths
 
 # Inside a literal run a pixel takes 3 bytes. Leaving it for a run is worthwhile only if that saves more than the run's
 # header and the header of the literal run that follows.
@@ -40,74 +42,42 @@ def encode(words: U32) -> bytes:
 
     DLPU018, section 2.4.3.
     """
-    # Each row ends with two bytes, the image with three.
-    return encoded(words, 2, _encode_rows)
+    check_words(words)
+    repeat, copied = repeats(words), np.zeros(words.shape, bool)
+    copied[1:] = words[1:] == words[:-1]
+    copy = run_lengths(copied)
+    pieces: list[bytes] = []
+    for row, repeated, same in zip(pixel_bytes(words), repeat, copy, strict=True):
+        pieces += _row(row, repeated, same)
+    return padded(b"".join(pieces) + b"\0\1\0")
 
 
-@helper()
-def _put_count(stream: U8, at: int, count: int) -> int:
-    if count < 128:
-        stream[at] = count
-        return at + 1
-    stream[at] = (count & 0x7F) | 0x80
-    stream[at + 1] = count >> 7
-    return at + 2
+def _row(pixels: bytes, repeat: I64, copy: I64) -> Iterator[bytes]:
+    """Encode a row: the lengths of runs that begin at each of its words, of equal words and of words as above."""
+    copies = (copy >= _COPY_BREAKS_LITERAL) & (copy >= repeat)
+    starts = np.flatnonzero(copies | (repeat > 1))
+    at = pending = 0  # where the literal run that is still open began
+    for start, copying, copied, repeated in zip(
+        starts.tolist(), copies[starts].tolist(), copy[starts].tolist(), repeat[starts].tolist(), strict=True
+    ):
+        if start < at:
+            continue
+        if copying:
+            yield _literals(pixels, pending, start) + b"\0\1" + _count(copied)
+            at = pending = start + copied
+        elif repeated >= _REPEAT_BREAKS_LITERAL or pending == start:
+            yield _literals(pixels, pending, start) + _count(repeated) + pixels[3 * start : 3 * start + 3]
+            at = pending = start + repeated
+    yield _literals(pixels, pending, len(repeat)) + b"\0\0"
 
 
-@helper()
-def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
-    if end - start == 1:
-        # A literal run of one does not exist in the grammar; a repeat of one does.
-        at = _put_count(stream, at, 1)
-    elif end > start:
-        stream[at] = 0
-        at = _put_count(stream, at + 1, end - start)
-    for x in range(start, end):
-        at = put_pixel(stream, at, row[x])
-    return at
+def _count(count: int) -> bytes:
+    return bytes((count,) if count < 128 else ((count & 0x7F) | 0x80, count >> 7))
 
 
-@helper()
-def _run_lengths(row: U32, above: U32, x: int, has_above: bool) -> tuple[int, int]:
-    width = row.shape[0]
-    end = x + 1
-    while end < width and row[end] == row[x]:
-        end += 1
-    repeat = end - x
-    end = x
-    if has_above:
-        while end < width and row[end] == above[end]:
-            end += 1
-    return repeat, end - x
-
-
-@kernel(u32_2, u8_1)
-def _encode_rows(words: U32, stream: U8) -> int:
-    height, width = words.shape
-    at = 0
-    for y in range(height):
-        row = words[y]
-        above = words[max(y - 1, 0)]
-        x = 0
-        pending = 0  # where the literal run that is still open began
-        while x < width:
-            repeat, copy = _run_lengths(row, above, x, y > 0)
-            if copy >= _COPY_BREAKS_LITERAL and copy >= repeat:
-                at = _put_literals(stream, at, row, pending, x)
-                stream[at] = 0
-                stream[at + 1] = 1
-                at = _put_count(stream, at + 2, copy)
-                x += copy
-                pending = x
-            elif repeat >= _REPEAT_BREAKS_LITERAL or (repeat == 2 and pending == x):
-                at = _put_literals(stream, at, row, pending, x)
-                at = _put_count(stream, at, repeat)
-                at = put_pixel(stream, at, row[x])
-                x += repeat
-                pending = x
-            else:
-                x += 1
-        at = _put_literals(stream, at, row, pending, width)
-        at += 2  # end of row: the stream is zero already
-    stream[at + 1] = 1
-    return at + 3
+def _literals(pixels: bytes, start: int, end: int) -> bytes:
+    if start == end:
+        return b""
+    # A literal run of one does not exist in the grammar; a repeat of one does.
+    header = b"\1" if end - start == 1 else b"\0" + _count(end - start)
+    return header + pixels[3 * start : 3 * end]

@@ -13,11 +13,13 @@ Grammar, row by row; every count is one byte::
 A pixel is [bits 16-23][bits 8-15][bits 0-7] of its word.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
-from gs2ci.core.arrays import U8, U32
-from gs2ci.core.kernels import helper, kernel, u8_1, u32_2
-from gs2ci_drivers.dlpc900.coding import encoded, put_pixel
+import numpy as np
+
+from gs2ci.core.arrays import I64, U32
+from gs2ci_drivers.dlpc900.coding import check_words, padded, pixel_bytes, repeats
 
 _MAX_RUN: Final = 255
 
@@ -36,49 +38,29 @@ def encode(words: U32) -> bytes:
 
     DLPU018, section 2.4.3.
     """
-    # Two and three bytes of padding a row, two for the image.
-    return encoded(words, 5, _encode_rows)
+    check_words(words)
+    rows = (padded(b"".join(_row(*each))) for each in zip(pixel_bytes(words), repeats(words), strict=True))
+    return padded(b"".join(rows) + b"\0\1")
 
 
-@helper()
-def _put_literals(stream: U8, at: int, row: U32, start: int, end: int) -> int:
-    while start < end:
-        count = min(end - start, _MAX_RUN)
-        if count == 1:
-            # A literal run of one does not exist in the grammar; a repeat of one does.
-            stream[at] = 1
-            at += 1
-        else:
-            stream[at + 1] = count
-            at += 2
-        for x in range(start, start + count):
-            at = put_pixel(stream, at, row[x])
-        start += count
-    return at
+def _row(pixels: bytes, repeat: I64) -> Iterator[bytes]:
+    """Encode a row: the lengths of runs of equal words that begin at each of its words."""
+    starts = np.flatnonzero(repeat > 1)
+    at = pending = 0  # where the literal run that is still open began
+    for start, left in zip(starts.tolist(), repeat[starts].tolist(), strict=True):
+        run = min(left, _MAX_RUN)
+        # Leaving an open literal run needs a new header later, so it does not pay for two equal pixels.
+        if start < at or (run == 2 and pending != start):
+            continue
+        yield _literals(pixels, pending, start) + bytes((run,)) + pixels[3 * start : 3 * start + 3]
+        at = pending = start + run
+    yield _literals(pixels, pending, len(repeat)) + b"\0\0"
 
 
-@kernel(u32_2, u8_1)
-def _encode_rows(words: U32, stream: U8) -> int:
-    height, width = words.shape
-    at = 0
-    for y in range(height):
-        row = words[y]
-        x = 0
-        pending = 0  # where the literal run that is still open began
-        while x < width:
-            end = x + 1
-            while end < width and end - x < _MAX_RUN and row[end] == row[x]:
-                end += 1
-            # Leaving an open literal run needs a new header later, so it does not pay for two equal pixels.
-            if end - x >= 3 or (end - x == 2 and pending == x):
-                at = _put_literals(stream, at, row, pending, x)
-                stream[at] = end - x
-                at = put_pixel(stream, at + 1, row[x])
-                x = end
-                pending = x
-            else:
-                x += 1
-        at = _put_literals(stream, at, row, pending, width)
-        at = (at + 2 + 3) // 4 * 4
-    stream[at + 1] = 1
-    return at + 2
+def _literals(pixels: bytes, start: int, end: int) -> bytes:
+    pieces = []
+    for first in range(start, end, _MAX_RUN):
+        count = min(end - first, _MAX_RUN)
+        # A literal run of one does not exist in the grammar; a repeat of one does.
+        pieces += [b"\1" if count == 1 else bytes((0, count)), pixels[3 * first : 3 * (first + count)]]
+    return b"".join(pieces)

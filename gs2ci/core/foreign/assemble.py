@@ -20,7 +20,6 @@ from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.curves import CurveName
 from gs2ci.core.foreign.fields import Fields
 from gs2ci.core.foreign.gathered import Found, chosen_masks, find, weights_of
-from gs2ci.core.foreign.opening import open_foreign
 from gs2ci.core.foreign.overflow import with_sign
 from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.foreign.settled import SettledReadings, settle
@@ -84,19 +83,6 @@ class Imported:
 
     shots: list[Shot]
     guesses: list[str]
-
-
-def load_single(path: Path) -> Array:
-    """Load the only array of a file (true views, poses, a camera matrix).
-
-    Raises:
-        InputError: No array of numbers there, or several.
-    """
-    container = open_foreign(path)
-    keys = [key for key, entry in container.entries.items() if entry.kind == "number"]
-    if len(keys) != 1:
-        raise InputError(f"{path}: {container.listing()}", allowed="a file with a single array of numbers")
-    return container.load(keys[0])
 
 
 def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) -> Imported:

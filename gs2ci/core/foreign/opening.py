@@ -1,4 +1,4 @@
-"""Which format a file is, from its first bytes, not its name."""
+"""Which format a file is, from its first bytes, not its name; and the only array of a file."""
 
 import struct
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Final
 import h5py
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import Container, damage_as_input_error
+from gs2ci.core.foreign.container import Array, Container, damage_as_input_error
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
@@ -105,3 +105,16 @@ def _is_mat4(start: bytes) -> bool:
             name = start[20 : 20 + length - 1]
             return name.isascii() and name.decode("ascii").isidentifier()
     return False
+
+
+def load_single(path: Path) -> Array:
+    """Load the only array of a file (true views, poses, a camera matrix).
+
+    Raises:
+        InputError: No array of numbers there, or several.
+    """
+    container = open_foreign(path)
+    keys = [key for key, entry in container.entries.items() if entry.kind == "number"]
+    if len(keys) != 1:
+        raise InputError(f"{path}: {container.listing()}", allowed="a file with a single array of numbers")
+    return container.load(keys[0])

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,7 +102,10 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
             allowed="PNG, TIFF, BMP or PGM",
             remedy="save the camera's readings as 16-bit PNG or TIFF",
         )
-    with damage_as_input_error(str(file)), _silence():
+    # A bench reads its patterns from arrays, without OpenCV.
+    import cv2  # noqa: PLC0415
+
+    with damage_as_input_error(str(file)), _silence(cv2.utils.logging):
         stored = np.fromfile(file, np.uint8)
         layouts = tiff.layouts(stored.data)
         for layout in layouts:
@@ -135,14 +137,14 @@ def _pages(file: Path) -> tuple[list[NDArray[Any]], str]:
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
+def _silence(logging: Any) -> Iterator[None]:
     """Keep OpenCV from printing what it thinks of a damaged picture; the error that is raised says it."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    level = logging.getLogLevel()
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logging.setLogLevel(level)
 
 
 def _in_order(file: Path, page: NDArray[Any]) -> NDArray[Any]:

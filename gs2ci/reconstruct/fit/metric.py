@@ -1,7 +1,7 @@
 """Lengths in the unit of the poses that a stage or a file gave: millimetres, on a bench.
 
 Here: the conversion from the scale of the stages of a reconstruction, in which the tracked points' median depth is 1
-and for which all epsilons are chosen. Not here: that scale (`geometry.telemetry`).
+and for which all epsilons are chosen. Not here: that scale (`geometry.path.telemetry`).
 """
 
 import math

@@ -6,8 +6,8 @@ plane sweep. So a few of them are swept during the fit, depth on which the sweep
 loss penalises light that is stopped elsewhere. The weight of this term decreases, so that the measurement decides in
 the end; light that has been drawn to surfaces stays there.
 
-Here: the sweeps, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`), the agreement
-of several (`geometry.map_agreement`).
+Here: the sweeps, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.depth.surface_map`), the
+agreement of several (`geometry.depth.map_agreement`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -36,9 +36,10 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
-from gs2ci.reconstruct.geometry.map_agreement import agreement
-from gs2ci.reconstruct.geometry.surface_map import surface_map
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
+from gs2ci.reconstruct.geometry.depth.snapping import snapped
+from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
@@ -85,6 +86,8 @@ class SurfaceSettings(Bounded):
         others: With how many others each is compared at most, spread over the path.
         pixel_share: Share of the pixels that the term uses.
         sweep: How finely to sweep.
+        snap: Whether jumps of depth are moved to the edges of the swept views. Not done to maps of a decode, which
+            shows edges too poorly: thin things would be lost, and the fit does not find them again.
         depth_field: How depths of whole regions move by the measurement alone, and these surfaces with them; None: not.
         margin: How the scene is continued beyond the borders of all views after the last search; None: not.
     """
@@ -95,6 +98,7 @@ class SurfaceSettings(Bounded):
     others: Annotated[int, Field(ge=2)] = 4
     pixel_share: Annotated[float, Field(gt=0, le=1)] = 0.3
     sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
+    snap: bool = True
     depth_field: DepthFieldSettings | None = field(default_factory=DepthFieldSettings)
     margin: MarginSettings | None = field(default_factory=MarginSettings)
 
@@ -264,7 +268,8 @@ def find_surfaces(
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep))
+        found = surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep)
+        maps.append(snapped(found, straight[view]) if settings.snap else found)
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

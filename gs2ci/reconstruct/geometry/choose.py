@@ -23,19 +23,21 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import GeometryError, Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.geometry.direct import at_rest
-from gs2ci.reconstruct.geometry.displaced import displaced_motion, say_how_found
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors, poses_of_stage
+from gs2ci.reconstruct.geometry.path.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.reversal import turned
-from gs2ci.reconstruct.geometry.sources import (
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
+from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.sources.sources import (
     FromDisplacements,
     FromFile,
     FromRest,
@@ -46,8 +48,6 @@ from gs2ci.reconstruct.geometry.sources import (
     matched_motion,
     uniform_motion,
 )
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors, poses_of_stage
-from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.at_rest import share_at_rest
 from gs2ci.reconstruct.paper_parts import PaperPart, paper_part
@@ -261,7 +261,10 @@ def _sources(request: Request) -> Iterator[str]:
 
 def _matched(request: Request, tracks: Geometry) -> _Answer:
     """Estimate a path from matches of all pairs; it fails if it explains hardly more than a camera at rest."""
-    found = matched_motion(request, tracks)
+    try:
+        found = matched_motion(request, tracks)
+    except GeometryError as error:
+        return _Answer(None, float("inf"), f"the {PathSource.MATCHES} matches failed ({error.problem})")
     if not found.has_path:
         return _Answer(
             None, float("inf"), f"the {PathSource.MATCHES} matches failed (no scene that all views join)", found.joined

@@ -13,7 +13,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.geometry.carrying import carried_places
+from gs2ci.reconstruct.geometry.depth.carrying import carried_places
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.lens import Lens, pixel_centres

@@ -18,11 +18,14 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.geometry.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.halves import expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
+from gs2ci.reconstruct.geometry.depth.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.kinds import ESTIMATED, GIVEN, PathSource, Verdict
-from gs2ci.reconstruct.geometry.motion import (
+from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
+from gs2ci.reconstruct.geometry.path.focal import FocalSettings, default_focal, estimate_focal
+from gs2ci.reconstruct.geometry.path.halves import expected_path_error, times_better_foretold
+from gs2ci.reconstruct.geometry.path.motion import (
     CameraMotion,
     MotionSettings,
     adjust,
@@ -31,12 +34,9 @@ from gs2ci.reconstruct.geometry.motion import (
     preference,
     reversed_depth,
 )
-from gs2ci.reconstruct.geometry.rotations import fit_rotations
-from gs2ci.reconstruct.geometry.surface_map import surface_map
-from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors, errors_of_given, place_points
-from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
-from gs2ci.reconstruct.geometry.validity import (
+from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors, errors_of_given, place_points
+from gs2ci.reconstruct.geometry.path.validity import (
     Criteria,
     classify_motion,
     contradictions,
@@ -46,7 +46,14 @@ from gs2ci.reconstruct.geometry.validity import (
     parallax_px,
     supported_views,
 )
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth
+from gs2ci.reconstruct.geometry.tracks.tracks import (
+    Tracks,
+    TrackSettings,
+    find_corners,
+    find_tracks,
+    refine_tracks,
+    within,
+)
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

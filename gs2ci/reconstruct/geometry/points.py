@@ -12,9 +12,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import in_world
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, in_picture, known, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.motion import rays
-from gs2ci.reconstruct.geometry.view_depths import grid, in_picture, known, project
+from gs2ci.reconstruct.geometry.path.motion import rays
 
 # Beyond the middle view's border, depth continues that of the border, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0

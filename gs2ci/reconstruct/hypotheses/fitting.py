@@ -30,8 +30,8 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fusion import polish_seconds
+from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound
 from gs2ci.reconstruct.hypotheses.order import LEAST_SCHEDULE, is_open, mean_square, settle, shortened

@@ -14,7 +14,7 @@ Around an object, tracks follow points from one view to the next, and lose them 
 add up along the path, and halves of the tracks share them (docs/decisions/wide-baseline.md).
 
 Here: when to match again, and the look that results. Not here: the features and the scene that grows from them
-(`geometry.wide`), the first look itself (`first_look`), the fits (`fitting`).
+(`geometry.sources.wide`), the first look itself (`first_look`), the fits (`fitting`).
 """
 
 import math
@@ -27,17 +27,18 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.by_name import decode_by_name, last_sigma
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest
+from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.evidence import carried_views
-from gs2ci.reconstruct.geometry.halves import squared_distance
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.halves import squared_distance
+from gs2ci.reconstruct.geometry.path.validity import halves_agree
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources import matched_motion
-from gs2ci.reconstruct.geometry.validity import halves_agree
-from gs2ci.reconstruct.geometry.view_depths import turns_far
+from gs2ci.reconstruct.geometry.sources.sources import matched_motion
 from gs2ci.reconstruct.measurement.brightness import Brightness, estimate
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -99,7 +100,12 @@ def look_far_apart(
     longer = first if first.is_decoded_at_length else first.decoded_longer(settings.long_decode.sparse, progress)
     lap("decode")
     request = Request.of(holdout.seen, longer.decoded, settings.geometry, lens)
-    geometry = matched_motion(request, first.geometry, tilted=True)
+    try:
+        geometry = matched_motion(request, first.geometry, tilted=True)
+    except GeometryError as error:
+        progress.say(error.problem)
+        lap("geometry")
+        return None
     # Around an object, 80° from the first view to the last, views warped along the right path explained less than a
     # camera at rest: there it is enough that halves of the matches agree. For a camera that did not move they
     # once agreed to 5 %, along a path of 2 % of the depth.

@@ -32,7 +32,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.view_depths import largest_turn_deg, turns_far
+from gs2ci.reconstruct.geometry.depth.view_depths import largest_turn_deg, turns_far
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.hypotheses.rest import from_rest
 from gs2ci.reconstruct.measurement.holdout import Holdout

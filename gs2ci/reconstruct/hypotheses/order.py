@@ -12,7 +12,7 @@ effect cancels between the two pairs. Prior knowledge counts a little: the order
 likelier, since a stage hardly turns.
 
 Here: when to compare, how many pairs, how much each kind of evidence counts, and what follows. Not here: the fits
-(`fitting`), the reversal and its turn (`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
+(`fitting`), the reversal and its turn (`geometry/reversal.py`), the tracks' preference (`geometry/path/motion.py`).
 """
 
 import math
@@ -25,8 +25,8 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned
-from gs2ci.reconstruct.geometry.validity import Criteria
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
 from gs2ci.reconstruct.measurement.holdout import Holdout
 

@@ -26,8 +26,8 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.motion import moving_share
+from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.view_depths import turns_far
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import (

@@ -7,9 +7,9 @@ several dB better.
 from dataclasses import replace
 
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE
 from gs2ci.reconstruct.geometry.kinds import PathSource
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
 
 
 def needs_rest(first: FirstLook) -> bool:

@@ -4,14 +4,14 @@ Fits of both orders explain the measurement about as well. Which of them hides w
 apart from about 3 px of parallax on (docs/decisions/depth-order.md). The fit of the other order is not in
 vain: its views count in the mean, in place of a companion.
 
-Here: the hypothesis, and what follows from its fit. Not here: the evidence (`geometry/occlusion.py`), short fits
+Here: the hypothesis, and what follows from its fit. Not here: the evidence (`geometry/depth/occlusion.py`), short fits
 (`order`), which are asked first.
 """
 
 from dataclasses import replace
 from typing import Final
 
-from gs2ci.reconstruct.geometry.occlusion import Occlusion, preferred
+from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, preferred
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, Hypothesis, OrderFound, Origin
 

@@ -11,7 +11,7 @@ This is what decoded views cannot tell behind one pattern that is displaced from
 what a decode leaves of the pattern moves with it, and points are tracked on that.
 
 Here: the displacements. Not here: whether the camera was at rest (`at_rest`), its path
-(`gs2ci.reconstruct.geometry.displaced`).
+(`gs2ci.reconstruct.geometry.sources.displaced`).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Doubts about a measurement that a user should know before relying on its results.
 
 Here: the findings about light, masks and saturation, and about views that hardly explain the measurement. Not here:
-errors (`Shot.check` refuses contradictory data), doubts about motion and depth (`geometry.validity`).
+errors (`Shot.check` refuses contradictory data), doubts about motion and depth (`geometry.path.validity`).
 """
 
 from typing import Final

@@ -22,17 +22,17 @@ from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.geometry.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
 from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
-from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, predict_positions
+from gs2ci.reconstruct.geometry.path.bundle import adjust_bundle
+from gs2ci.reconstruct.geometry.path.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
+from gs2ci.reconstruct.geometry.path.motion import INVERSE_DEPTH_RANGE, predict_positions
+from gs2ci.reconstruct.geometry.path.rotations import fit_rotations
+from gs2ci.reconstruct.geometry.path.telemetry import place_points
+from gs2ci.reconstruct.geometry.path.validity import Criteria, classify_motion, doubts_about_tracks, supported_views
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
-from gs2ci.reconstruct.geometry.rotations import fit_rotations
-from gs2ci.reconstruct.geometry.sources import FromTracks
-from gs2ci.reconstruct.geometry.telemetry import place_points
-from gs2ci.reconstruct.geometry.tracks import Tracks
-from gs2ci.reconstruct.geometry.validity import Criteria, classify_motion, doubts_about_tracks, supported_views
+from gs2ci.reconstruct.geometry.sources.sources import FromTracks
+from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
 

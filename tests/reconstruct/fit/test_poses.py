@@ -4,7 +4,7 @@ import torch
 
 from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
-from gs2ci.reconstruct.geometry.telemetry import PoseErrors
+from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
 from gs2ci.render import se3
 
 VIEWS = 3

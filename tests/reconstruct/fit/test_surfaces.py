@@ -13,7 +13,7 @@ from gs2ci.reconstruct.fit.relief import WIDEST, Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surface_kernels import exchange_inverse_depth
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, find_surfaces
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
 from gs2ci.render.conventions import NEAR
@@ -105,7 +105,7 @@ def test_plain_areas_are_asked_about_with_the_views_that_were_swept(renderer, mo
         asked.append((views, from_view, blur_px, window_px))
         return np.full_like(inverse_depth, 1 / DEPTH)
 
-    monkeypatch.setattr("gs2ci.reconstruct.geometry.surface_map.continued", answer)
+    monkeypatch.setattr("gs2ci.reconstruct.geometry.depth.surface_map.continued", answer)
     found = surfaces_of(renderer)
     assert (found.inverse_depth == np.float32(1 / DEPTH)).all()
     assert len(asked) == len(found.views)

@@ -14,13 +14,13 @@ from gs2ci.core.records import Truth
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import explains_more_than_rest, load_geometry_prior
-from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, OtherOrder
+from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.telemetry import errors_of_given
-from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
 
 # A coarse sweep: these tests are about poses.
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))

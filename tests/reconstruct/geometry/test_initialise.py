@@ -6,11 +6,11 @@ import pytest
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.geometry.bundle import AdjustedBundle
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.path.bundle import AdjustedBundle
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.validity import Criteria
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=48))
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth
 
 
 def geometry_of(scene, verdict="full"):

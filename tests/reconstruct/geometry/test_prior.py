@@ -7,11 +7,11 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sources import FromFile, FromStage
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.sources.sources import FromFile, FromStage
 from gs2ci.reconstruct.measurement.lens import Lens
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))

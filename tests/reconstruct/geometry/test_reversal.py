@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gs2ci.reconstruct.geometry.depth.view_depths import ViewDepth
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise
-from gs2ci.reconstruct.geometry.motion import (
+from gs2ci.reconstruct.geometry.path.motion import (
     MotionSettings,
     adjust,
     predict_positions,
@@ -15,8 +16,7 @@ from gs2ci.reconstruct.geometry.motion import (
     reversed_depth,
 )
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned
-from gs2ci.reconstruct.geometry.tracks import Tracks
-from gs2ci.reconstruct.geometry.view_depths import ViewDepth
+from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 
 HUBER_PX = MotionSettings().huber_px
 

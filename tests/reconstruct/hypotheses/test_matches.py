@@ -11,7 +11,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.hypotheses import matches
 from gs2ci.reconstruct.hypotheses.matches import joins_in_part, look_far_apart
 from gs2ci.reconstruct.measurement.brightness import Brightness, BrightnessSettings

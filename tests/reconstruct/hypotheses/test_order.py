@@ -10,8 +10,8 @@ from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
+from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
-from gs2ci.reconstruct.geometry.validity import Criteria
 from gs2ci.reconstruct.hypotheses.findings import order_findings
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound
 from gs2ci.reconstruct.hypotheses.order import is_open, mean_square, settle, shortened

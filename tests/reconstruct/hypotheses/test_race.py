@@ -15,8 +15,8 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.occlusion import Occlusion
 from gs2ci.reconstruct.hypotheses import jury, race
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings
 from gs2ci.reconstruct.hypotheses.fitting import Entrant

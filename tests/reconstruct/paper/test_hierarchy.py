@@ -10,11 +10,11 @@ from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.focal import Focal
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.geometry.path.focal import Focal
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.tracks import Tracks
+from gs2ci.reconstruct.geometry.tracks.tracks import Tracks
 from gs2ci.reconstruct.learned.onnx_models import add_model
 from gs2ci.reconstruct.learned.vggt import Prediction
 from gs2ci.reconstruct.paper import hierarchy

@@ -21,9 +21,9 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
-from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.geometry.tracks import TrackSettings
+from gs2ci.reconstruct.geometry.tracks.tracks import TrackSettings
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.pipeline import reconstruct

@@ -8,7 +8,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sources import FromStage
+from gs2ci.reconstruct.geometry.sources.sources import FromStage
 
 
 class Sideways:

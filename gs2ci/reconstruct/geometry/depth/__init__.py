@@ -1,0 +1,1 @@
+"""Depth maps of views: plane sweeps, what several maps agree on, what hides what."""

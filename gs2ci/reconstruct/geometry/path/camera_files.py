@@ -1,0 +1,243 @@
+"""Cameras from another program: a COLMAP model, or nerfstudio's transforms.json.
+
+Here: reading them, as world-to-camera matrices with OpenCV axes in the order of the file names. Not here: writing
+(`gs2ci.evaluate.cameras`), the geometry from them (`sources`).
+
+Both formats list pictures by name in any order; a coded measurement numbers its views. So views are taken in the
+natural order of the names: view_2 before view_10, z_-1 before z_0.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import OPENCV_FROM_OPENGL
+from gs2ci.core.colmap import pycolmap
+from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.json_text import parse_json
+from gs2ci.core.lens import COEFFICIENTS
+from gs2ci.core.natural_order import natural_order
+from gs2ci.core.records import are_rigid, check_intrinsics
+
+_PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
+# In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
+_LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
+_MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
+# Those models of a transforms.json that nerfstudio treats as a perspective with the lens of its coefficients
+# (`CAMERA_MODEL_TO_TYPE` in nerfstudio/cameras/cameras.py).
+_PERSPECTIVES: Final = (*_PINHOLES, "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_OF_THE_CAMERA: Final = (
+    *("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x"),
+    *COEFFICIENTS,
+    *_MORE_COEFFICIENTS,
+)
+# Focal lengths written for each frame of one camera agree as closely as this; a phone's focus moves them by more.
+_CAMERA_TOLERANCE: Final = 1e-4
+# The coefficients of one lens agree up to the digits that a text file keeps.
+_COEFFICIENT_TOLERANCE: Final = 1e-5
+_ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
+# Aspect ratios of a sensor and of its reduced pictures agree up to rounding to whole pixels.
+_ASPECT_TOLERANCE: Final = 0.02
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """Cameras read from a file.
+
+    Args:
+        world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
+        intrinsics: One camera matrix for all, [3, 3], in pixels of the measurement.
+        distortion: Of their lens: k1 k2 p1 p2 k3 and more, [5 + ...]; zeros for a pinhole.
+        points: Of the scene, [P, 3]; P is 0 if the file has none.
+        names: Of the pictures, in that order.
+    """
+
+    world_to_camera: F64
+    intrinsics: F64
+    distortion: F64
+    points: F64
+    names: tuple[str, ...]
+
+
+def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 | None = None) -> CameraFile:
+    """Read cameras for a measurement.
+
+    Args:
+        path: A COLMAP model's folder, or a transforms.json.
+        views: How many there must be.
+        size: Height and width of the measurement, px; cameras of pictures of another size are scaled.
+        distortion: Known coefficients of the lens, [5]; None: a pinhole.
+
+    Raises:
+        InputError: No such file, it cannot be read, it holds another number of cameras, several, cameras with another
+            distortion than the known one or none, or pictures of another shape.
+    """
+    if path.is_dir():
+        found = _colmap(path, size)
+    elif path.is_file():
+        found = _transforms(path, size)
+    else:
+        raise InputError(f"no camera file {path}", allowed=_ALLOWED)
+    if len(found.names) != views:
+        raise InputError(
+            f"{path} holds {len(found.names)} cameras for {views} views",
+            allowed=f"{views} cameras, one for each mask, named in the order of exposure",
+        )
+    _check_lens(path, found.distortion, distortion)
+    check_intrinsics(found.intrinsics)
+    if not are_rigid(found.world_to_camera):
+        raise InputError(f"{path} holds poses that are not rigid motions", remedy="check its matrices")
+    return found
+
+
+def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
+    """Accept a pinhole, for undistorted pictures, and the known lens; refuse any other."""
+    expected = np.zeros(len(found)) if known is None else np.pad(known, (0, len(found) - len(known)))
+    if not found.any() or np.allclose(found, expected, rtol=0, atol=_COEFFICIENT_TOLERANCE):
+        return
+    names = [name for name, value in zip((*COEFFICIENTS, *_MORE_COEFFICIENTS), found, strict=True) if value]
+    raise InputError(
+        f"{path} holds a distorted camera ({', '.join(names)})",
+        allowed="a pinhole camera, or the lens that the shot is known to have",
+        remedy="undistort the pictures and their cameras first, or import the shot with its distortion",
+    )
+
+
+def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+    except GeometryError as error:
+        raise InputError(f"{folder}: {error.problem}", allowed="a transforms.json") from error
+    except Exception as error:
+        # pycolmap raises whatever its C++ side threw.
+        raise InputError(f"{folder} is not a COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error
+    stored = [image for image in model.images.values() if image.has_pose]
+    images = [stored[index] for index in _order(folder, [image.name for image in stored])]
+    cameras = {image.camera_id for image in images}
+    if len(cameras) != 1:
+        raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
+    camera = model.cameras[cameras.pop()]
+    _require_model(folder, camera.model_name, (*_PINHOLES, *_LENSES))
+    bent = _LENSES.get(camera.model_name, 0)
+    lens = np.zeros(len(COEFFICIENTS) + len(_MORE_COEFFICIENTS))
+    lens[:bent] = np.asarray(camera.params)[len(camera.params) - bent :]
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    for pose, image in zip(poses, images, strict=True):
+        pose[:3] = image.cam_from_world().matrix()
+    points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
+    return CameraFile(
+        poses,
+        _scaled(camera.calibration_matrix(), (camera.height, camera.width), size, folder),
+        lens,
+        points,
+        tuple(image.name for image in images),
+    )
+
+
+def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
+    try:
+        held = parse_json(path.read_text())
+        stored = list(held["frames"])
+        frames = [stored[index] for index in _order(path, [str(frame["file_path"]) for frame in stored])]
+        camera_to_world = np.array([_whole(frame["transform_matrix"]) for frame in frames]).reshape(-1, 4, 4)
+        common = _common(path, held, frames)
+        width, height = int(common.get("w", size[1])), int(common.get("h", size[0]))
+        fx = float(common["fl_x"]) if "fl_x" in common else 0.5 * width / np.tan(0.5 * float(common["camera_angle_x"]))
+        matrix = np.array(
+            [
+                [fx, 0, float(common.get("cx", width / 2))],
+                [0, float(common.get("fl_y", fx)), float(common.get("cy", height / 2))],
+                [0, 0, 1],
+            ]
+        )
+        lens = np.array([float(common.get(key, 0)) for key in (*COEFFICIENTS, *_MORE_COEFFICIENTS)])
+        poses = OPENCV_FROM_OPENGL @ np.linalg.inv(camera_to_world)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"{path} is not a transforms.json: {type(error).__name__}: {error}",
+            allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x for all or for each",
+        ) from error
+    _require_model(path, common.get("camera_model", _PERSPECTIVES[0]), _PERSPECTIVES)
+    if common.get("is_fisheye", False):
+        _require_model(path, "fisheye", _PERSPECTIVES)
+    names = tuple(str(frame["file_path"]) for frame in frames)
+    return CameraFile(poses, _scaled(matrix, (height, width), size, path), lens, np.empty((0, 3)), names)
+
+
+def _whole(matrix: Any) -> F64:
+    """Return a pose as [4, 4]; its last row may be left out."""
+    values = np.array(matrix, np.float64)
+    if values.shape == (3, 4):
+        values = np.vstack([values, (0, 0, 0, 1)])
+    return values.reshape(4, 4)
+
+
+def _common(path: Path, held: dict[str, Any], frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the camera that all frames share, whether it is written once or in each of them.
+
+    Raises:
+        InputError: Frames have different cameras.
+    """
+    common = {}
+    for key in _OF_THE_CAMERA:
+        values = [frame.get(key, held.get(key)) for frame in frames or [held]]
+        known = [value for value in values if value is not None]
+        if not known:
+            continue
+        if len(known) < len(values) or not all(_alike(value, known[0]) for value in known):
+            raise InputError(
+                f"{path}: frames of different cameras ({key}: {known[0]!r} and others)",
+                allowed="one camera for all views",
+                remedy="scale and crop pictures and cameras to a common one, or leave the camera file out",
+            )
+        common[key] = known[0]
+    return common
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Tell whether two values agree up to the digits that a text file keeps and no more."""
+    if isinstance(one, str | bool) or isinstance(other, str | bool):
+        return bool(one == other)
+    return bool(np.isclose(float(one), float(other), rtol=_CAMERA_TOLERANCE, atol=_COEFFICIENT_TOLERANCE))
+
+
+def _order(path: Path, names: list[str]) -> tuple[int, ...]:
+    """Return the order of exposure: that of the numbers in the names.
+
+    Raises:
+        InputError: Whole numbers and decimal ones give different orders.
+    """
+    order = natural_order(names)
+    if order.is_doubtful:
+        raise InputError(
+            f"{path}: the order of its pictures is doubtful: is {names[order.indices[0]]!r} before "
+            f"{names[order.indices[-1]]!r}, by whole numbers or by decimal ones?",
+            allowed="names whose numbers are whole, signed, or followed by a unit",
+            remedy="rename the pictures in the order of exposure: 000.png, 001.png, ...",
+        )
+    return order.indices
+
+
+def _require_model(path: Path, model: str, allowed: tuple[str, ...]) -> None:
+    if model not in allowed:
+        raise InputError(
+            f"{path} holds a {model} camera",
+            allowed=" or ".join(allowed),
+            remedy="undistort the pictures and their cameras first",
+        )
+
+
+def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Path) -> F64:
+    """Scale a camera matrix from pictures of one size to those of another."""
+    rows, columns = want[0] / max(have[0], 1), want[1] / max(have[1], 1)
+    if abs(rows / columns - 1) > _ASPECT_TOLERANCE:
+        raise InputError(
+            f"{path} is of pictures of {have[0]} x {have[1]} pixels",
+            allowed=f"the shape of the measurement, {want[0]} x {want[1]}, at any scale",
+            remedy="cropped pictures need the camera matrix of the crop",
+        )
+    scaled: F64 = np.diag([columns, rows, 1.0]) @ np.asarray(matrix, np.float64)
+    return scaled

@@ -1,0 +1,243 @@
+"""One scene from features matched between pairs of views, grown from several pairs: COLMAP's incremental mapper.
+
+    matches ─► essential matrices ─► (for each of the strongest pairs: two views ─► one view more ─► …) ─► the scenes
+
+A scene grows from one pair of views, one view at a time (Schönberger and Frahm 2016, by pycolmap). In a narrow field of
+view a pair often allows two orders of depth, and a scene that began with the wrong one keeps it: of ten scenes of the
+same matches, all joined by every view, six had a wrong path. They explain fewer matches. So scenes are grown from the
+pairs with the most confirmed matches, and the one that explains most is the best
+(docs/decisions/wide-baseline.md).
+
+Here: the scenes and their expected error. Not here: features and their matches (`wide`), depth.
+"""
+
+import math
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import camera_centres
+from gs2ci.core.colmap import pycolmap
+from gs2ci.reconstruct.geometry.path.halves import HALVINGS, squared_distance
+from gs2ci.reconstruct.threads import in_threads
+
+# For a pair: fewest matches that its essential matrix confirms, and their largest error. Decoded photographs 15° apart,
+# in which a third of the matches are right, keep 15 to 30.
+LEAST_MATCHES: Final = 15
+"""Fewest matches of a pair of views that are used."""
+_MATCH_PX: Final = 2.0
+# A pair needs `LEAST_MATCHES` right matches. So many trials find as many among all its matches with this probability; a
+# pair with fewer is not used, however long they are sought. The larger of the models that are tried takes so many.
+_FOUND: Final = 0.9999
+_OF_A_MODEL: Final = 7
+# For the scene: fewest points that a view needs to join, and largest errors and least angles of its points.
+_LEAST_POINTS_TO_JOIN: Final = 12
+_LEAST_TO_BEGIN: Final = 30
+_JOIN_PX: Final = 4.0
+_POINT_PX: Final = 3.0
+_LEAST_ANGLE_TO_BEGIN_DEG: Final = 2.0
+_LEAST_ANGLE_DEG: Final = 0.5
+# Scenes are grown from so many pairs. In two of three sets of photographs the strongest pair led to a wrong path; the
+# right one was found from one of the five strongest.
+_MOST_STARTS: Final = 12
+# Scenes that explain at least this share of the best one's matches are its rivals: wrong paths explained up to 98 % of
+# them in two sets of photographs, and up to 68 % in a third.
+_RIVALS: Final = 0.97
+# An adjustment ends when its error falls by less than this share.
+_ADJUSTED: Final = 1e-6
+_SEED: Final = 0
+
+Pairs = Mapping[tuple[int, int], np.ndarray[Any, np.dtype[np.uint32]]]
+"""For pairs of views, the indices of features that match, [M, 2]."""
+
+
+@dataclass(frozen=True)
+class MappedScene:
+    """Cameras and points that explain matches between all views.
+
+    Args:
+        world_to_camera: Poses, [N, 4, 4].
+        points: In the world, [P, 3].
+        rms_px: Mean reprojection error.
+        error_expected: Expected error of the path, as a share of its extent: the larger of what halves of the points
+            show and the distance of a path that explains hardly fewer matches. None for a camera that stays in place.
+    """
+
+    world_to_camera: F64
+    points: F64
+    rms_px: float
+    error_expected: float | None
+
+
+def grown_scene(
+    places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]
+) -> tuple[MappedScene | None, int]:
+    """Grow scenes from the strongest pairs, and return the one that explains most matches.
+
+    Args:
+        places: Of the features of each view, [F, 2] px.
+        pairs: Matches of at least `LEAST_MATCHES`.
+        intrinsics: Camera matrix in px, [3, 3].
+        size: Height and width of the views, px.
+
+    Returns:
+        The scene, None if no scene was joined by every view; and the largest number of views that joined one.
+    """
+    with TemporaryDirectory() as folder, _quietly():
+        database = Path(folder) / "features.db"
+        ids, confirmed = _write(database, places, pairs, intrinsics, size)
+        strongest = sorted(confirmed, key=lambda pair: -confirmed[pair])[:_MOST_STARTS]
+        starts = [(ids[i], ids[j]) for i, j in strongest if confirmed[i, j] >= LEAST_MATCHES]
+        models = [model for model in in_threads(lambda start: _grown(database, *start), starts) if model is not None]
+        joined = max((model.num_reg_images() for model in models), default=0)
+        whole = sorted((model for model in models if model.num_reg_images() == len(places)), key=_sightings)
+        return (_scene(whole.pop(), whole, len(places)) if whole else None), joined
+
+
+def _write(
+    path: Path, places: Sequence[F32], pairs: Pairs, intrinsics: F64, size: tuple[int, int]
+) -> tuple[list[int], dict[tuple[int, int], int]]:
+    """Write the mapper's input: one camera, an image for each view, and the matches that essential matrices confirm.
+
+    Returns:
+        The images' ids; and for each pair the number of matches confirmed.
+    """
+    parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
+    camera = pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
+    camera.has_prior_focal_length = True
+    database = pycolmap.Database.open(path)
+    try:
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
+        rig_id, ids, confirmed = database.write_rig(rig), [], {}
+        for number, at in enumerate(places):
+            image = pycolmap.Image(name=f"{number:06d}", camera_id=camera.camera_id)
+            image.image_id = database.write_image(image)
+            frame = pycolmap.Frame()
+            frame.rig_id = rig_id
+            frame.add_data_id(image.data_id)
+            database.write_frame(frame)
+            database.write_keypoints(image.image_id, at)
+            ids.append(image.image_id)
+
+        def confirm(pair: tuple[int, int]) -> Any:
+            one, other = (places[k].astype(np.float64) for k in pair)
+            options = _confirming(len(pairs[pair]))
+            return pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, pairs[pair], options)
+
+        for ((i, j), matches), geometry in zip(pairs.items(), in_threads(confirm, pairs), strict=True):
+            database.write_matches(ids[i], ids[j], matches)
+            database.write_two_view_geometry(ids[i], ids[j], geometry)
+            confirmed[i, j] = len(geometry.inlier_matches)
+    finally:
+        database.close()
+    return ids, confirmed
+
+
+def _confirming(matches: int) -> Any:
+    """Return the options with which a pair's matches are confirmed."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = LEAST_MATCHES, _MATCH_PX, _SEED
+    options.ransac.max_num_trials = min(options.ransac.max_num_trials, _trials(matches))
+    options.ransac.min_num_trials = min(options.ransac.min_num_trials, options.ransac.max_num_trials)
+    return options
+
+
+def _trials(matches: int) -> int:
+    """Return how many draws of a model's matches find one of right matches alone, if `LEAST_MATCHES` are right."""
+    all_right = (LEAST_MATCHES / matches) ** _OF_A_MODEL
+    return 1 if all_right >= 1 else math.ceil(math.log(1 - _FOUND) / math.log1p(-all_right))
+
+
+def _grown(database: Path, first: int, second: int) -> Any | None:
+    """Grow a scene from two images; None if they do not begin one."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_num_matches, options.multiple_models, options.extract_colors = LEAST_MATCHES, False, False
+    # A pair that begins no scene would be tried again and again, for minutes.
+    options.init_image_id1, options.init_image_id2, options.init_num_trials = first, second, 1
+    # Sums over several threads differ in their last digits from run to run.
+    options.num_threads, options.random_seed = 1, _SEED
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    # A view that sees too few points could be placed by its matches with single views. It took half a minute, and all
+    # eight paths of a set of photographs that were completed in this way were wrong.
+    options.structure_less_registration_fallback = False
+    mapper = options.mapper
+    mapper.init_min_num_inliers, mapper.init_min_tri_angle = _LEAST_TO_BEGIN, _LEAST_ANGLE_TO_BEGIN_DEG
+    mapper.abs_pose_min_num_inliers, mapper.abs_pose_max_error = _LEAST_POINTS_TO_JOIN, _JOIN_PX
+    mapper.init_max_error = mapper.filter_max_reproj_error = _POINT_PX
+    mapper.filter_min_tri_angle = options.triangulation.min_angle = _LEAST_ANGLE_DEG
+    options.triangulation.complete_max_reproj_error = options.triangulation.merge_max_reproj_error = _POINT_PX
+    with TemporaryDirectory() as folder:
+        # A database that one thread opens is locked for the others.
+        own = Path(shutil.copy(database, folder))
+        models = pycolmap.incremental_mapping(own, Path(folder), Path(folder), options)
+    return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+
+
+def _sightings(model: Any) -> int:
+    """Count the features that a model's points explain."""
+    return sum(point.track.length() for point in model.points3D.values())
+
+
+def _scene(model: Any, others: Sequence[Any], views: int) -> MappedScene:
+    """Return the scene of a model, with its path's expected error; the others explain at most as much."""
+    poses = _poses(model, views)
+    path = camera_centres(poses)
+    extent = float(np.linalg.norm(np.ptp(path, axis=0)))
+    rivals = [other for other in others if _sightings(other) >= _RIVALS * _sightings(model)]
+    squares = [squared_distance(camera_centres(_poses(rival, views)), path) for rival in rivals]
+    error = None if extent == 0 else max(_squared_error(model, path), *squares, 0.0) ** 0.5 / extent
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    return MappedScene(poses, points, float(model.compute_mean_reprojection_error()), error)
+
+
+def _poses(model: Any, views: int) -> F64:
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    for image in model.images.values():
+        poses[int(image.name), :3] = image.cam_from_world().matrix()
+    return poses
+
+
+def _squared_error(model: Any, path: F64) -> float:
+    """Return the mean squared distance of the paths of halves of a model's points from the path of all, [N, 3]."""
+    numbers, rng, squares = np.array(sorted(model.points3D)), np.random.default_rng(_SEED), []
+    for _ in range(HALVINGS):
+        for half in np.array_split(rng.permutation(numbers), 2):
+            adjusted = camera_centres(_poses(_adjusted_without(model, half.tolist()), len(path)))
+            squares.append(squared_distance(adjusted, path))
+    return float(np.mean(squares))
+
+
+def _adjusted_without(model: Any, points: Sequence[int]) -> Any:
+    """Return a copy of a model, adjusted without some of its points."""
+    rest = pycolmap.Reconstruction(model)
+    for number in points:
+        rest.delete_point3D(number)
+    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
+    options.print_summary = False
+    solver = options.ceres.solver_options
+    solver.num_threads, solver.function_tolerance = 1, _ADJUSTED
+    for image in rest.reg_image_ids():
+        config.add_image(image)
+    pycolmap.create_default_bundle_adjuster(options, config, rest).solve()
+    return rest
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep the mapper's messages off the terminal, since its result is checked here."""
+    level, aloud = pycolmap.logging.minloglevel, pycolmap.logging.logtostderr
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel, pycolmap.logging.logtostderr = level, aloud

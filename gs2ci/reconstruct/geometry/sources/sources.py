@@ -1,0 +1,243 @@
+"""Sources of first poses that need no model: tracks, matches, displacements, the stage, a uniform motion, a file, rest.
+
+Here: these seven. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+(`initialise`).
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import GeometryError
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
+from gs2ci.reconstruct.geometry.depth.sweep import inverse_depth_range
+from gs2ci.reconstruct.geometry.initialise import Geometry, before_camera_at_rest, initialise, measured
+from gs2ci.reconstruct.geometry.kinds import PathSource, Verdict
+from gs2ci.reconstruct.geometry.path.camera_files import CameraFile, read_cameras
+from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given, poses_of_stage, stated_error
+from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.sources.direct import Direct
+from gs2ci.reconstruct.geometry.sources.displaced import displaced_motion, say_how_found
+from gs2ci.reconstruct.geometry.sources.wide import wide_motion
+
+# From this relative difference on, the report mentions that two focal lengths differ.
+_FOCAL_DOUBT: Final = 0.05
+
+
+@dataclass(frozen=True)
+class FromTracks:
+    """Corners followed through the views, and the motion that explains them."""
+
+    name: str = PathSource.TRACKS
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return from_tracks(request, progress)
+
+
+@dataclass(frozen=True)
+class FromStage:
+    """The poses that the stage reported."""
+
+    name: str = PathSource.STAGE
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        poses = poses_of_stage(request.shot)
+        found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
+        if not found.tracks:
+            found = _without_tracks(request, poses, found)
+        return replace(_with_errors(found, stated_error(request.shot)), source=self.name)
+
+
+def _with_errors(found: Geometry, error: float | None) -> Geometry:
+    """Add what a stage's poses settle: the order of depth, and the positions within their stated error.
+
+    Points in front of its cameras would lie behind those of the reversed path, unless it turned by exactly as much as
+    the reversal requires.
+    """
+    return replace(_held(found, error), order_given=True) if found.has_path else found
+
+
+def _held(found: Geometry, error: float | None = None) -> Geometry:
+    """Add the standard errors of given poses, within which the fit refines them.
+
+    Without them a fit of a small motion exchanges turning for travel, which views hardly show.
+
+    Args:
+        found: With given poses.
+        error: Standard error of positions in their unit; None if it is not stated.
+    """
+    if not found.has_path:
+        return found
+    if found.tracks > 0 and found.pose_errors is None:
+        # If tracks contradict the poses, they contradict the stated error too.
+        return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics).loosened())
+    position = None if error is None or found.unit is None else error / found.unit
+    return replace(found, pose_errors=errors_of_given(found.world_to_camera, found.intrinsics, position))
+
+
+@dataclass(frozen=True)
+class FromUniform:
+    """The uniform motion that explains the measurement best, without tracks."""
+
+    name: str = PathSource.UNIFORM
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return uniform_motion(request, from_tracks(request, progress))
+
+
+@dataclass(frozen=True)
+class FromDisplacements:
+    """The motion that explains the displacements of blocks of the measurement."""
+
+    name: str = PathSource.DISPLACEMENTS
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        found = displaced_motion(request, from_tracks(request, progress))
+        say_how_found(found, progress)
+        return found
+
+
+@dataclass(frozen=True)
+class FromRest:
+    """A camera at rest, as the user or the measurement says (`measurement.at_rest`): no path, and no depth."""
+
+    name: str = PathSource.REST
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return self.known_by(request, progress, finding(Code.CAMERA_GIVEN_AT_REST))
+
+    def known_by(self, request: Request, progress: Progress, note: Finding) -> Geometry:
+        """Find the geometry, with the finding that says why the camera is taken to be at rest."""
+        progress.stage("geometry", 1)
+        focal, count = request.settings.focal, len(request.views)
+        found = before_camera_at_rest(count, request.size, request.intrinsics, focal, note)
+        progress.step(1)
+        progress.say(note.sentence)
+        return found
+
+
+@dataclass(frozen=True)
+class FromWide:
+    """Features matched between all pairs of views, which may lie far apart and in no order."""
+
+    name: str = PathSource.MATCHES
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`.
+
+        Raises:
+            GeometryError: The views do not all join one scene, or their depths along its path do not agree; or
+                pycolmap cannot be had.
+        """
+        found = matched_motion(request, from_tracks(request, progress))
+        if not found.has_path:
+            raise GeometryError(
+                "features matched between all pairs of views do not join them into one scene, or their depths disagree",
+                remedy="use another source: tracks, stage, uniform or file:PATH, or more light and fewer masks",
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class FromFile:
+    """The cameras of a COLMAP model or a transforms.json.
+
+    Args:
+        path: The model's folder, or the file.
+    """
+
+    path: Path
+    name: str = PathSource.FILE
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`.
+
+        The tracks give the scale of the depths; if there are too few of them, the file's points do, otherwise the
+        measurement.
+        """
+        cameras = read_cameras(self.path, request.shot.views, request.shot.size, request.shot.distortion)
+        notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics, straight=request.lens is None)
+        if request.lens is not None:
+            cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
+        poses = cameras.world_to_camera
+        found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
+        # One view shows no depth, even within a known range.
+        if not found.has_path and len(cameras.points) and len(poses) > 1:
+            found = swept_between_points(request, cameras, found)
+        elif not found.tracks:
+            found = _without_tracks(request, poses, found)
+        return replace(_held(found), source=self.name, notes=(*notes, *found.notes))
+
+
+def matched_motion(request: Request, tracks: Geometry, *, tilted: bool = False) -> Geometry:
+    """Estimate the path from features matched between all pairs of views; at rest, "unsupported", if they show none.
+
+    Raises:
+        GeometryError: pycolmap, which grows the scene, cannot be had on this machine.
+    """
+    return replace(wide_motion(request, tracks, tilted=tilted), source=PathSource.MATCHES)
+
+
+def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
+    """Estimate the uniform motion; of the tracks' geometry only the camera matrix and the middle view are used."""
+    return replace(Direct(request, tracks).uniform(), source=PathSource.UNIFORM)
+
+
+def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
+    """Estimate the depths along given poses from the measurement, if there are too few tracks."""
+    swept = Direct(request, found).along(poses) if len(poses) > 1 else None
+    if swept is None:
+        return replace(found, notes=(*found.notes, finding(Code.POSES_NOT_BORNE_OUT)))
+    return replace(measured(swept, poses), notes=(*swept.notes, finding(Code.DEPTH_RANGE_FOUND)))
+
+
+def swept_between_points(request: Request, cameras: CameraFile, without: Geometry) -> Geometry:
+    """Sweep depth between the nearest and farthest points of a file.
+
+    Args:
+        request: Its views.
+        cameras: With points.
+        without: The tracks' geometry, whose notes say why they did not suffice.
+
+    Raises:
+        GeometryError: The points lie behind the middle camera.
+    """
+    reference = without.reference
+    poses = cameras.world_to_camera @ np.linalg.inv(cameras.world_to_camera[reference])
+    depths = cameras.points @ cameras.world_to_camera[reference, 2, :3] + cameras.world_to_camera[reference, 2, 3]
+    ahead = 1 / depths[depths > 0]
+    if 2 * len(ahead) < len(depths):
+        raise GeometryError(
+            f"{len(depths) - len(ahead)} of the file's {len(depths)} points lie behind the middle camera",
+            remedy="check that its poses are world-to-camera with OpenCV axes",
+        )
+    unit = float(np.median(ahead))
+    poses[:, :3, 3] *= unit
+    span = inverse_depth_range(ahead / unit, request.settings.sweep)
+    return replace(
+        without,
+        world_to_camera=poses,
+        intrinsics=cameras.intrinsics,
+        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        verdict=Verdict.FULL,
+        unit=1 / unit,
+        notes=(*without.notes, finding(Code.POSES_UNCHECKED)),
+    )
+
+
+def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[Finding, ...]:
+    """Report which focal length is used if they differ: with a lens the shot's, which was measured with the lens."""
+    if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
+        return ()
+    code = Code.FOCAL_OF_CAMERA_FILE if straight else Code.FOCAL_OF_SHOT
+    return (finding(code, of_file_px=float(of_file[0, 0]), of_shot_px=float(of_shot[0, 0])),)

@@ -1,0 +1,1 @@
+"""Corners followed through the views."""

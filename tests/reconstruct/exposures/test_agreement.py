@@ -1,0 +1,45 @@
+"""Places that a stage reports, against what exposures see."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gs2ci.reconstruct.exposures.agreement import disagreeing, displacements_px
+from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.exposures.tie import Ties
+from tests.reconstruct.exposures.rooms import PLACES, UNITS, truly
+
+# In coordinates and a unit of the stage's own.
+STAGE = Similarity(40.0, truly(PLACES, UNITS)[3].rotation, np.array([100.0, -30.0, 7.0]))
+
+
+def reported():
+    return {number: STAGE.after(one) for number, one in enumerate(truly(PLACES, UNITS))}
+
+
+def test_a_stage_that_reports_the_truth_agrees(four_tied):
+    off = displacements_px(four_tied, reported())
+    assert list(off) == [0, 1, 2, 3]
+    assert max(off.values()) < 0.5
+    assert disagreeing(four_tied, reported()) == {}
+
+
+def test_one_whose_place_is_wrong_is_named_and_no_other(four_tied):
+    given = reported()
+    given[2] = replace(given[2], translation=given[2].translation + np.array([10.0, 0, 0]))
+    assert list(disagreeing(four_tied, given)) == [2]
+
+
+def test_one_whose_place_lies_behind_the_others_is_infinitely_off(four_tied):
+    given = reported()
+    turned = Similarity(1.0, np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
+    given[1] = given[1].after(turned)
+    assert disagreeing(four_tied, given)[1] == np.inf
+
+
+def test_exposures_that_are_not_given_or_see_nothing_of_others_are_not_judged(four_tied):
+    given = reported()
+    del given[0]
+    assert list(displacements_px(four_tied, given)) == [1, 2, 3]
+    assert displacements_px(four_tied, {1: given[1]}) == {}
+    assert displacements_px(Ties((), None), given) == {}

@@ -1,0 +1,228 @@
+"""The plane sweep against its plain statement in numpy float64, and on scenes of known depth."""
+
+import numba
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.geometry.depth import kernels
+from gs2ci.reconstruct.geometry.depth.eight import FEATURES
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, cost_of_map, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.sweep import (
+    SweepSettings,
+    difference,
+    features_of,
+    inverse_depth_range,
+    plane_homographies,
+    sweep,
+)
+
+
+def cost_reference(reference, views, homographies, best, window):
+    """[H, W, F], [V, H, W, F], [D, V, 3, 3] -> [H, W, D]."""
+    height, width = reference.shape[:2]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    targets = np.einsum("dvij,jhw->dvihw", homographies, np.stack([x, y, np.ones_like(x)]))
+    return np.stack([cost_at(reference, views, places, best, window) for places in targets], axis=-1)
+
+
+def cost_of_map_reference(reference, views, inverse_depth, projections, best, window):
+    """[H, W, F], [V, H, W, F], [H, W], [V, 3, 4] -> [H, W]."""
+    y, x = np.mgrid[0 : reference.shape[0], 0 : reference.shape[1]].astype(np.float64)
+    targets = np.einsum("vij,jhw->vihw", projections, np.stack([x, y, np.ones_like(x), inverse_depth]))
+    return cost_at(reference, views, targets, best, window)
+
+
+def cost_at(reference, views, targets, best, window):
+    """[H, W, F], [V, H, W, F] at homogeneous places [V, 3, H, W] -> [H, W]."""
+    height, width = reference.shape[:2]
+    windows = []
+    for view, (x, y, z) in zip(views, targets, strict=True):
+        u, v = x / z, y / z
+        unseen = (u < 0) | (u > width - 1) | (v < 0) | (v > height - 1) | (z < 1e-3)
+        col, row = np.clip(u.astype(int), 0, width - 2), np.clip(v.astype(int), 0, height - 2)
+        a, b = (u - col)[..., None], (v - row)[..., None]
+        upper = (1 - a) * view[row, col] + a * view[row, col + 1]
+        lower = (1 - a) * view[row + 1, col] + a * view[row + 1, col + 1]
+        difference = np.abs((1 - b) * upper + b * lower - reference).sum(-1)
+        difference = np.where(unseen, kernels.UNSEEN_COST, np.minimum(difference, kernels.TRUNCATED_AT))
+        windows.append(box_mean(difference, window // 2))
+    return np.sort(windows, axis=0)[:best].mean(0)
+
+
+def box_mean(image, reach):
+    out = np.empty_like(image)
+    for r in range(image.shape[0]):
+        for c in range(image.shape[1]):
+            out[r, c] = image[max(r - reach, 0) : r + reach + 1, max(c - reach, 0) : c + reach + 1].mean()
+    return out
+
+
+def path_costs_reference(cost, axis, backwards):
+    cost = np.flip(np.moveaxis(cost, axis, 0), 0) if backwards else np.moveaxis(cost, axis, 0)
+    paths = cost.copy()
+    for i in range(1, len(cost)):
+        before = paths[i - 1]
+        least = before.min(-1, keepdims=True)
+        padded = np.pad(before, ((0, 0), (1, 1)), constant_values=np.inf)
+        step = np.minimum(padded[:, :-2], padded[:, 2:]) + kernels.SMALL_JUMP
+        paths[i] = cost[i] + np.minimum(np.minimum(before, step), least + kernels.LARGE_JUMP) - least
+    return np.moveaxis(np.flip(paths, 0) if backwards else paths, 0, axis)
+
+
+def random_case(height=21, width=39, views=4, planes=7, seed=0):
+    rng = np.random.default_rng(seed)
+    reference = rng.random((height, width, FEATURES)).astype(np.float32) * 0.2
+    others = rng.random((views, height, width, FEATURES)).astype(np.float32) * 0.2
+    homographies = np.tile(np.eye(3), (planes, views, 1, 1))
+    homographies[..., :2, 2] = rng.uniform(-3, 3, (planes, views, 2))
+    homographies[..., 2, :2] = rng.uniform(-1e-3, 1e-3, (planes, views, 2))
+    return reference, others, homographies
+
+
+@pytest.mark.parametrize(("height", "width"), [(21, 39), (70, 5), (4, 4), (2, 2), (33, 32)])
+@pytest.mark.parametrize(("best", "window"), [(1, 7), (3, 7), (2, 1), (2, 3), (2, 41)])
+def test_matching_cost_agrees_with_its_reference(height, width, best, window):
+    reference, others, homographies = random_case(height, width)
+    expected = cost_reference(reference.astype(np.float64), others.astype(np.float64), homographies, best, window)
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, best, window), expected, atol=2e-5)
+
+
+def random_map(height, width, seed=1):
+    """Return inverse depths with jumps, [H, W], some of them behind the last view, and projections, [4, 3, 4]."""
+    rng = np.random.default_rng(seed)
+    projections = np.concatenate([random_case(planes=1)[2][0], rng.uniform(-2, 2, (4, 3, 1))], axis=2)
+    projections[:, 2, 3] = [0.1, -0.1, 0.0, -1.5]
+    return rng.choice([0.2, 0.4, 0.9], (height, width)).astype(np.float32), projections
+
+
+@pytest.mark.parametrize(("height", "width"), [(21, 39), (70, 5), (4, 4), (2, 2), (33, 32)])
+@pytest.mark.parametrize(("best", "window"), [(1, 7), (3, 7), (2, 1), (2, 3), (2, 41)])
+def test_the_cost_of_a_map_agrees_with_its_reference(height, width, best, window):
+    reference, others, _ = random_case(height, width)
+    inverse_depth, projections = random_map(height, width)
+    expected = cost_of_map_reference(
+        reference.astype(np.float64), others.astype(np.float64), inverse_depth, projections, best, window
+    )
+    got = cost_of_map(reference, others, inverse_depth, projections, best, window)
+    np.testing.assert_allclose(got, expected, atol=2e-5)
+
+
+def test_the_difference_on_a_map_of_one_depth_is_the_cost_of_its_plane(seen):
+    scene, at = seen(), 0.45
+    features = features_of(scene.views, 0.5)
+    homographies = plane_homographies(scene.poses[1:], scene.intrinsics, np.array([at, at, at]))
+    cost = matching_cost(features[0], features[1:], homographies, max(1, (len(features) - 1) * 2 // 3), 5)
+    found = difference(np.full(scene.views.shape[1:3], at, np.float32), features, scene.poses, scene.intrinsics, 5)
+    assert np.ptp(found) > 0.05
+    np.testing.assert_allclose(found, cost[..., 1], atol=2e-5)
+
+
+def test_planes_behind_a_camera_count_as_unseen():
+    reference, others, homographies = random_case()
+    homographies[:, :, 2, 2] = -1
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, 2, 7), kernels.UNSEEN_COST, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(9, 40, 6), (1, 5, 3), (40, 1, 12)])
+def test_semi_global_smoothing_agrees_with_its_reference(shape):
+    cost = np.random.default_rng(0).random(shape).astype(np.float32)
+    double = cost.astype(np.float64)
+    along_rows = sum(path_costs_reference(double, 1, back) for back in (False, True))
+    total = along_rows + sum(path_costs_reference(double, 0, back) for back in (False, True))
+    got = sum_along_rows(cost)
+    np.testing.assert_allclose(got, along_rows, rtol=1e-5)
+    index = best_plane(cost, got)
+    best = total.argmin(-1)
+    inner = (best > 0) & (best < shape[2] - 1)
+    at = np.clip(best, 1, shape[2] - 2)[..., None]
+    before, here, after = (np.take_along_axis(total, at + k, -1)[..., 0] for k in (-1, 0, 1))
+    valley = at[..., 0] + (before - after) / (2 * (before - 2 * here + after))
+    np.testing.assert_allclose(index[inner], valley[inner], atol=1e-3)
+    assert (np.abs(index - best) <= 0.5 + 1e-6)[inner].all()
+
+
+def test_a_flat_cost_gives_a_finite_plane():
+    cost = np.zeros((4, 5, 6), np.float32)
+    assert np.isfinite(best_plane(cost, sum_along_rows(cost))).all()
+
+
+def test_threads_do_not_change_a_bit():
+    reference, others, homographies = random_case(70, 70)
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in (1, min(2, before)):
+            numba.set_num_threads(threads)
+            cost = matching_cost(reference, others, homographies, 2, 7)
+            of_map = cost_of_map(reference, others, *random_map(70, 70), 2, 7)
+            results.append(np.stack([best_plane(cost, sum_along_rows(cost)), of_map]))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(*results)
+
+
+def swept(scene, settings=None, span=(0.05, 2.0)):
+    return sweep(scene.views, scene.poses, scene.intrinsics, len(scene.views) // 2, span, settings or SweepSettings())
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("views", [2, 3, 5])
+def test_two_planes_are_found_at_their_depths(seen, channels, views):
+    scene = seen(views=views, channels=channels)
+    error = np.abs(swept(scene) - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.03
+    assert np.mean(error > 0.2) < 0.12  # the panel's rim
+
+
+def test_a_reduced_sweep_still_finds_them(seen):
+    scene = seen()
+    got = swept(scene, SweepSettings(planes=48, most_pixels=2700))
+    assert got.shape == scene.inverse_depth.shape
+    error = np.abs(got - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.06
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 50), (16, 16)])
+def test_small_images_are_swept(seen, size):
+    scene = seen(size=(20, 60))
+    views = np.ascontiguousarray(scene.views[:, : size[0], : size[1]])
+    got = sweep(views, scene.poses, scene.intrinsics, 2, (0.1, 1.0), SweepSettings(planes=3))
+    assert got.shape == size
+    assert got.min() >= 0.1 - 1e-6
+    assert got.max() <= 1.0 + 1e-6
+
+
+def test_views_without_texture_give_a_finite_depth(seen):
+    scene = seen()
+    scene.views[:] = 0.5
+    assert np.isfinite(swept(scene)).all()
+
+
+@pytest.mark.parametrize("window_px", [1, 15])
+def test_two_planes_are_found_through_other_windows(seen, window_px):
+    scene = seen()
+    error = np.abs(swept(scene, SweepSettings(window_px=window_px)) - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.05
+
+
+@pytest.mark.parametrize("window_px", [0, 6, -7, 257])
+def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
+    with pytest.raises(InputError, match=f"window_px = {window_px} in SweepSettings"):
+        SweepSettings(window_px=window_px).check()
+
+
+@pytest.mark.parametrize("blur_px", [0.0, -1.0, np.nan, np.inf])
+def test_a_blur_that_is_none_is_refused(blur_px):
+    with pytest.raises(InputError, match=r"blur_px = .* in SweepSettings"):
+        SweepSettings(blur_px=blur_px).check()
+
+
+def test_fewer_planes_than_a_parabola_needs_are_refused():
+    with pytest.raises(InputError, match="planes = 2 in SweepSettings"):
+        SweepSettings(planes=2).check()
+
+
+def test_range_reaches_from_near_infinity_to_beyond_the_nearest_track():
+    far, near = inverse_depth_range(np.linspace(0.5, 1.5, 101), SweepSettings())
+    assert far == pytest.approx(0.03)
+    assert near == pytest.approx(1.25 * 1.49)
