@@ -15,7 +15,6 @@
         ├── UnsupportedError       the device does not have this ability
         ├── OutOfRangeError        a value that the device cannot take
         ├── PathError              a stage did not follow its path while masks were shown
-        ├── PathError              a stage did not follow its path while masks were shown
         ├── WrongStateError        the call came in the wrong order
         ├── PlanRefusedError       a capture plan breaks limits; nothing was moved
         └── FrameError             the sensor and its triggers disagree

@@ -1,6 +1,6 @@
 """The middle or a corner of a measurement, for use when the whole would take too long.
 
-Here: `middle`, `corner`, the position of the middle, and the size for a given number of pixels. Not here: their uses.
+Here: `middle`, `corner`, the position of the middle, the size for a given number of pixels. Not here: their uses.
 """
 
 from dataclasses import replace
@@ -87,17 +87,3 @@ def size_of(shot: Shot, view_pixels: int, least_side: int = 1) -> tuple[int, int
     shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
     rows, columns = (max(min(side, least_side), round(side * shrink)) for side in (height, width))
     return rows, columns
-
-
-def middle_of(shot: Shot, view_pixels: int, least_side: int = 1) -> Shot:
-    """Crop the middle, so that the views have a given number of pixels together.
-
-    Args:
-        shot: A shot that is no larger is not cropped.
-        view_pixels: Approximate number of pixels of all views together.
-        least_side: Shortest side, px, unless the picture's own is shorter.
-
-    Returns:
-        The middle, unchecked: its masks may all be closed.
-    """
-    return middle(shot, size_of(shot, view_pixels, least_side))

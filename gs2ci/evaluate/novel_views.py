@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from scipy.linalg import expm, logm
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -80,28 +79,6 @@ def check_full_scale(path: Path, views: F32) -> None:
             allowed="full scale 1, or uint8 or uint16 with their own full scale",
             remedy="divide them by the value of white",
         )
-
-
-def beside_path(world_to_camera: F64) -> F64:
-    """Return two poses that are defined by a path and are not part of it, [2, 4, 4].
-
-    The first lies half way between the two middle poses, the second repeats the last step beyond the end. Both
-    transform with the path under any similarity of the world, so that those of a recovered path see the same as those
-    of the true one. If they were placed by aligning the whole path instead, they could be wrong by some degrees: in a
-    recovered path rotation can be exchanged for translation.
-
-    Args:
-        world_to_camera: A path, [N, 4, 4] with N >= 2.
-
-    Raises:
-        InputError: There are fewer than two poses.
-    """
-    if len(world_to_camera) < 2:
-        raise InputError(f"a path of {len(world_to_camera)} poses has no place beside it", allowed="2 or more")
-    before, after = world_to_camera[len(world_to_camera) // 2 - 1 :][:2]
-    half = expm(logm(after @ np.linalg.inv(before)) / 2).real @ before
-    beyond = world_to_camera[-1] @ np.linalg.inv(world_to_camera[-2]) @ world_to_camera[-1]
-    return np.stack([half, beyond])
 
 
 def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:

@@ -20,7 +20,6 @@ import torch
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
-from gs2ci.evaluate.order import depth_rank
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import look_closer
 from gs2ci.reconstruct.fit.refinement import Refinement
@@ -45,6 +44,7 @@ from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import SensorFigures
 from tests.processes import side_by_side
+from tests.tables.order import depth_rank
 
 SIZE = (96, 128)
 VIEWS = 8

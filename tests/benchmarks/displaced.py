@@ -17,7 +17,6 @@ import numpy as np
 
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -30,6 +29,7 @@ from tests.benchmarks.depth_order import COUNT, draw
 from tests.benchmarks.nonrigid import behind_one_pattern, exposed, exposed_by_one_pattern, videos
 from tests.processes import side_by_side
 from tests.stability.benches import Bench, still, turning
+from tests.tables.order import depth_rank
 
 MASKS = ("random", "one pattern")
 WITHOUT_PARALLAX = {"at rest": still, **{f"turns by {degrees:g}°": turning(degrees) for degrees in (0.1, 0.3, 1, 3)}}

@@ -23,7 +23,7 @@ from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view
-from gs2ci.evaluate.novel_views import NovelViews, beside_path
+from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
@@ -31,6 +31,7 @@ from gs2ci_sims.exact import ExactRenderer
 from tests.benchmarks.calibrated_reconstruction import BENCHES, take
 from tests.benchmarks.own_model_class import MESHES, RAYS_THROUGH_MESHES, taken
 from tests.benchmarks.photographs import expose
+from tests.tables.beside import beside_path
 
 FOLDER = Path(os.environ.get("GS2CI_SHARED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 

@@ -21,13 +21,12 @@ import torch
 
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.render.backend import load_backend
-from tests.tables.beside import BesideViews, scores_beside
+from tests.tables.beside import BesideViews, beside_path, scores_beside
 from tests.tables.cases import Case
 
 SIZE: Final = (96, 128)

@@ -25,7 +25,6 @@ import skimage.data
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
-from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import RegistrationSettings, register
@@ -34,6 +33,7 @@ from gs2ci_sims.scenes.meshes import MeshBuilder
 from gs2ci_sims.scenes.rectangles import Rectangle, box, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y
 from tests.processes import side_by_side
+from tests.tables.order import depth_rank
 
 SIZE, FINER, MOMENTS = (192, 240), 2, 3
 BACK = 6.0

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
-from gs2ci.evaluate.novel_views import beside_path
+from tests.tables.beside import beside_path
 
 _RAYS = 3
 """A side of the lattice of rays in a pixel."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.crop import middle, middle_of
+from gs2ci.core.crop import middle, size_of
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 
@@ -35,11 +35,11 @@ def test_the_middle_of_so_many_pixels_has_about_as_many_and_the_phase_of_the_mos
     rows, columns = np.mgrid[:90, :130]
     colour = (rows % 2 + columns % 2).astype(np.float32)[..., None]
     shot = Shot(colour, np.ones((2, 90, 130), np.float32), np.ones(2, np.float32), "RGGB")
-    left = middle_of(shot, 2000)
+    left = middle(shot, size_of(shot, 2000))
     assert 1700 < left.views * left.size[0] * left.size[1] < 2300
     assert left.measurement[0, 0, 0] == 0
 
 
 def test_sides_of_the_middle_stay_as_long_as_they_must_and_are(random_shot):
-    assert middle_of(random_shot, 1, least_side=18).size == (16, 18)
-    assert middle_of(random_shot, 10**9).size == random_shot.size
+    assert size_of(random_shot, 1, least_side=18) == (16, 18)
+    assert size_of(random_shot, 10**9) == random_shot.size

@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.novel_views import (
     NovelViews,
-    beside_path,
     poses_in_estimate,
     read_novel_views,
     score_novel_views,
@@ -150,23 +149,3 @@ def test_a_lone_array_is_refused(tmp_path):
     np.save(tmp_path / "novel.npy", np.zeros((2, 4, 5, 3)))
     with pytest.raises(InputError, match="holds no novel views"):
         read_novel_views(tmp_path / "novel.npy")
-
-
-def test_places_beside_a_rail_are_half_a_step_and_a_step_away():
-    rail = np.tile(np.eye(4), (6, 1, 1))
-    rail[:, 0, 3] = np.arange(6)
-    found = beside_path(rail)
-    np.testing.assert_allclose(found[:, 0, 3], [2.5, 6.0], atol=1e-12)
-    found[:, 0, 3] = 0
-    np.testing.assert_allclose(found, rail[:1].repeat(2, axis=0), atol=1e-12)
-
-
-def test_places_beside_a_path_move_with_it():
-    true_path = path(5, 0)
-    found = beside_path(moved(true_path, 2.5, TURN, SHIFT))
-    np.testing.assert_allclose(found, moved(beside_path(true_path), 2.5, TURN, SHIFT), atol=1e-9)
-
-
-def test_a_single_pose_has_no_place_beside_it():
-    with pytest.raises(InputError, match="a path of 1"):
-        beside_path(path(1, 0))

@@ -41,7 +41,6 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.environment import peak_mib, restart_peak
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
@@ -51,6 +50,7 @@ from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import FULL, Bench, Scale, build
 from tests.stability.cases import CASES, EASY, Case
 from tests.stability.order import by_chance, rank_error, unknowable
+from tests.tables.order import depth_rank, inside_out
 
 BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.

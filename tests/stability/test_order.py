@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.evaluate.order import depth_rank
 from gs2ci_sims.path import StageMove
 from tests.stability.benches import Bench, aside, build, still, turning
 from tests.stability.order import (
@@ -18,6 +17,7 @@ from tests.stability.order import (
     texture_per_px,
     unknowable,
 )
+from tests.tables.order import depth_rank
 
 SIZE = (48, 64)
 

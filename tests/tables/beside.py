@@ -1,7 +1,7 @@
 """True views of a measurement's scene from poses beside its path, read from a file, and the scores against them.
 
-Here: `NAME.beside.npz`, a file beside a measurement `NAME.npz`, and the figures of a scene seen from these poses. Not
-here: the poses (`gs2ci.evaluate.novel_views.beside_path`), the simulator's views from them (`cases`).
+Here: `NAME.beside.npz`, a file beside a measurement `NAME.npz`, these poses, and the figures of a scene seen
+from them. Not here: the simulator's views from them (`cases`).
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from typing import Final
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.linalg import expm, logm
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.crop import middle_begins
@@ -36,6 +37,28 @@ class BesideViews:
 
     views: F32
     depth: F32 | None = None
+
+
+def beside_path(world_to_camera: F64) -> F64:
+    """Return two poses that are defined by a path and are not part of it, [2, 4, 4].
+
+    The first lies half way between the two middle poses, the second repeats the last step beyond the end. Both
+    transform with the path under any similarity of the world, so that those of a recovered path see the same as those
+    of the true one. If they were placed by aligning the whole path instead, they could be wrong by some degrees: in a
+    recovered path rotation can be exchanged for translation.
+
+    Args:
+        world_to_camera: A path, [N, 4, 4] with N >= 2.
+
+    Raises:
+        InputError: There are fewer than two poses.
+    """
+    if len(world_to_camera) < 2:
+        raise InputError(f"a path of {len(world_to_camera)} poses has no place beside it", allowed="2 or more")
+    before, after = world_to_camera[len(world_to_camera) // 2 - 1 :][:2]
+    half = expm(logm(after @ np.linalg.inv(before)) / 2).real @ before
+    beyond = world_to_camera[-1] @ np.linalg.inv(world_to_camera[-2]) @ world_to_camera[-1]
+    return np.stack([half, beyond])
 
 
 def beside_file(file: str) -> Path:

@@ -23,7 +23,6 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci.core.storage import read_shot
-from gs2ci.evaluate.novel_views import beside_path
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
@@ -33,7 +32,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, ModulatorFigures, RigFigures
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.simulation_plan import PlanChoice, SimulationTask
-from tests.tables.beside import BesideViews, beside_file, read_beside
+from tests.tables.beside import BesideViews, beside_file, beside_path, read_beside
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0

@@ -18,8 +18,6 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
-from gs2ci.evaluate.novel_views import beside_path
-from gs2ci.evaluate.order import inside_out
 from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.choices import ModelName
@@ -37,9 +35,10 @@ from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.settings import Settings
-from tests.tables.beside import scores_beside
+from tests.tables.beside import beside_path, scores_beside
 from tests.tables.cases import Case
 from tests.tables.field_fit import FieldSettings, fit_field
+from tests.tables.order import inside_out
 
 _PUBLISHED: Final = GapTvSettings(weight=0.3, coupling=0.0)
 

@@ -33,7 +33,7 @@ class Figures:
         means: Per measure; None if no cell has a figure.
         spreads: Sample standard deviation over the seeds; None for less than two.
         count: Cells that succeeded. A cell with an error did not, nor did a result whose depth order is reversed
-            (`evaluate.order`), however good its views are.
+            (`order`), however good its views are.
         errors: The reasons of the other cells.
         known: Per measure: how many of the cells that succeeded have a figure; () if nobody counted.
     """

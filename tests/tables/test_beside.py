@@ -4,12 +4,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.beside_files import write_light_field, write_planes
 from tests.tables import works
-from tests.tables.beside import PLACES, BesideViews, beside_file, depth_beside, read_beside, scores_beside
+from tests.tables.beside import PLACES, BesideViews, beside_file, beside_path, depth_beside, read_beside, scores_beside
 from tests.tables.case_sets import file_cases
 from tests.tables.cases import Case
 from tests.tables.catalogue import TABLES, TableOptions
@@ -169,3 +170,38 @@ def test_the_light_field_is_coded_without_the_pictures_that_judge_it(tmp_path):
     told = read_beside(str(file), None)
     assert [round(255 * float(view.mean())) for view in told.views] == [50, 90]
     assert np.unique(told.depth).tolist() == [0, 0.5]
+
+
+def wandering(count):
+    """Cameras near the origin that look along z, and never along one line."""
+    rng = np.random.default_rng(0)
+    found = np.tile(np.eye(4), (count, 1, 1))
+    found[:, :3, :3] = Rotation.from_rotvec(0.1 * rng.standard_normal((count, 3))).as_matrix()
+    found[:, :3, 3] = 0.3 * rng.standard_normal((count, 3))
+    return found
+
+
+def test_places_beside_a_rail_are_half_a_step_and_a_step_away():
+    rail = np.tile(np.eye(4), (6, 1, 1))
+    rail[:, 0, 3] = np.arange(6)
+    found = beside_path(rail)
+    np.testing.assert_allclose(found[:, 0, 3], [2.5, 6.0], atol=1e-12)
+    found[:, 0, 3] = 0
+    np.testing.assert_allclose(found, rail[:1].repeat(2, axis=0), atol=1e-12)
+
+
+def test_places_beside_a_path_move_with_it():
+    true_path = wandering(5)
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), [0.4, -1.0, 0.2]
+    np.testing.assert_allclose(beside_path(true_path @ world), beside_path(true_path) @ world, atol=1e-9)
+    longer = true_path.copy()
+    longer[:, :3, 3] *= 2.5
+    expected = beside_path(true_path)
+    expected[:, :3, 3] *= 2.5
+    np.testing.assert_allclose(beside_path(longer), expected, atol=1e-9)
+
+
+def test_a_single_pose_has_no_place_beside_it():
+    with pytest.raises(InputError, match="a path of 1"):
+        beside_path(np.eye(4)[None])

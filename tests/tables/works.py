@@ -14,8 +14,6 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.evaluate.depth import DepthErrors
-from gs2ci.evaluate.novel_views import beside_path
-from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.report import Trajectory
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.tradeoff.store import Row
@@ -28,8 +26,9 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
-from tests.tables.beside import PLACES, BesideViews, depth_beside, scores_beside
+from tests.tables.beside import PLACES, BesideViews, beside_path, depth_beside, scores_beside
 from tests.tables.cases import Case
+from tests.tables.order import depth_rank, inside_out
 from tests.tables.variants import settings_of
 
 # One rendering takes a millisecond or two, and anything else on the machine disturbs it: the least of many is told.

@@ -41,8 +41,6 @@ ALIASES: Final[dict[Role, tuple[str, ...]]] = {
     "dark": ("dark", "darks", "dark_frame", "dark_field", "darkfield", "black", "background", "bias"),
 }
 _FLAGS: Final[dict[Role, str]] = {"measurement": "--meas-key", "masks": "--mask-key", "truth": "--truth-key"}
-# Left out by "none".
-LEFT_OUT: Final = "none"
 
 
 def key_of(container: Container, role: Role, said: str | None, guesses: list[str]) -> str | None:

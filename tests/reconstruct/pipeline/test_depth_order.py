@@ -1,11 +1,11 @@
 """A small motion whose order of depth tracks and short fits leave open: whole fits of both orders tell it."""
 
 from gs2ci.core.findings import Code
-from gs2ci.evaluate.order import depth_rank
 from gs2ci.reconstruct.hypotheses import turned
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from tests.benchmarks.depth_order import draw
+from tests.tables.order import depth_rank
 
 
 def test_what_hides_what_tells_near_from_far_where_nothing_else_does(monkeypatch):

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.findings import Code
 from gs2ci.core.lens import slopes_of
 from gs2ci.core.progress import Silent
-from gs2ci.evaluate.order import depth_rank
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -23,6 +22,7 @@ from gs2ci.reconstruct.geometry.sources.direct import at_rest
 from gs2ci.reconstruct.geometry.sources.displaced import DisplacedBlocks, displaced_motion, expected_error
 from gs2ci.reconstruct.measurement.displacements import BlockDisplacements
 from gs2ci.reconstruct.measurement.lens import Lens
+from tests.tables.order import depth_rank
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 SIZE, VIEWS, BLOCK_PX = (96, 128), 8, 16

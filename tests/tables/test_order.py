@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.order import depth_rank, inside_out
+from tests.tables.order import depth_rank, inside_out
 
 
 def slope():
