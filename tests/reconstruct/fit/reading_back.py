@@ -40,6 +40,8 @@ class Reads(TorchFunctionMode):
         result = function(*args, **(kwargs or {}))
         if name in READING:
             self.calls[name] += there
+            if name == "cpu":  # of the host's tensors it is the tensor itself
+                return result.detach()
         elif there:
             for one in tree_leaves(result):
                 if isinstance(one, Tensor):

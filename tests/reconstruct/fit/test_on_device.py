@@ -77,7 +77,7 @@ def test_an_iteration_waits_for_a_few_numbers_only(moving_plane, scattered, devi
     monkeypatch.setattr(Rendering, "_returned", lambda self, array: said_to_lie_there(returned(self, array)))
     with reads(list(fit.scene.parameters().values())) as count:
         iterate(fit, 8)
-    assert count.total == 8 * READS, count.calls
+    assert 8 * (READS - 1) < count.total <= 8 * READS, count.calls
 
 
 def test_a_whole_fit_ends_as_good_as_on_the_host(moving_plane, scattered, device):
