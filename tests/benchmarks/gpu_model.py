@@ -32,7 +32,8 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render import places
-from gs2ci.render.settings import RasterSettings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.interface import Backend
 from tests.benchmarks.gpu import SIZES
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 
@@ -125,10 +126,8 @@ def counting(counted: Counted) -> Iterator[None]:
         yield
 
 
-def state(count: int, size: tuple[int, int], views: int) -> FitState:
+def state(count: int, size: tuple[int, int], views: int, backend: Backend | None = None) -> FitState:
     """Return a fit of a random measurement, before its first iteration."""
-    from gs2ci.render.warp.backend import WarpBackend  # noqa: PLC0415  an extra
-
     scene, intrinsics = fitted_like(count, size)
     matrix, path = intrinsics.double().numpy(), small_motion(views).double().numpy()
     masks = random_masks(views, size, 0.25).numpy()
@@ -145,7 +144,7 @@ def state(count: int, size: tuple[int, int], views: int) -> FitState:
         verdict="full",
         notes=(),
     )
-    renderer = ShotRenderer(shot, matrix, WarpBackend(RasterSettings()))
+    renderer = ShotRenderer(shot, matrix, backend or load_backend("warp"))
     settings = replace(CoarseSettings(), surfaces=None, mask_moments_from=0.0)
     exposure = FittedExposure(Holdout(shot, np.zeros(size, bool)), renderer, geometry)
     return FitState([exposure], scene, settings, seed=0)
