@@ -5,8 +5,8 @@
 
 Errors against the definition, the same bits twice, then milliseconds of an iteration (coded rendering and its gradient)
 at four sizes, with the copies to and from the host and without them, beside the CPU's renderer on the same machine, and
-of an iteration of a fit whose tensors lie on the device. Then whole reconstructions by two presets, on the device and on
-the CPU, with their seconds by stage.
+of an iteration of a fit whose tensors lie on the device. Then whole reconstructions by two presets, on the device and
+on the CPU, with their seconds by stage.
 """
 
 import os
@@ -44,8 +44,8 @@ def run() -> None:
     _errors(WarpBackend(RasterSettings(termination_transmittance=0.0), backend.place))
     print(f"first rendering, with all compiling: {time.perf_counter() - began:.1f} s\n")
     print(
-        "| Gaussians | size | views | entries | ms, device | ms, with copies | ms, CPU renderer | ms, fit's iteration | "
-        "same bits twice |"
+        "| Gaussians | size | views | entries | ms, device | ms, with copies | ms, CPU renderer | "
+        "ms, fit's iteration | same bits twice |"
     )
     print("|---:|---|---:|---:|---:|---:|---:|---:|---|")
     for count, size, views in [(500, (48, 64), 4)] if small else SIZES:
