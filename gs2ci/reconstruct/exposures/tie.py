@@ -1,11 +1,11 @@
 """Exposures without telemetry brought into common coordinates, by what several of them see.
 
-    each exposure's pictures ─► similarities of pairs ─► loops closed ─► pairs that were missed, found again where loops
-    say they lie ─► paths and depths, from corners that several exposures see
+    each exposure's pictures ─► similarities of pairs ─► orders of depth ─► loops closed ─► pairs that were missed,
+    found again where loops say they lie ─► paths and depths, from corners that several exposures see
 
 Each exposure alone has coordinates and a unit of its own, and a depth that a small motion distorts. Here: the order of
-these steps, and what is left out and why. Not here: the steps (`pictures`, `pairs`, `loops`, `refined`), exposures
-whose path a stage reported (`placing`), files.
+these steps, and what is left out and why. Not here: the steps (`pictures`, `pairs`, `orders`, `loops`, `refined`),
+exposures whose path a stage reported (`placing`), files.
 """
 
 import itertools
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.exposures.loops import Closed, closed
+from gs2ci.reconstruct.exposures.orders import turn_the_wrong
 from gs2ci.reconstruct.exposures.pairs import Pair, tie_pair
 from gs2ci.reconstruct.exposures.pictures import MeanPicture, pictures_of
 from gs2ci.reconstruct.exposures.refined import Refined, refined
@@ -75,6 +76,7 @@ class Tied:
         scale_error: Of the scale, as a share.
         partners: Indices of exposures that see the same things.
         corners: How many of its corners others see.
+        turned: Whether the order of its depths was exchanged, because it has more in common with the others so.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Tied:
     scale_error: float
     partners: tuple[int, ...]
     corners: int
+    turned: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,16 +143,20 @@ def tie(exposures: Sequence[Untied]) -> Ties:
     tried = _likely(pictures, textured)
     found = in_threads(lambda pair: tie_pair(pictures[pair[0]], pictures[pair[1]]), tried)
     pairs = {pair: one for pair, one in zip(tried, found, strict=True) if one is not None}
+    geometries = {number: exposures[number].geometry for number in finite}
+    turned = turn_the_wrong({number: exposures[number].views for number in finite}, geometries, pictures, pairs)
     frame = closed(pairs, len(exposures))
     pairs |= _found_again(pictures, frame, pairs)
     frame = closed(pairs, len(exposures))
     if len(frame.similarities) < 2:
         return Ties(tuple(_left_out(one, k, finite, textured, pairs, frame) for k, one in enumerate(exposures)), None)
-    known = {number: exposures[number].geometry for number in frame.similarities}
+    known = {number: geometries[number] for number in frame.similarities}
     views = {number: exposures[number].views for number in known}
     better = refined(views, known, frame.similarities, frame.pairs)
     every = (
-        _tied(exposures, k, better, frame) if k in known else _left_out(one, k, finite, textured, pairs, frame)
+        _tied(one.name, k, better, frame, turned=k in turned)
+        if k in known
+        else _left_out(one, k, finite, textured, pairs, frame)
         for k, one in enumerate(exposures)
     )
     return Ties(tuple(every), better.distance_px)
@@ -200,11 +207,11 @@ def _found_again(
     return {pair: one for pair, one in zip(missed, in_threads(again, missed), strict=True) if one is not None}
 
 
-def _tied(exposures: Sequence[Untied], number: int, better: Refined, frame: Closed) -> Tied:
+def _tied(name: str, number: int, better: Refined, frame: Closed, *, turned: bool) -> Tied:
     turn, place, scale = better.errors[number]
     partners = sorted({k for pair in frame.pairs if number in pair for k in pair} - {number})
     return Tied(
-        exposures[number].name,
+        name,
         better.similarities[number],
         better.geometries[number],
         float(np.degrees(turn)),
@@ -212,6 +219,7 @@ def _tied(exposures: Sequence[Untied], number: int, better: Refined, frame: Clos
         float(scale),
         tuple(partners),
         better.corners[number],
+        turned,
     )
 
 

@@ -85,6 +85,7 @@ def exposure(name, at, seed=0, unit=1.0, noise=0.0, poses=None, **room):
         parallax_px=5.0,
         verdict=Verdict.FULL,
         notes=(),
+        order_errors=10.0,
     )
     return Untied(name, views, geometry)
 

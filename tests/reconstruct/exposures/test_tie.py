@@ -8,6 +8,7 @@ import pytest
 from gs2ci.reconstruct.exposures import tie as module
 from gs2ci.reconstruct.exposures.tie import NotTied, Tied, Why, tie
 from gs2ci.reconstruct.geometry.kinds import Verdict
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from tests.reconstruct.exposures.rooms import (
     PLACES,
     SIZE,
@@ -98,6 +99,17 @@ def test_an_inverted_depth_is_put_right(four):
     true = four[1].geometry.inverse_depth
     assert np.corrcoef(inverted.ravel(), true.ravel())[0, 1] < -0.9
     assert np.corrcoef(found.geometry.inverse_depth.ravel(), true.ravel())[0, 1] > 0.9
+
+
+def test_one_whose_order_is_open_and_wrong_is_turned_and_no_right_one(four):
+    open_order = [replace(one, geometry=replace(one.geometry, order_errors=1.0)) for one in four]
+    wrong = replace(open_order[1], geometry=reversed_geometry(open_order[1].geometry))
+    found = tie([open_order[0], wrong, *open_order[2:]])
+    assert [one.turned for one in found.tied.values()] == [False, True, False, False]
+    check(found, four, truly(PLACES, UNITS), 1.5)
+    true = four[1].geometry.inverse_depth
+    assert np.corrcoef(wrong.geometry.inverse_depth.ravel(), true.ravel())[0, 1] < -0.9
+    assert np.corrcoef(found.tied[1].geometry.inverse_depth.ravel(), true.ravel())[0, 1] > 0.9
 
 
 def test_one_without_a_path_is_tied_and_its_path_is_found(four):
