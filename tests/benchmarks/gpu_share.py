@@ -32,8 +32,6 @@ ON_DEVICE = (
     "iteration: surfaces' term",
     "iteration: finite",
     "iteration: Gaussians' step",
-    "iteration: poses' step",
-    "iteration: gradient by poses",
     "iteration: exchange of turning",
     "iteration: field of depth",
     "fit: error blended back",
