@@ -3,6 +3,7 @@
 Here: the question, for renderers and fits alike. Not here: the choice of a device (`devices.py`).
 """
 
+import torch
 from torch import Tensor
 
 _everywhere = False
@@ -13,6 +14,11 @@ def count_host_as_device(*, yes: bool) -> None:
     """Let the host's tensors be treated as a device's, or no longer: for tests, and to count a device's work."""
     global _everywhere  # noqa: PLW0603
     _everywhere = yes
+
+
+def is_apart(device: torch.device) -> bool:
+    """Tell whether a device is another one than the host."""
+    return _everywhere or device.type != "cpu"
 
 
 def on_device(tensor: Tensor) -> bool:

@@ -153,9 +153,10 @@ class CoarseRun:
         stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
         loop.stopped = stopped
         self._fit.restore(loop.best)
+        scene = loop.best.scene.map(Tensor.cpu)
         return tuple(
             CoarseFit(
-                scene=loop.best.scene.map(Tensor.cpu),
+                scene=scene,
                 world_to_camera=one.path(),
                 views=one.views(self._fit.scene),
                 curve=self.curve,

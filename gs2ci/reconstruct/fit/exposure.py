@@ -20,7 +20,7 @@ from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.places import on_device
+from gs2ci.render.places import is_apart
 from gs2ci.render.screen import ScreenStatistics
 
 
@@ -62,8 +62,8 @@ class ExposureState:
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         shot, seen = holdout.shot, ~holdout.pixels
         given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
-        there = on_device(torch.empty(0, device=renderer.device))
-        self._data_term: Term = DataTermOnDevice(*given, renderer.device) if there else DataTerm(*given)
+        apart = is_apart(renderer.device)
+        self._data_term: Term = DataTermOnDevice(*given, renderer.device) if apart else DataTerm(*given)
 
     @property
     def awaits_moments(self) -> bool:
