@@ -79,7 +79,7 @@ def _outcome(backend, scene: Gaussians, poses, intrinsics, masks, weights) -> di
 
 
 def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) -> None:
-    from gs2ci.render.warp.rendering import Inputs, Rendering  # noqa: PLC0415
+    from gs2ci.render.warp.rendering import Rendering, SceneInputs  # noqa: PLC0415
 
     scene, intrinsics = fitted_like(count, size)
     poses, masks = small_motion(views), random_masks(views, size, 0.25)
@@ -87,7 +87,7 @@ def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) ->
     padded = np.concatenate([weights.reshape(-1, 3), np.zeros((weights[..., 0].size, 1), np.float32)], axis=1)
     coding = backend.code(masks).coding
     fields = (scene.means, scene.log_scales, scene.quaternions, scene.opacity_logits, scene.colours, poses)
-    inputs = Inputs.of(*fields)
+    inputs = SceneInputs.of(*fields)
 
     def iterate() -> list[np.ndarray]:
         rendering = Rendering(inputs, intrinsics, coding, 1e-4)

@@ -24,7 +24,7 @@ from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
 from gs2ci.render.warp.coding import OpenBlocks, code
 from gs2ci.render.warp.lists import WarpReuse
-from gs2ci.render.warp.rendering import Blended, Inputs, Rendering
+from gs2ci.render.warp.rendering import Blended, Rendering, SceneInputs
 
 _FULL_CODINGS_KEPT: Final = 4
 
@@ -47,7 +47,7 @@ class _Job:
     screen: ScreenStatistics | None = None
     reuse: WarpReuse | None = None
 
-    def render(self, inputs: Inputs) -> Rendering:
+    def render(self, inputs: SceneInputs) -> Rendering:
         return Rendering(inputs, self.intrinsics, self.coding, self.termination, self.reuse)
 
     def saw(self, sightings: Tensor) -> None:
@@ -117,7 +117,7 @@ class WarpBackend:
     ) -> tuple[Image, Pull]:
         """Render the coded sum, and differentiate it without a graph; see `AdjointBackend`."""
         job = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, None)
-        rendering: Rendering | None = job.render(Inputs.of(*_parameters(scene, world_to_camera, None)))
+        rendering: Rendering | None = job.render(SceneInputs.of(*_parameters(scene, world_to_camera, None)))
         assert rendering is not None
         image = rendering.gathered()[:, :3].reshape(*mask_set.size, 3)
 
@@ -193,7 +193,7 @@ class WarpBackend:
         job = self._job(self._full_coding(shape, sampling), intrinsics, sampling)
         # What light looks like does not matter here.
         plain = _parameters(scene, world_to_camera, times, scene.colours)
-        maps = job.render(Inputs.of(*plain)).stopped()
+        maps = job.render(SceneInputs.of(*plain)).stopped()
         return StoppedLight(*(maps[:, k].reshape(shape).clone() for k in range(4)))
 
     def _job(
@@ -240,7 +240,7 @@ def device_named(name: str | None) -> str:
 def _parameters(
     scene: Gaussians, world_to_camera: Tensor, times: Tensor | None, colours: Tensor | None = None
 ) -> tuple[Tensor, ...]:
-    """Return what is rendered in the order of `Inputs`, float32, so that float64 poses get float64 gradients."""
+    """Return what is rendered in the order of `SceneInputs`, float32, so that float64 poses get float64 gradients."""
     times = None if times is None else times.to(scene.means.device)
     if colours is None:
         colours = scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera, times)

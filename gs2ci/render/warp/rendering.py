@@ -27,7 +27,7 @@ def _one_at_a_time(device: str) -> AbstractContextManager[object]:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SceneInputs:
     """A scene and poses, float32 and contiguous: on the rendering device, where they are shared, or on the host.
 
     Args:
@@ -47,14 +47,14 @@ class Inputs:
     poses: Tensor
 
     @classmethod
-    def of(cls, *tensors: Tensor) -> "Inputs":
+    def of(cls, *tensors: Tensor) -> "SceneInputs":
         """Take tensors in the order of the fields."""
         return cls(*(one.detach().to(torch.float32).contiguous() for one in tensors))
 
 
 @dataclass(frozen=True)
-class Gradients:
-    """Gradients by the fields of `Inputs`, beside these, and what each Gaussian's sightings were, [G, 3]."""
+class SceneGradients:
+    """Gradients by the fields of `SceneInputs`, beside these, and what each Gaussian's sightings were, [G, 3]."""
 
     means: Tensor
     log_scales: Tensor
@@ -78,7 +78,7 @@ class Rendering:
 
     def __init__(
         self,
-        inputs: Inputs,
+        inputs: SceneInputs,
         intrinsics: Tensor,
         coding: OpenBlocks,
         termination: float,
@@ -132,7 +132,7 @@ class Rendering:
         self._launch(gather, self._coding.outputs, inputs, [out])
         return self._returned(out)
 
-    def differentiate(self, gradient: Tensor) -> Gradients:
+    def differentiate(self, gradient: Tensor) -> SceneGradients:
         """Return the gradients of an objective, given that by the outputs, [outputs, 4]."""
         coding, lists, count = self._coding, self._lists, self._gaussians
         pulled = self._sent(gradient.detach().to(torch.float32).contiguous(), wp.vec4)
@@ -172,7 +172,7 @@ class Rendering:
         means, log_scales, quaternions, logits, colours, sightings = map(self._returned, found)
         means, colours = (one.reshape(shape) for one, shape in zip((means, colours), self._shapes, strict=True))
         of_poses = self._returned(poses).reshape(self._views, 4, 4)
-        return Gradients(means, log_scales, quaternions, logits, colours, of_poses, sightings)
+        return SceneGradients(means, log_scales, quaternions, logits, colours, of_poses, sightings)
 
     def stopped(self) -> Tensor:
         """Return depth, spread, stopped and nearby light of each output, [outputs, 4]."""
@@ -230,8 +230,8 @@ class Blended(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, job: Any, *parameters: Tensor) -> Tensor:
-        """Render; `parameters` in the order of `Inputs`, `job` makes the rendering and takes its sightings."""
-        ctx.job, ctx.rendering = job, job.render(Inputs.of(*parameters))
+        """Render; `parameters` in the order of `SceneInputs`, `job` makes the rendering and takes its sightings."""
+        ctx.job, ctx.rendering = job, job.render(SceneInputs.of(*parameters))
         ctx.save_for_backward(*parameters)
         outputs: Tensor = ctx.rendering.gathered()
         return outputs
