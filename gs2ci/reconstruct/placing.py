@@ -21,7 +21,7 @@ _ENTRY_BYTES: Final = 64
 # Blocks of pixels that a Gaussian of a view touches in the mean: 14 at most in a draft of 48 × 64 px, in whole views;
 # in coded sums, whose blocks are larger, 8.
 _BLOCKS: Final = 16
-# Of a fit: parameters, gradients, moments and passing copies of a Gaussian; pictures of the loss; costs of a plane sweep.
+# Of a fit: parameters, gradients, moments and passing copies of a Gaussian; pictures of the loss; costs of a sweep.
 _GAUSSIAN_BYTES: Final = 14 * 4 * 8
 _PICTURES: Final = 40
 _SWEPT_COPIES: Final = 5
