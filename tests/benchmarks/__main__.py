@@ -30,6 +30,7 @@ BENCHMARKS = (
     "mechanism_files",
     "simulated_capture",
     "continuous",
+    "grain",
     "video_out",
     "proxies",
     "compiling",
