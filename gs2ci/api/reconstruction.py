@@ -5,8 +5,9 @@ Here: the order of these, with the progress shown. Not here: what arguments chan
 """
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
@@ -35,11 +36,14 @@ if TYPE_CHECKING:
     from gs2ci.reconstruct.fit.density.base import DensityRule
     from gs2ci.reconstruct.hypotheses.plan import RacePlan
 
+_SHOT_FILES: Final = (".h5", ".hdf5")
+
 
 def reconstruct(
-    shot: Shot | str | Path,
+    shot: Shot | str | Path | Sequence[Shot | str | Path],
     preset: PresetName = "standard",
     *,
+    together: bool = False,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
     first_look: FirstLookName | None = None,
@@ -69,7 +73,10 @@ def reconstruct(
     written.
 
     Args:
-        shot: A shot, or a file that `load` takes.
+        shot: A shot, or a file that `load` takes; with `together` several of them, or a file of several exposures.
+        together: Recover one scene from several exposures of it: from all of a file, or of a list. Each keeps its own
+            views and path; those that nothing ties to the others are left out by name. Not with a budget, and only of
+            scenes that stand still.
         preset: Speed or quality: "draft" is a first look, "standard" the default, "fine" takes several times as long
             and ends with the fine stage, "paper" uses the constants of the GS2CI paper's system: 20,000 iterations
             without held-out pixels, and the scene's own views. Each other option changes only what it names.
@@ -140,9 +147,10 @@ def reconstruct(
     """
     began_s = time.monotonic() - command_age_s()
     check_overrides(iterations, fits, focal_px, seed)
-    measured = with_focal_of(shot, focal_px)
+    shots = [with_focal_of(one, focal_px) for one in every_exposure(shot, together=together)]
     from gs2ci.api.overrides import Overrides, budget_seconds, score_against_truth, settings_of
     from gs2ci.reconstruct import pipeline
+    from gs2ci.reconstruct.exposures.joint import reconstruct_together
     from gs2ci.reconstruct.presets.budget import Budget
 
     overrides = Overrides(
@@ -166,12 +174,18 @@ def reconstruct(
         seed=seed,
     )
     budget_s = budget_seconds(budget, preset, overrides)
+    if together and budget_s is not None:
+        raise InputError("--together within a budget", allowed="a preset", remedy="leave out one of the two")
     settings, halt = settings_of(preset, overrides), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, overrides.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         prepare_first_run(settings.backend, display)
-        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
-    return Run.of(measured, found.result, found.scene)
+        scores = [score_against_truth(one) for one in shots]
+        if together:
+            joint = reconstruct_together(shots, settings, display, scores, halt)
+            return Run.of(joint.shot, joint.result, joint.scene)
+        found = pipeline.reconstruct(shots[0], settings, display, scores[0], within, halt)
+    return Run.of(shots[0], found.result, found.scene)
 
 
 def foresee(
@@ -211,6 +225,35 @@ def foresee(
 
     with shown(progress) as display:
         return pipeline.plan(measured, settings_of(preset, Overrides(**overrides)), display)
+
+
+def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, together: bool) -> list[Shot | str | Path]:
+    """Return the shots to reconstruct: one, or with `together` all of a list, those of a shot file one by one.
+
+    Raises:
+        InputError: There are several, and they are not to be reconstructed together; or there is none.
+        StorageError: A shot file cannot be read.
+    """
+    given = [shot] if isinstance(shot, Shot | str | Path) else list(shot)
+    if not together:
+        if len(given) != 1:
+            raise InputError(
+                f"{len(given)} shots to reconstruct",
+                allowed="one, or several with together=True, for one scene",
+                remedy="give together=True, or reconstruct each by itself (gs2ci.reconstruct_many)",
+            )
+        return given
+    from gs2ci.core.storage import count_shots, read_shot
+
+    found: list[Shot | str | Path] = []
+    for one in given:
+        if isinstance(one, Shot) or Path(one).suffix.lower() not in _SHOT_FILES:
+            found.append(one)
+        else:
+            found += [read_shot(Path(one), number) for number in range(count_shots(Path(one)))]
+    if not found:
+        raise InputError("no exposure to reconstruct", allowed="one or more")
+    return found
 
 
 def with_focal_of(shot: Shot | str | Path, focal_px: float | None) -> Shot:

@@ -145,8 +145,8 @@ class Run:
         return png_of(row_of(shown))
 
     def _repr_html_(self) -> str:
-        from gs2ci.api.summary import summary_rows
         from gs2ci.core.notebook import card
+        from gs2ci.evaluate.summary import summary_rows
 
         facts = [(name, f"{value}  {remark}".rstrip()) for name, value, remark in summary_rows(self.report)]
         notes = [("" if k else "notes", note.advice) for k, note in enumerate(self.report.notes)]

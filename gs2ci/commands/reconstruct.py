@@ -4,8 +4,9 @@ Here: the arguments, and the order read → reconstruct → write → print. Not
 (`gs2ci.api.reconstruction`).
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -18,6 +19,11 @@ from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MOST_MOMENTS, RuleName
 
+if TYPE_CHECKING:
+    from gs2ci.api.runs import Run
+    from gs2ci.core.progress import Progress
+    from gs2ci.core.records import Shot
+
 
 @with_options_of(reconstruction.reconstruct, without=("progress",))
 def run(
@@ -25,7 +31,7 @@ def run(
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
-    index: int | None = None,
+    index: int | str | None = None,
     density: RuleName | None = None,
     moments: int | None = None,
     overwrite: bool = False,
@@ -45,7 +51,8 @@ def run(
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The run folder to write; for many exposures, the folder of their run folders.
-        index: Which shot of the file; by default the first.
+        index: Which shot of the file; by default the first. With --together, which of each file, 3 or a range such as
+            0:8; by default all.
         moments: Also write this many pictures spread evenly over the exposure: slow motion, if there are more of them
             than masks. They show the scene alone, at times and poses between those of the masks.
         overwrite: Replace an earlier run at the same place.
@@ -68,6 +75,25 @@ def run(
     overrides["density"] = density
     reconstruction.check_overrides(overrides["iterations"], overrides["fits"], overrides["focal_px"], overrides["seed"])
     check_whole("--moments", moments, 2, MOST_MOMENTS)
+    together = overrides.pop("together")
+    if together and (explain_plan or scheduler or processes is not None or moments is not None):
+        raise InputError(
+            "--together with --explain-plan, --moments, --processes or --scheduler",
+            allowed="one reconstruction of all exposures, in this process",
+            remedy="leave these options out",
+        )
+    if isinstance(index, str) and not together:
+        raise InputError(f"--index {index}", allowed="a whole number; a range only with --together")
+    if together:
+        return _write_run(
+            lambda display: reconstruction.reconstruct(
+                chosen_exposures((shot, *more), index), together=True, progress=display, **overrides
+            ),
+            output,
+            overwrite=overwrite,
+            json=json,
+        )
+    assert not isinstance(index, str)
     if explain_plan:
         _explain(shot, index or 0, more=bool(more) or every, **overrides)
         return output
@@ -94,12 +120,25 @@ def run(
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index or 0)
+    return _write_run(
+        lambda display: reconstruction.reconstruct(measured, progress=display, **overrides),
+        output,
+        overwrite=overwrite,
+        json=json,
+        moments=moments,
+    )
+
+
+def _write_run(
+    found_with: "Callable[[Progress], Run]", output: Path, *, overwrite: bool, json: bool, moments: int | None = None
+) -> Path:
+    """Reconstruct, write the run folder, and print or answer what came of it."""
     from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
     with answered(as_text=not json) as answer:
         with open_display() as display:
-            found = reconstruction.reconstruct(measured, progress=display, **overrides)
+            found = found_with(display)
             display.stage("report")
             found.save(output, overwrite=overwrite, moments=moments)
         print_summary(output)
@@ -108,6 +147,41 @@ def run(
         # The run was written, but the exit status tells a script that it was cut short.
         raise KeyboardInterrupt
     return output
+
+
+def chosen_exposures(files: Sequence[Path], index: int | str | None) -> "list[Shot]":
+    """Read the exposures of files that are to share a scene.
+
+    Args:
+        files: Shot files.
+        index: Which of each: a number, a range such as 0:8, or None for all.
+
+    Raises:
+        InputError: The range is none, or a file does not hold these.
+        StorageError: A file cannot be read.
+    """
+    from gs2ci.core.storage import count_shots, read_shot
+
+    found = []
+    for file in files:
+        count = count_shots(file)
+        numbers = range(count)[_range(index)] if index is not None else range(count)
+        if not numbers:
+            raise InputError(f"{file} has no exposures {index}", allowed=f"0 to {count - 1}", remedy="see --index")
+        found += [read_shot(file, number) for number in numbers]
+    return found
+
+
+def _range(index: int | str) -> slice:
+    """Return the slice that a number or a range such as 0:8 names."""
+    first, colon, last = str(index).partition(":")
+    try:
+        begin, end = (int(part) if part.strip() else None for part in (first, last))
+    except ValueError as error:
+        raise InputError(f"--index {index}", allowed="a whole number, or a range such as 0:8") from error
+    if (begin or 0) < 0 or (end or 0) < 0 or (begin is None and not colon):
+        raise InputError(f"--index {index}", allowed="whole numbers from 0")
+    return slice(begin, end) if colon else slice(begin, (begin or 0) + 1)
 
 
 def _explain(shot: Path, index: int, *, more: bool, **overrides: Any) -> None:

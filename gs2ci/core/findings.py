@@ -18,7 +18,7 @@ from typing import Any, Final
 
 Figure = float | int | str | list[int]
 
-TOPICS: Final = ("devices", "fits", "measurement", "geometry", "sources", "result")
+TOPICS: Final = ("devices", "fits", "measurement", "geometry", "sources", "result", "exposures")
 """Files of `sentences/`."""
 
 
@@ -237,6 +237,11 @@ class Code(StrEnum):
     STAND_IN = auto()
     FINE_UNCHANGED = auto()
     FINE_LEFT_OUT = auto()
+
+    # Several exposures.
+    EXPOSURES_TOGETHER = auto()
+    EXPOSURE_LEFT_OUT = auto()
+    OF_EXPOSURE = auto()
 
     # The result.
     VIEWS_COMBINED = auto()

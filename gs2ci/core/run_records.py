@@ -89,6 +89,8 @@ class RunResult:
         race: What became of each hypothesis of path, depth order and motion, in the order of entering.
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
+        exposures: Of each of several exposures, whose views follow one another: its name, its first view and their
+            number, what its held-out pixels say, how its path was found; empty for one.
         device: What rendered: "cpu", or a CUDA device with its model.
     """
 
@@ -123,6 +125,7 @@ class RunResult:
     motion: Mapping[str, Any] = field(default_factory=dict)
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
+    exposures: Sequence[Mapping[str, Any]] = ()
     device: str = "cpu"
 
     def check(self) -> "RunResult":

@@ -320,6 +320,21 @@ class Machine(ReportSection):
     system: str
 
 
+class ExposureSection(ReportSection):
+    """One of several exposures that share a scene; its views follow those of the exposures before it.
+
+    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it.
+    """
+
+    name: str
+    first_view: Count
+    views: Count
+    verdict: Verdict
+    heldout_rms: HeldOut
+    path: str
+    moved: Moved | None
+
+
 class Report(ReportSection):
     """One run.
 
@@ -354,6 +369,7 @@ class Report(ReportSection):
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     race: list[RaceEntry] = []
+    exposures: list[ExposureSection] = []
     measured: MeasurementSection
     simulation: Simulation | None = None
     peak_mib: Number

@@ -68,6 +68,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "registration": dict(result.registration) or None,
         "motion": dict(result.motion) or None,
         "race": [dict(entry) for entry in result.race],
+        "exposures": [dict(one) for one in result.exposures],
         "measured": _measured(shot),
         "simulation": simulation,
         "peak_mib": round(environment.peak_mib(), 1),

@@ -41,23 +41,26 @@ class Outcome:
 
 def outcome(report: Report) -> Outcome:
     """Return what was recovered; the headline also says what was not."""
-    count = f"{report.views} view{'s' if report.views != 1 else ''}"
+    count, source = f"{report.views} view{'s' if report.views != 1 else ''}", from_exposures(report)
     if report.verdict == "decode":
-        return Outcome(f"{count} from one exposure; the scene does not explain them yet", "Views only", "poor")
+        return Outcome(f"{count} {source}; the scene does not explain them yet", "Views only", "poor")
     missing = {
         "rotation_only": "rotations alone explain the points, so depth stays open",
         "static": "the camera stood still, so depth stays open",
         "unsupported": "camera path and depth are not supported",
     }
     if report.geometry is not None and report.geometry.verdict in missing:
-        return Outcome(f"{count} from one exposure; {missing[report.geometry.verdict]}", "Views, no depth", "mixed")
+        return Outcome(f"{count} {source}; {missing[report.geometry.verdict]}", "Views, no depth", "mixed")
     if report.found(Code.FIT_DIVERGED):
-        return Outcome(
-            f"{count} and a scene from one exposure, kept from before the fit failed", "With doubts", "mixed"
-        )
+        return Outcome(f"{count} and a scene {source}, kept from before the fit failed", "With doubts", "mixed")
     if _path_is_uncertain(report):
-        return Outcome(f"{count} and a scene from one exposure; the camera path is uncertain", "With doubts", "mixed")
-    return Outcome(f"{count}, the camera path and the scene in 3D, from one exposure", "Recovered", "good")
+        return Outcome(f"{count} and a scene {source}; the camera path is uncertain", "With doubts", "mixed")
+    return Outcome(f"{count}, the camera path and the scene in 3D, {source}", "Recovered", "good")
+
+
+def from_exposures(report: Report) -> str:
+    """Say from how many exposures a run was made."""
+    return f"from {len(report.exposures)} exposures" if len(report.exposures) > 1 else "from one exposure"
 
 
 def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:

@@ -23,6 +23,7 @@ from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
+from gs2ci.evaluate.summary import summary_rows
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -80,6 +81,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
+        PageSection("Exposures", _exposures(report), "One scene, and the views and the path of each exposure."),
         PageSection("Quality against time", _curve(report) + _race(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
     ]
@@ -148,31 +150,10 @@ def _where_from(report: Report) -> str:
 
 
 def _figures(report: Report) -> list[FigureOfMerit]:
-    """Choose the most important figures."""
-    found = []
-    if report.psnr_db is not None:
-        each = report.psnr_db.per_view
-        found.append(
-            FigureOfMerit(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}")
-        )
-    if report.ssim is not None and report.decode.ssim is not None:
-        found.append(FigureOfMerit(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
-    if report.heldout_rms is not None:
-        found.append(FigureOfMerit(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
-    else:
-        found.append(FigureOfMerit(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
-    if report.trajectory is not None and report.trajectory.nate is not None:
-        path = report.trajectory
-        remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
-        found.append(FigureOfMerit(f"{path.nate:.4f}", "Path error (nATE)", remark))
-    if report.depth is not None:
-        off, rest = report.depth.errors().in_words()
-        found.append(FigureOfMerit(off, "Depth, median", rest))
-    found.append(
-        FigureOfMerit(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores")
-    )
-    found.append(FigureOfMerit(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
-    return found
+    """Return the most important figures: the summary's, without what only completes another."""
+    judged = report.heldout_rms is not None
+    rest = ("rotation", "residual") if judged else ("rotation",)
+    return [FigureOfMerit(value, name, remark) for name, value, remark in summary_rows(report) if name not in rest]
 
 
 def _views(report: Report, pictures: RunPictures) -> Markup:
@@ -348,6 +329,35 @@ def _curve(report: Report) -> Markup:
     return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no curve to show.")
 
 
+def _exposures(report: Report) -> Markup:
+    """List what each of several exposures gave."""
+    if len(report.exposures) < 2:
+        return Markup()
+
+    def said(value: float | None) -> str:
+        return "" if value is None else f"{value:.4f}"
+
+    def better(first: int, views: int) -> str:
+        known = None if report.psnr_db is None else report.psnr_db.per_view[first : first + views]
+        return "" if not known else f"{sum(known) / len(known):.2f}"
+
+    rows = [
+        [
+            one.name,
+            f"{one.first_view} to {one.first_view + one.views - 1}",
+            one.path,
+            said(one.heldout_rms.decode),
+            said(one.heldout_rms.scene),
+            said(one.heldout_rms.of(one.verdict)),
+            better(one.first_view, one.views),
+        ]
+        for one in report.exposures
+    ]
+    headings = ("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB")
+    shown = [number for number in range(len(headings)) if any(row[number] for row in rows)]
+    return pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
+
+
 def _race(report: Report) -> Markup:
     """Show who led when, and what became of each hypothesis."""
     colours: tuple[Colour, ...] = ("accent", "truth", "third", "fourth", "fifth", "muted")
@@ -428,7 +438,7 @@ def _measurement(report: Report) -> Markup:
     sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}
     rows: list[tuple[str, Any]] = [
         ("pixels", f"{width} × {height}, {colours}"),
-        ("masks in one exposure", report.views),
+        ("masks in one exposure" if not report.exposures else "masks in all exposures", report.views),
     ]
     if report.geometry is not None:
         focal = f"{describe_number(report.geometry.focal_px)} px {sources[report.geometry.focal_source]}"

@@ -1,0 +1,106 @@
+"""Exposures observed one by one, each as a measurement of its own, before they share a scene.
+
+Here: the record of an observed exposure, and how several are observed. Not here: what an observation is (`observe`),
+how exposures come into common coordinates (`placing`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.exposures.placing import moved, placed
+from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.fit.exposure import FittedExposure
+from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.observe import Observed, Tools, observe
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedExposure:
+    """What is known of one exposure before anything is fitted.
+
+    Args:
+        number: Its place among those given.
+        name: Its name.
+        observed: The measurement, its decoded views, path and depth, in its own coordinates.
+    """
+
+    number: int
+    name: str
+    observed: Observed
+
+    @property
+    def geometry(self) -> Geometry:
+        """Get its path and depth, in its own coordinates."""
+        return self.observed.first.geometry
+
+    @property
+    def shot(self) -> Shot:
+        """Get its measurement, registered."""
+        return self.observed.registered.shot
+
+    def in_common(self, common_from_own: Similarity) -> "PlacedExposure":
+        """Return it in common coordinates, with its first Gaussians."""
+        fits, first = self.observed.fits, self.observed.first
+        geometry, start = fits.beginning(first, first.decoded)
+        return PlacedExposure(self, placed(geometry, common_from_own), moved(start, common_from_own))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedExposure:
+    """An exposure in common coordinates.
+
+    Args:
+        of: As it was observed.
+        geometry: Its path and depth, the camera matrix in pixels of the sensor.
+        start: Its first Gaussians.
+    """
+
+    of: ObservedExposure
+    geometry: Geometry
+    start: Gaussians
+
+    def renderer(self) -> ShotRenderer:
+        """Return a renderer of its measurement."""
+        fits = self.of.observed.fits
+        backend = load_backend(fits.settings.backend, fits.settings.raster)
+        return ShotRenderer(fits.fitted.shot, self.geometry.intrinsics, backend, fits.lens, fits.mask_moments)
+
+    def to_fit(self) -> FittedExposure:
+        """Return what a fit is given for it."""
+        fits = self.of.observed.fits
+        return FittedExposure(fits.fitted, self.renderer(), self.geometry, fits.refine.decode, fits.score)
+
+
+def observe_all(
+    shots: Sequence[Shot], settings: Settings, tools: Tools, progress: Progress, scores: Sequence[Score | None]
+) -> Iterator[ObservedExposure]:
+    """Observe exposures of one camera in turn; arguments and errors as of `joint.reconstruct_together`.
+
+    Where the camera matrix is not known, that estimated for the first exposure is taken for all. Pixels are held out by
+    draws of each exposure's own, so that repeats of a path do not hold out the same.
+    """
+    intrinsics = shots[0].intrinsics
+    for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
+        own = replace(settings, seed=_seed(settings.seed, number))
+        given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
+        observed = observe(given, own, tools, progress, score, Halt(), None, hurried=False)
+        if intrinsics is None:
+            intrinsics = observed.first.geometry.intrinsics
+        yield ObservedExposure(number, shot.name, observed)
+
+
+def _seed(seed: int, number: int) -> int:
+    """Return the seed of an exposure: the given one for the first."""
+    if number == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, 0xE1, number]).generate_state(1, np.uint64)[0] >> 1)

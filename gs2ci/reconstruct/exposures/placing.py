@@ -1,0 +1,149 @@
+"""Exposures in common coordinates: paths, depths and first Gaussians brought there, and the tie by a stage.
+
+Each exposure alone has the axes of its own reference view and the median depth of its own scene as its unit. The common
+coordinates are those of the first exposure.
+
+Here: a geometry and Gaussians brought into other coordinates, the similarities that a stage's poses give, and the first
+Gaussians of all exposures together. Not here: similarities from matched features (`loops`), the fit (`joint`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.kinds import PathSource
+from gs2ci.render.gaussians import Gaussians, joined
+
+# Paths coincide if no camera sees the scene's median depth displaced by more than this, px: less than decoded views
+# resolve.
+_SAME_PATH_PX: Final = 0.25
+
+
+def placed(geometry: Geometry, common_from_own: Similarity) -> Geometry:
+    """Return a geometry in the common coordinates."""
+    scale, errors = common_from_own.scale, geometry.pose_errors
+    return replace(
+        geometry,
+        world_to_camera=common_from_own.poses(geometry.world_to_camera),
+        inverse_depth=(geometry.inverse_depth / scale).astype(np.float32),
+        view_depths=tuple(
+            replace(one, inverse_depth=(one.inverse_depth / scale).astype(np.float32)) for one in geometry.view_depths
+        ),
+        unit=None if geometry.unit is None else geometry.unit / scale,
+        pose_errors=None if errors is None else replace(errors, position=errors.position * scale),
+        other_order=None,
+    )
+
+
+def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int, Similarity]:
+    """Return common_from_own of the exposures whose paths a stage gave, by index; none if not that of the first.
+
+    A stage reports all exposures of a session in one frame and one unit, and each single path was checked against its
+    own views before it was taken (`geometry.choose`).
+    """
+    given = {
+        number: (shot.telemetry_world_to_camera[geometry.reference], geometry.unit)
+        for number, (shot, geometry) in enumerate(zip(shots, geometries, strict=True))
+        if geometry.source == PathSource.STAGE and shot.telemetry_world_to_camera is not None
+    }
+    known = {number: (pose, unit) for number, (pose, unit) in given.items() if unit is not None}
+    if 0 not in known:
+        return {}
+    first, unit = known[0]
+    found = {}
+    for number, (pose, own) in known.items():
+        between = first @ np.linalg.inv(pose)
+        found[number] = Similarity(own / unit, between[:3, :3], between[:3, 3] / unit)
+    return found
+
+
+def displacement_px(one: Geometry, other: Geometry) -> float:
+    """Return how far two paths in common coordinates displace the scene's median depth, px, where they differ most.
+
+    Infinite if they have different numbers of views.
+    """
+    if len(one.world_to_camera) != len(other.world_to_camera):
+        return math.inf
+    depth = 1 / float(np.median(one.inverse_depth))
+    change = other.world_to_camera @ np.linalg.inv(one.world_to_camera)
+    ahead = change @ np.array([0.0, 0.0, depth, 1.0])
+    focal = float(one.intrinsics[0, 0])
+    shift = np.linalg.norm(ahead[:, :2] / ahead[:, 2:3], axis=1)
+    # A turn about the line of sight moves the border, half a picture's diagonal away.
+    turn = np.linalg.norm(change[:, :3, 0] - (1, 0, 0), axis=1) * math.hypot(*one.inverse_depth.shape) / 2
+    return float(np.max(focal * shift + turn))
+
+
+def repeats(geometries: Sequence[Geometry]) -> tuple[tuple[int, ...], ...]:
+    """Group exposures whose paths coincide, in the order of the first of each group; geometries as of `placed`."""
+    groups: list[list[int]] = []
+    for number, geometry in enumerate(geometries):
+        for group in groups:
+            if displacement_px(geometries[group[0]], geometry) <= _SAME_PATH_PX:
+                group.append(number)
+                break
+        else:
+            groups.append([number])
+    return tuple(tuple(group) for group in groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The first Gaussians of all exposures.
+
+    Args:
+        scene: In common coordinates.
+        growth: How many times as many there are as in the first exposure alone.
+    """
+
+    scene: Gaussians
+    growth: float
+
+
+def first_of_all(starts: Mapping[int, Gaussians], geometries: Mapping[int, Geometry]) -> Start:
+    """Join the first Gaussians of exposures; of each, those that no earlier exposure's reference view shows.
+
+    Args:
+        starts: Of each exposure, in common coordinates, by index.
+        geometries: Likewise.
+    """
+    parts: list[Gaussians] = []
+    before: list[Geometry] = []
+    for number in sorted(starts):
+        scene = starts[number]
+        new = torch.from_numpy(~_shown(scene.means.double().numpy(), before))
+        parts.append(scene.map(partial(_rows, chosen=new)))
+        before.append(geometries[number])
+    together = joined(parts)
+    return Start(together, len(together) / len(parts[0]))
+
+
+def _rows(tensor: Tensor, chosen: Tensor) -> Tensor:
+    return tensor[chosen]
+
+
+def moved(scene: Gaussians, common_from_own: Similarity) -> Gaussians:
+    """Return round Gaussians in the common coordinates."""
+    means = common_from_own.points(scene.means.double().numpy())
+    log_scales = scene.log_scales + math.log(common_from_own.scale)
+    return replace(scene, means=torch.from_numpy(means).float(), log_scales=log_scales)
+
+
+def _shown(points: F64, geometries: Sequence[Geometry]) -> Bool:
+    """Tell which points, [P, 3], the reference views of geometries show in their pictures."""
+    found = np.zeros(len(points), bool)
+    for one in geometries:
+        pixels, _ = project(points, one.world_to_camera[one.reference], one.intrinsics)
+        found |= in_picture(pixels, one.inverse_depth.shape)
+    return found

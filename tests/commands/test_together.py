@@ -1,0 +1,97 @@
+"""`gs2ci reconstruct --together`: which exposures share a scene, and the run folder."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gs2ci
+from gs2ci.commands import reconstruct
+from gs2ci.commands.reconstruct import chosen_exposures
+from gs2ci.core.errors import InputError
+from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.report import read_report
+from tests.exposed_rooms import adjacent, room
+
+SIZE = (32, 40)
+QUICK = {"preset": "draft", "iterations": 12, "registration": "off"}
+
+
+@pytest.fixture(scope="module")
+def shots():
+    return adjacent(room(0, SIZE), SIZE, 0, 2)
+
+
+@pytest.fixture(scope="module")
+def files(shots, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shots")
+    return [write_shots(folder / f"{number}.h5", [shot]) for number, shot in enumerate(shots)]
+
+
+@pytest.fixture(scope="module")
+def folder(files, tmp_path_factory):
+    output = tmp_path_factory.mktemp("run") / "run"
+    return reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
+
+
+@pytest.mark.slow
+def test_the_run_folder_holds_the_views_of_all_exposures(folder, shots):
+    report = read_report(folder)
+    assert report.views == 16
+    assert [(one.name, one.first_view, one.views) for one in report.exposures] == [("path 0", 0, 8), ("path 1", 8, 8)]
+    assert report.trajectory is not None
+    assert len(json.loads((folder / "cameras.json").read_text())["frames"]) == 16
+    page = (folder / "report.html").read_text()
+    assert "from 2 exposures" in page
+    assert "path 1" in page
+    run = gs2ci.open_run(folder)
+    assert run.views.shape == (16, *SIZE, 3)
+    assert run.depth.shape == (16, *SIZE)
+
+
+@pytest.mark.slow
+def test_python_takes_a_list_or_a_file_of_several(folder, shots, files):
+    found = gs2ci.reconstruct(shots, together=True, progress=gs2ci.Silent(), **QUICK)
+    assert np.array_equal(found.views, gs2ci.open_run(folder).views)
+    alone = gs2ci.reconstruct(files[0], together=True, progress=gs2ci.Silent(), **QUICK)
+    assert alone.views.shape == (8, *SIZE, 3)
+    assert alone.report.exposures == []
+
+
+def test_several_shots_are_reconstructed_together_only_if_that_is_asked_for(shots):
+    with pytest.raises(InputError, match="2 shots to reconstruct"):
+        gs2ci.reconstruct(shots, progress=gs2ci.Silent())
+    with pytest.raises(InputError, match="no exposure to reconstruct"):
+        gs2ci.reconstruct([], together=True, progress=gs2ci.Silent())
+    with pytest.raises(InputError, match="within a budget"):
+        gs2ci.reconstruct(shots, together=True, budget="60s", progress=gs2ci.Silent())
+
+
+@pytest.fixture(scope="module")
+def three(shots, tmp_path_factory):
+    """One file of three exposures under the same masks."""
+    return write_shots(tmp_path_factory.mktemp("three") / "shots.h5", [shots[0]] * 3)
+
+
+def test_an_index_chooses_exposures_of_each_file(three, files):
+    assert [len(chosen_exposures([three], index)) for index in (None, 1, "1", "0:2", "1:", ":1")] == [3, 1, 1, 2, 2, 1]
+    assert len(chosen_exposures([three, files[0]], None)) == 4
+
+
+@pytest.mark.parametrize("index", ["a", "0:b", "-1:2", -1, "", "7", "3:9"])
+def test_an_index_that_names_none_is_refused(three, index):
+    with pytest.raises(InputError, match=r"--index|no exposures"):
+        chosen_exposures([three], index)
+
+
+@pytest.mark.parametrize(
+    "options", [{"explain_plan": True}, {"moments": 3}, {"processes": 2}, {"scheduler": "tcp://one:8786"}]
+)
+def test_what_several_exposures_cannot_have_is_refused(files, tmp_path, options):
+    with pytest.raises(InputError, match="--together with"):
+        reconstruct.run(files[0], tmp_path / "run", together=True, **options)
+
+
+def test_a_range_is_refused_where_exposures_share_no_scene(three, tmp_path):
+    with pytest.raises(InputError, match="only with --together"):
+        reconstruct.run(three, tmp_path / "run", index="0:2")

@@ -1,0 +1,114 @@
+"""One scene from several exposures: what is recovered, what is recorded, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.findings import Code
+from gs2ci.core.summed import summed
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.exposures.joint import reconstruct_together
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.reconstruct.registration.register import RegistrationSettings
+from tests.exposed_rooms import adjacent, room
+
+SIZE = (48, 64)
+SETTINGS = replace(preset("draft"), registration=RegistrationSettings("off"))
+
+
+@pytest.fixture(scope="module")
+def shots():
+    return adjacent(room(0, SIZE), SIZE, 0, 3, noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def together(shots):
+    return reconstruct_together(shots, SETTINGS)
+
+
+@pytest.mark.slow
+def test_all_exposures_lie_on_one_path_and_show_one_scene(shots, together):
+    truth = np.concatenate([shot.truth.world_to_camera for shot in shots])
+    assert trajectory_errors(together.result.world_to_camera, truth).nate < 0.005
+    assert together.result.views.shape == (24, *SIZE, 3)
+    views = np.concatenate([shot.truth.views for shot in shots])
+    assert np.mean(psnr_per_view(together.result.scene_views, views)) > 25
+    assert together.left_out == ()
+    assert Code.EXPOSURES_TOGETHER in {note.code for note in together.result.notes}
+
+
+@pytest.mark.slow
+def test_the_record_of_all_is_that_of_the_sum_of_the_readings(shots, together):
+    whole = summed(shots, "sum")
+    assert together.shot.views == whole.views
+    left = whole.measurement - together.result.predicted_measurement
+    assert np.sqrt(np.mean(left**2)) < 0.1
+    told = together.result.exposures
+    assert [(one["name"], one["first_view"], one["views"]) for one in told] == [
+        (shot.name, 8 * number, 8) for number, shot in enumerate(shots)
+    ]
+    assert all(one["path"] == "stage" for one in told)
+
+
+@pytest.mark.slow
+def test_each_exposure_shows_the_scene_as_its_own_part_of_the_record_does(together):
+    at = 0
+    for part in together.parts:
+        assert np.array_equal(part.views, together.result.views[at : at + 8])
+        assert np.array_equal(part.depth, together.result.depth[at : at + 8])
+        at += 8
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_scene(shots, together):
+    again = reconstruct_together(shots, SETTINGS)
+    assert np.array_equal(again.result.views, together.result.views)
+
+
+@pytest.mark.slow
+def test_one_exposure_alone_is_fitted_as_a_reconstruction_of_it_fits(shots):
+    still = replace(SETTINGS, motion="off", look_again=False, try_orders=False)
+    joint = reconstruct_together(shots[:1], still)
+    single = pipeline.reconstruct(shots[0], still)
+    # The race may add hypotheses; the fit of the first is the same, look by look.
+    assert [(point.iteration, point.loss, point.heldout) for point in joint.result.curve] == [
+        (point.iteration, point.loss, point.heldout) for point in single.result.curve
+    ]
+    assert np.array_equal(joint.result.scene_views, single.result.scene_views)
+    assert joint.result.exposures == ()
+
+
+@pytest.mark.slow
+def test_an_exposure_that_nothing_ties_is_left_out_by_name_and_changes_nothing(shots, together):
+    stray = replace(shots[0], telemetry_world_to_camera=None, name="stray")
+    found = reconstruct_together([*shots, stray], SETTINGS)
+    assert [note.figures["name"] for note in found.left_out] == ["stray"]
+    assert np.array_equal(found.result.views, together.result.views)
+
+
+@pytest.mark.slow
+def test_exposures_that_nothing_ties_are_refused(shots):
+    untold = [replace(shot, telemetry_world_to_camera=None) for shot in shots[:2]]
+    with pytest.raises(GeometryError, match="nothing ties"):
+        reconstruct_together(untold, SETTINGS)
+
+
+def test_exposures_of_different_cameras_are_refused(shots):
+    smaller = adjacent(room(0, (40, 64)), (40, 64), 0, 1)
+    with pytest.raises(InputError, match="size"):
+        reconstruct_together([shots[0], *smaller], SETTINGS)
+    with pytest.raises(InputError, match="no exposures"):
+        reconstruct_together([], SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"motion": "on"}, "things move"), ({"fine": preset("fine").fine}, "fine stage")],
+)
+def test_what_several_exposures_cannot_have_is_refused(shots, changes, said):
+    with pytest.raises(InputError, match=said):
+        reconstruct_together(shots, replace(SETTINGS, **changes))
