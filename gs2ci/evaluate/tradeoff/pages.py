@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
+from gs2ci.evaluate.tradeoff.exposures import KNOB, draw_exposures, exposure_sentences
 from gs2ci.evaluate.tradeoff.front import measure_of, pareto, sentences
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, TradeoffRecord, Tried
 from gs2ci.evaluate.tradeoff.store import Row
@@ -24,7 +25,7 @@ from gs2ci.evaluate.tradeoff.trials import KNOBS
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
-    "stopped", "error",
+    "stopped", "exposures", "capture_s", "error",
 )  # fmt: skip
 # Distinguishable also with red-green blindness (Okabe and Ito 2008); the ladder is black.
 _COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
@@ -56,7 +57,9 @@ class Tradeoff:
 
 
 def write_pages(folder: Path, found: Tradeoff) -> list[Path]:
-    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`, each completely or not at all; return their paths.
+    """Write `tradeoff.csv`, `.png` and `.md`, and `exposures.png` if these were tried; return their paths.
+
+    Each is written completely or not at all.
 
     Raises:
         StorageError: The disk refuses.
@@ -64,7 +67,13 @@ def write_pages(folder: Path, found: Tradeoff) -> list[Path]:
     picture = io.BytesIO()
     draw(found).savefig(picture, format="png", dpi=150)
     made: dict[str, bytes | str] = {"csv": as_csv(found.rows), "png": picture.getvalue(), "md": markdown(found)}
-    return [write_whole(folder / f"tradeoff.{ending}", content, parents=True) for ending, content in made.items()]
+    pages = [write_whole(folder / f"tradeoff.{ending}", content, parents=True) for ending, content in made.items()]
+    measure = measure_of(found.good)
+    if measure is None or not any(row["knob"] == KNOB for row in found.good):
+        return pages
+    picture = io.BytesIO()
+    draw_exposures(found.good, measure, found.name).savefig(picture, format="png", dpi=150)
+    return [*pages, write_whole(folder / "exposures.png", picture.getvalue(), parents=True)]
 
 
 def as_csv(rows: Sequence[Row]) -> str:
@@ -111,6 +120,7 @@ def markdown(found: Tradeoff) -> str:
 def spoken(found: Tradeoff) -> list[str]:
     """Return sentences on what was found, what failed and what was left out."""
     said = sentences(found.good) if found.good else []
+    said += exposure_sentences(found.good, measure_of(found.good))
     said += [f"{row['trial']} failed: {row['error']}" for row in found.rows if "error" in row]
     said += [f"{name} was left out: it would take about {spoken_duration(s)}." for name, s in found.left_out.items()]
     return said
@@ -147,6 +157,6 @@ def draw(found: Tradeoff) -> Figure:
 
 def _key(row: Row, number: int) -> Line2D:
     """Return a line of the legend: the trial's number and name, in the colour of what it changes."""
-    knob = KNOBS.index(row["knob"])
+    knob = (*KNOBS, KNOB).index(row["knob"])
     marker, colour = "o" if knob == 0 else _MARKERS[knob // len(_COLOURS)], _COLOURS[knob % len(_COLOURS)]
     return Line2D([], [], linestyle="", marker=marker, color=colour, label=f"{number}  {row['trial']}")
