@@ -1,4 +1,4 @@
-"""Accuracy against time as a section of a run's page: in words, as a chart with the Pareto front, as a table.
+"""Accuracy against time in words, as a chart with the Pareto front, as a table: a page, or a section of a run's.
 
 Here: the section's layout. Not here: the record and its reading (`gs2ci.evaluate.tradeoff.record`), the sentences and
 the trials (the rest of `gs2ci.evaluate.tradeoff`).
@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import PageSection
+from gs2ci.evaluate.pages.frame import PageSection, page
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, Measure, TradeoffRecord, Tried
 
 LEAD: Final = (
@@ -33,10 +33,16 @@ class _Point:
     value: float
 
 
+def tradeoff_page(record: TradeoffRecord) -> str:
+    """Build a page of it alone."""
+    return page(record.name, [tradeoff_section(record)], eyebrow="gs2ci tradeoff")
+
+
 def tradeoff_section(record: TradeoffRecord) -> PageSection:
     """Build the section."""
     said = pieces.sentences(record.sentences, empty="Nothing was tried with success.")
-    return PageSection("What accuracy costs", _chart(record) + said + _table(record) + _origin(record), LEAD)
+    shown = _chart(record) + _exposures(record) + said + _table(record) + _origin(record)
+    return PageSection("What accuracy costs", shown, LEAD)
 
 
 def _chart(record: TradeoffRecord) -> Markup:
@@ -61,6 +67,23 @@ def _chart(record: TradeoffRecord) -> Markup:
     return pieces.chart(
         drawn, caption="Left is quicker, up is better. A number is the trial's row in the table.", tabled=False
     )
+
+
+def _exposures(record: TradeoffRecord) -> Markup:
+    """Return quality against the number of exposures together, if several numbers were tried."""
+    measure = record.measure
+    tried = (
+        [] if measure is None else [one for one in record.trials if one.exposures and getattr(one, measure) is not None]
+    )
+    tried.sort(key=lambda one: one.exposures or 0)
+    if measure is None or len(tried) < 2:
+        return Markup()
+    numbers, values = [float(one.exposures or 0) for one in tried], [getattr(one, measure) for one in tried]
+    names = [f"{one.seconds:.0f} s" for one in tried]
+    line = Line("exposures together", numbers, values, "accent", names=names)
+    words = f"{TITLES[measure]} against exposures: {values[0]:.2f} dB with {numbers[0]:g} to {values[-1]:.2f} dB with "
+    drawn = Chart([line], "exposures together", TITLES[measure], f"{words}{numbers[-1]:g}", x_log=True)
+    return pieces.chart(drawn, caption="Beside the points: seconds of computing.", tabled=False)
 
 
 def _cloud(label: str, points: Sequence[_Point], colour: Colour) -> Line:

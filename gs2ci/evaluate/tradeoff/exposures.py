@@ -1,8 +1,9 @@
-"""Quality against the number of exposures that are reconstructed together: trials, what the next one is worth, a chart.
+"""Quality against the number of exposures that are reconstructed together: trials, and what the next one is worth.
 
 Each trial takes the first exposures of the file, that which was asked for among them as the first, and is judged by the
 views of this one: against their truth, and by pixels of its measurement that no trial saw. Here: these trials, their
-sentences, their chart. Not here: other settings (`trials`), the reconstruction (`gs2ci.reconstruct.exposures.joint`).
+sentences. Not here: other settings (`trials`), the chart (`gs2ci.evaluate.pages.tradeoff_section`), the reconstruction
+(`gs2ci.reconstruct.exposures.joint`).
 """
 
 import math
@@ -12,13 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
-from gs2ci.evaluate.tradeoff.record import TITLES, Measure
+from gs2ci.evaluate.tradeoff.record import Measure
 from gs2ci.evaluate.tradeoff.store import Row
 from gs2ci.evaluate.tradeoff.trials import BASELINE, JUDGED_SHARE, JUDGES, RMS_FLOOR, TradeoffTrial
 from gs2ci.evaluate.trajectory import trajectory_errors
@@ -151,26 +151,3 @@ def _known(rows: Sequence[Row], measure: Measure) -> list[Row]:
     """Return the rows of exposures whose quality is known, one for each number, fewest first."""
     own = {row["exposures"]: row for row in rows if row.get("knob") == KNOB and row.get(measure) is not None}
     return [own[number] for number in sorted(own)]
-
-
-def draw_exposures(rows: Sequence[Row], measure: Measure, name: str) -> Figure:
-    """Draw quality against the number of exposures, with the seconds of computing beside each."""
-    known = _known(rows, measure)
-    numbers, figures = [row["exposures"] for row in known], [row[measure] for row in known]
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.add_subplot()
-    axes.plot(numbers, figures, color="#0072b2", marker="o")
-    for number, value, row in zip(numbers, figures, known, strict=True):
-        axes.annotate(
-            spoken_duration(row["seconds"]), (number, value), (5, -12), textcoords="offset points", fontsize=8
-        )
-    axes.set_xscale("log", base=2)
-    axes.set_xticks(numbers, [str(number) for number in numbers])
-    axes.minorticks_off()
-    axes.set_xlabel("exposures together (seconds of computing at the points)")
-    axes.set_ylabel(TITLES[measure])
-    axes.set_title(f"What exposures are worth: {name}", loc="left", fontsize=11)
-    axes.grid(color="#e4e4e4", linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.margins(x=0.12, y=0.12)
-    return figure
