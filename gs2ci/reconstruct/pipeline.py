@@ -27,6 +27,7 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -92,12 +93,16 @@ def reconstruct(
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     moved = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     fits.clock.lap("fit")
+    look, sure = raced.look.with_decode_of(raced.first), None
+    if settings.uncertainty:
+        sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
+        fits.clock.lap("uncertainty")
     doubts = (*seen.doubts, *_said_if_halted(halt, progress))
-    look = raced.look.with_decode_of(raced.first)
     left = Left(
         *(seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved),
         mask_moments=fits.mask_moments,
         placement=placement,
+        uncertainty=sure,
     )
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
 
