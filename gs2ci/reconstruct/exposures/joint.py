@@ -37,6 +37,7 @@ from gs2ci.reconstruct.observe import Tools
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -201,6 +202,7 @@ def _part(
         recovered,
         None,
         fits.mask_moments,
+        how_sure(first, geometry, raced.ensemble, recovered, renderer, light) if settings.uncertainty else None,
     )
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}
