@@ -205,9 +205,9 @@ class OpenRig:
         """
         from gs2ci.core.storage.sealing import check_target
         from gs2ci.rig.recording import record
-        from gs2ci.rig.until import MOST, Target, Until, check_judged, solve_together
+        from gs2ci.rig.until import MOST, CaptureTarget, Until, check_judged, solve_together
 
-        path, target = Path(path), None if until is None else Target.parse(until)
+        path, target = Path(path), None if until is None else CaptureTarget.parse(until)
         check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
         if self._devices is None and self._session is None:
             self.log_to(path)

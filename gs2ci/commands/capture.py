@@ -58,10 +58,10 @@ def run(
     from gs2ci.api.rigs import open_rig
     from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
-    from gs2ci.rig.until import MOST, Target, check_judged
+    from gs2ci.rig.until import MOST, CaptureTarget, check_judged
 
     if until is not None:
-        Target.parse(until)
+        CaptureTarget.parse(until)
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     with answered(as_text=not json) as answer:

@@ -37,7 +37,7 @@ _RANGES: Final[dict[Kind, tuple[float, float]]] = {"views": (5.0, 80.0), "depth"
 
 
 @dataclass(frozen=True)
-class Target:
+class CaptureTarget:
     """What is asked of a capture.
 
     Args:
@@ -49,7 +49,7 @@ class Target:
     value: float
 
     @classmethod
-    def parse(cls, text: str) -> "Target":
+    def parse(cls, text: str) -> "CaptureTarget":
         """Read a target as users type it.
 
         Raises:
@@ -68,7 +68,7 @@ class Target:
             raise InputError(f"--until {text!r}", allowed=_ALLOWED) from error
 
     @classmethod
-    def _within(cls, kind: Kind, value: float, text: str) -> "Target":
+    def _within(cls, kind: Kind, value: float, text: str) -> "CaptureTarget":
         least, most = _RANGES[kind]
         if not least <= value <= most:
             raise InputError(f"--until {text!r}", allowed=_ALLOWED)
@@ -140,7 +140,7 @@ class Until:
         solve: Reconstructs exposures together.
     """
 
-    target: Target
+    target: CaptureTarget
     most: int
     now_s: Callable[[], float]
     say: Callable[[str], object]

@@ -9,7 +9,7 @@ import pytest
 
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.rig.session import SessionLog
-from gs2ci.rig.until import Target, Until, check_judged
+from gs2ci.rig.until import CaptureTarget, Until, check_judged
 from gs2ci_drivers.plan import Mode
 
 
@@ -48,7 +48,7 @@ def judged(text, solve, most=32, counts=range(1, 33)):
     """Judge one exposure after another; return at which counts something was solved, and what was said."""
     bench, solved = Bench(), []
     until = Until(
-        Target.parse(text),
+        CaptureTarget.parse(text),
         most,
         bench.now_s,
         bench.said.append,
@@ -73,7 +73,7 @@ def judged(text, solve, most=32, counts=range(1, 33)):
     ],
 )
 def test_views_depth_and_time_can_be_asked_for(text, kind, value):
-    assert Target.parse(text) == Target(kind, value)
+    assert CaptureTarget.parse(text) == CaptureTarget(kind, value)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_views_depth_and_time_can_be_asked_for(text, kind, value):
 )
 def test_anything_else_is_refused_with_what_is_allowed(text):
     with pytest.raises(InputError, match="--until") as caught:
-        Target.parse(text)
+        CaptureTarget.parse(text)
     assert "35dB" in caught.value.allowed
     assert "10min" in caught.value.allowed
 
@@ -139,17 +139,17 @@ def test_what_says_nothing_of_the_target_or_fails_ends_nothing():
 def test_a_result_without_any_depth_gives_no_figure():
     nowhere = result()
     nowhere.depth[:] = 0
-    assert Target("depth", 1.0).figure(nowhere) is None
-    assert Target("views", 30.0).figure(result(views=0.0)) == pytest.approx(120)
+    assert CaptureTarget("depth", 1.0).figure(nowhere) is None
+    assert CaptureTarget("views", 30.0).figure(result(views=0.0)) == pytest.approx(120)
 
 
 def test_a_time_needs_no_reconstruction_and_counts_from_the_beginning():
     bench = Bench(seconds=100.0)
-    until = Until(Target.parse("10min"), 32, bench.now_s, bench.said.append, None)
+    until = Until(CaptureTarget.parse("10min"), 32, bench.now_s, bench.said.append, None)
     log = SessionLog(SimpleNamespace(name="shot.h5", with_name=lambda name: name), "off")
     assert not until(Taken(1), log)
     bench.seconds = 701.0
     assert until(Taken(2), log)
     assert bench.said == ["2 exposures together: 10 min 01 s, asked for 10 min 00 s"]
-    assert not Until(Target.parse("10min"), 3, bench.now_s, bench.said.append, None)(Taken(3), log)
+    assert not Until(CaptureTarget.parse("10min"), 3, bench.now_s, bench.said.append, None)(Taken(3), log)
     assert "--shots" in bench.said[-1]
