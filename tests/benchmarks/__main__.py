@@ -28,6 +28,7 @@ BENCHMARKS = (
     "mechanism_files",
     "simulated_capture",
     "continuous",
+    "grain",
     "video_out",
     "proxies",
     "compiling",

@@ -11,7 +11,7 @@ from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.sureness import errors_of_centres, figures_of_errors
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
-from gs2ci.render.ply import ERROR_PROPERTY, read_ply_scene
+from gs2ci.render.ply import read_ply_scene
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -37,7 +37,7 @@ def test_a_run_without_them_has_neither_files_nor_figures(make_run, scene, tmp_p
     folder = write_run(tmp_path / "run", shot, replace(result, uncertainty=None), scene)
     assert not [path for path in folder.iterdir() if path.name.endswith(("_error.npy", "_other.npy"))]
     assert read_report(folder).sureness is None
-    assert read_ply_scene(folder / "scene.ply").ignored == ()
+    assert read_ply_scene(folder / "scene.ply").standard_errors is None
 
 
 def test_a_run_without_a_path_states_those_of_views_alone(make_run):
@@ -64,5 +64,5 @@ def test_the_scene_file_has_them_as_a_property_that_readers_may_ignore(make_run,
     shot, result = make_run()
     path = write_run(tmp_path / "run", shot, result, scene) / "scene.ply"
     back = read_ply_scene(path)
-    assert back.ignored == (ERROR_PROPERTY,)
+    np.testing.assert_array_equal(back.standard_errors, errors_of_centres(scene, result))
     torch.testing.assert_close(back.gaussians.means, scene.means, rtol=0, atol=0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import VERDICTS, RunResult, Verdict
-from gs2ci.core.uncertainty import Uncertainty
+from gs2ci.core.uncertainty import joined
 
 _Number = TypeVar("_Number", np.float32, np.float64)
 
@@ -33,7 +33,7 @@ def merged(
     """
     if len(parts) == 1:
         return replace(parts[0], notes=(*notes, *parts[0].notes), seconds=dict(seconds)).check()
-    first = parts[0]
+    first, sure = parts[0], [one.uncertainty for one in parts]
     return RunResult(
         views=_together([one.views for one in parts]),
         scene_views=_together([one.scene_views for one in parts]),
@@ -54,11 +54,11 @@ def merged(
         seed=first.seed,
         verdict=_verdict(parts),
         heldout_rms={verdict: _rms([one.heldout_rms[verdict] for one in parts]) for verdict in VERDICTS},
-        geometry=first.geometry,
+        geometry=next((one.geometry for one in parts if one.geometry.get("unit_of")), first.geometry),
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
-        uncertainty=_uncertainty([one.uncertainty for one in parts]),
+        uncertainty=None if any(one is None for one in sure) else joined([one for one in sure if one is not None]),
         exposures=tuple(_summary(parts, number, name) for number, name in enumerate(names)),
     ).check()
 
@@ -116,24 +116,10 @@ def _exposed(parts: Sequence[RunResult]) -> NDArray[np.float32] | None:
     return _together([one.views if one.exposed_views is None else one.exposed_views for one in parts])
 
 
-def _uncertainty(parts: Sequence[Uncertainty | None]) -> Uncertainty | None:
-    """Return the standard errors of all; of what one exposure does not know, none."""
-    known = [one for one in parts if one is not None]
-    if len(known) < len(parts):
-        return None
-    return Uncertainty(
-        views=_together([one.views for one in known]),
-        depth=_if_all([one.depth for one in known]),
-        positions=_if_all([one.positions for one in known]),
-        rotations=_if_all([one.rotations for one in known]),
-        other_depth=_if_all([one.other_depth for one in known]),
-    )
-
-
 def _together(arrays: Sequence[NDArray[_Number]]) -> NDArray[_Number]:
     return np.concatenate(arrays)
 
 
-def _if_all(arrays: Sequence[NDArray[_Number] | None]) -> NDArray[_Number] | None:
+def _if_all(arrays: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
     known = [array for array in arrays if array is not None]
     return np.concatenate(known) if len(known) == len(arrays) else None
