@@ -94,11 +94,8 @@ def reconstruct(
     fits.clock.lap("fit")
     doubts = (*seen.doubts, *_said_if_halted(halt, progress))
     look = raced.look.with_decode_of(raced.first)
-    left = Left(
-        *(seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved),
-        mask_moments=fits.mask_moments,
-        placement=placement,
-    )
+    stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
+    left = Left(*stages, fits.mask_moments, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
 
 
