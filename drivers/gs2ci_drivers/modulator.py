@@ -221,6 +221,16 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._armed = False
         self._do_disarm()
 
+    def _state_if(self, running: bool, faults: tuple[str, ...] = ()) -> ModulatorState:
+        """Return the state of a device that does not tell its own: by what it was asked for last, unless it fails."""
+        if faults:
+            return ModulatorState.FAULT
+        if running:
+            return ModulatorState.RUNNING
+        if self._armed:
+            return ModulatorState.ARMED
+        return ModulatorState.IDLE if self._loaded is None else ModulatorState.LOADED
+
     def interpret_pulses(self, counted: int) -> PulseVerdict:
         """Say what a number of pulses of the trigger output during one whole run of the loaded sequence means.
 

@@ -18,7 +18,7 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.json_text import as_json
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.core.whole_file import check_place
+from gs2ci.core.whole_file import check_place, write_whole
 
 if TYPE_CHECKING:
     from gs2ci.evaluate.tradeoff.pages import Tradeoff
@@ -64,7 +64,7 @@ def tradeoff(
 
     Args:
         shot: A shot file; or a shot.
-        output: Folder for CSV, picture, section and the finished trials.
+        output: Folder for CSV, section, page and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
             fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
@@ -95,6 +95,7 @@ def tradeoff(
     measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
+    from gs2ci.evaluate.pages.tradeoff_section import tradeoff_page
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.store import Store, content_key
@@ -127,9 +128,10 @@ def tradeoff(
         first, row = next(iter(rows.items()))
         raise InputError(f"every trial failed, {first!r} because of: {row['error']}")
     found = Tradeoff(measured.name, list(rows.values()), left_out, command)
-    pages = write_pages(output, found)
+    record = record_of(found)
+    pages = [*write_pages(output, found), write_whole(output / "tradeoff.html", tradeoff_page(record))]
     if report is not None:
-        write_record(Path(report), record_of(found))
+        write_record(Path(report), record)
         pages.append(write_run_page(Path(report)))
     return TradeoffFound(found, markdown(found), pages)
 

@@ -45,6 +45,9 @@ class Run:
             if no depth was found.
         depth_spread: Spread of the absorption along the ray, as a share of depth, [N, H, W]; likewise.
         depth_confidence: Share of a pixel's light that is absorbed within 5 % of its depth, [N, H, W]; likewise.
+        views_error: Standard error of the views' values, full scale 1, [N, H, W]; None in runs without standard errors.
+        depth_error: Standard error of depth, in its unit, [N, H, W]; None likewise, without a path, or if things move.
+            Those of poses are in `report.sureness`.
         folder: The run folder that it was read from or saved into; None if it is only in memory.
         result: The result of the pipeline; None for a run that was read from a folder.
         shot: The measurement; None for a run that was read from a folder.
@@ -66,6 +69,8 @@ class Run:
     depth: F32 | None
     depth_spread: F32 | None
     depth_confidence: F32 | None
+    views_error: F32 | None = None
+    depth_error: F32 | None = None
     folder: Path | None = None
     result: RunResult | None = None
     shot: Shot | None = None
@@ -84,6 +89,8 @@ class Run:
             depth=result.depth,
             depth_spread=result.depth_spread,
             depth_confidence=result.depth_confidence,
+            views_error=None if result.uncertainty is None else result.uncertainty.views,
+            depth_error=None if result.uncertainty is None else result.uncertainty.depth,
             result=result,
             shot=shot,
             _scene=scene,
@@ -303,6 +310,8 @@ def open_run(folder: str | Path) -> Run:
         depth=found.depth,
         depth_spread=found.depth_spread,
         depth_confidence=found.depth_confidence,
+        views_error=found.views_error,
+        depth_error=found.depth_error,
         folder=folder,
     )
 

@@ -35,7 +35,7 @@ def run(
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
-        output: Folder for CSV, picture, section and the finished trials.
+        output: Folder for CSV, section, page and the finished trials.
 
     Returns:
         The pages; last the run's, if there is one.

@@ -16,6 +16,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Finding
 from gs2ci.core.lens import check_distortion
 from gs2ci.core.records import Shot, check_intrinsics
+from gs2ci.core.uncertainty import Uncertainty
 
 Verdict = Literal["refined", "scene", "decode"]
 VERDICTS: Final = get_args(Verdict)
@@ -89,6 +90,7 @@ class RunResult:
         race: What became of each hypothesis of path, depth order and motion, in the order of entering.
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
+        uncertainty: Standard errors of views, depth and poses; None if they were not asked for.
         exposures: Of each of several exposures, whose views follow one another: its name, its first view and their
             number, what its held-out pixels say, how its path was found; empty for one.
         device: What rendered: "cpu", or a CUDA device with its model.
@@ -125,6 +127,7 @@ class RunResult:
     motion: Mapping[str, Any] = field(default_factory=dict)
     race: Sequence[Mapping[str, Any]] = ()
     displacement: F32 | None = None
+    uncertainty: Uncertainty | None = None
     exposures: Sequence[Mapping[str, Any]] = ()
     device: str = "cpu"
 
@@ -157,6 +160,8 @@ class RunResult:
         for name, (array, shape) in wanted.items():
             if array is not None:
                 _check_array(name, array, shape)
+        if self.uncertainty is not None:
+            self.uncertainty.check((n, height, width))
         check_intrinsics(self.intrinsics)
         if self.distortion is not None:
             check_distortion(self.distortion, self.intrinsics, (height, width))

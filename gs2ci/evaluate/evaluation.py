@@ -52,6 +52,8 @@ class FinishedRun:
         distortion: Distortion of the lens, [5] as in `Shot`; None for a pinhole.
         depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
         depth_confidence: Likewise.
+        views_error: Standard error of the views' values, [N, H, W]; None in runs without.
+        depth_error: Standard error of depth, in its unit, [N, H, W]; None in runs without standard errors of depth.
         registered: The measurement as corrected by the run's registration; None if it corrected nothing.
         exposed: The light integrated during each mask's time, if the views show the middle of that time.
     """
@@ -65,6 +67,8 @@ class FinishedRun:
     distortion: F64 | None = None
     depth_spread: F32 | None = None
     depth_confidence: F32 | None = None
+    depth_error: F32 | None = None
+    views_error: F32 | None = None
     registered: Shot | None = None
     exposed: F32 | None = None
 
@@ -98,7 +102,10 @@ def read_run(folder: Path) -> FinishedRun:
     try:
         cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
         intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
-        maps = {name: folder / f"{name}.npy" for name in ("depth", "depth_spread", "depth_confidence")}
+        maps = {
+            name: folder / f"{name}.npy"
+            for name in ("depth", "depth_spread", "depth_confidence", "depth_error", "views_error")
+        }
         registered, exposed = folder / REGISTERED_NAME, folder / EXPOSED_NAME
         lens = np.array([float(cameras.get(name, 0.0)) for name in COEFFICIENTS])
         return FinishedRun(

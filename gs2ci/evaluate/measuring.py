@@ -2,12 +2,13 @@
 
 Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
 
-The standard error combines the errors of the two depths, those of the places within a pixel, on a surface as slanted
-as the neighbours say, and, in the unit of given poses, the error that all lengths have in common. A depth errs by a
-share of the spread along the ray of the light whose median it is, and by what the places of points in the views leave
-open: a point that moves little through the views has an uncertain depth, as near the axis of a camera that travels
-along it. All lengths together err by the same uncertainty of places, and by small turns of the cameras. Other errors
-common to all depths are not included: those of the unit, of the focal length and of the places of the cameras.
+The standard error combines the standard errors of the two depths (`gs2ci.reconstruct.uncertainty`) and those of the
+places within a pixel, on a surface as slanted as the neighbours say. Runs without such errors, as those in which things
+move, get a depth's error from the spread along the ray of the light whose median it is and from what the places of
+points in the views leave open: a point that moves little through the views has an uncertain depth, as near the axis of
+a camera that travels along it; and in the unit of given poses an error that all lengths have in common, by the same
+uncertainty of places and by small turns of the cameras. Not included are other errors common to all depths: those of
+the unit, of the focal length and, in such runs, of the places of the cameras.
 """
 
 from dataclasses import dataclass
@@ -23,15 +24,12 @@ from gs2ci.core.findings import Code
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.geometry.path.telemetry import errors_of_given
+from gs2ci.reconstruct.uncertainty.depths import movement
+from gs2ci.reconstruct.uncertainty.factors import PLACE_PX
 
 # The error of a depth as a share of the light's spread along the ray: Gaussians are thicker than the uncertainty of the
 # surface that they show. Determined on solids of known size (`python -m tests.benchmarks lengths`).
 _OF_SPREAD: Final = 0.6
-# The error of a point's place in each view, px, as it makes a depth err, and all depths together. In ten drawn scenes
-# (64 x 80 px, exact poses, cameras that travelled along their axis, across it and aslant) 86 to 100 % of the depths lie
-# within 1.96 standard errors, without this error about half of them. In three corridors, whose walls run along the line
-# of sight, 48 to 67 %.
-_PLACE_PX: Final = 0.25
 # Where no tracked point confirms depths in the unit of given poses, that error of all together is so many times larger.
 _UNTRACKED: Final = 4.0
 _AGAINST_DEPTH: Final = (
@@ -107,8 +105,11 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
             )
         ray = cameras.rays(np.array([column + 0.5, row + 0.5]))
         points.append(cameras.in_world(view, ray * depth))
-        of_place = _PLACE_PX / float(_movement(run.world_to_camera, run.intrinsics, view, ray * depth))
-        unsure = depth * float(np.hypot(_OF_SPREAD * run.depth_spread[view, row, column], of_place))
+        if run.depth_error is not None:
+            unsure = float(run.depth_error[view, row, column])
+        else:
+            of_place = PLACE_PX / float(movement(run.world_to_camera, np.diag(run.intrinsics)[:2], view, ray * depth))
+            unsure = depth * float(np.hypot(_OF_SPREAD * run.depth_spread[view, row, column], of_place))
         along = cameras.in_world(view, ray * unsure, directions=True)
         # How the point moves from one pixel to the next: beside the ray, and along it where the surface is slanted.
         beside = depth * np.eye(3)[:2] / np.diag(run.intrinsics)[:2, None]
@@ -120,7 +121,9 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
     direction = line / length if length > 0 else None
     variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
     seen = [float(run.depth_confidence[view, row, column]) for column, row in ends]
-    error = float(np.hypot(np.sqrt(sum(variances)), length * _error_of_scale(run)))
+    # Where depths have standard errors, those contain what they have in common.
+    common = 0.0 if run.depth_error is not None else _error_of_scale(run)
+    error = float(np.hypot(np.sqrt(sum(variances)), length * common))
     doubts = tuple(note.advice for note in run.report.notes if note.code in _AGAINST_DEPTH)
     return Length(length, error, np.stack(points), (seen[0], seen[1]), run.report.length_unit, doubts)
 
@@ -147,32 +150,8 @@ def _error_of_scale(run: FinishedRun) -> float:
     turned = errors_of_given(poses, run.intrinsics).rotation * float(np.median(known)) * np.sqrt(aside.sum()) / travel
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64) + 0.5
     rays = Cameras(poses, run.intrinsics, run.distortion).rays(pixels)
-    moved = float(np.median(_movement(poses, run.intrinsics, middle, rays * known[:, None])))
-    return float(np.hypot(turned, _PLACE_PX * (1.0 if geometry.tracks else _UNTRACKED) / moved))
-
-
-def _movement(world_to_camera: F64, intrinsics: F64, view: int, points: F64) -> F64:
-    """Return how far points move through the views per relative change of their depth, px.
-
-    Args:
-        world_to_camera: [N, 4, 4].
-        intrinsics: [3, 3], px.
-        view: The view along whose rays they move.
-        points: In the axes of this view, [..., 3].
-
-    Returns:
-        [...]: the root of the sum of squares, over the views, of the change of a point's place beyond the mean change;
-        at least so much that no depth errs by more than itself.
-    """
-    relative = world_to_camera @ np.linalg.inv(world_to_camera[view])
-    # How a point moves in each camera's axes as its depth grows by a share, and where it is.
-    along = np.einsum("nij,...j->n...i", relative[:, :3, :3], points)
-    there = along + np.expand_dims(relative[:, :3, 3], tuple(range(1, points.ndim)))
-    ahead = np.where(there[..., 2] > 0, there[..., 2], np.inf)
-    slopes = (along[..., :2] - there[..., :2] / ahead[..., None] * along[..., 2:]) / ahead[..., None]
-    places = slopes * np.diag(intrinsics)[:2]
-    moved: F64 = np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=(0, -1)))
-    return np.maximum(moved, _PLACE_PX)
+    moved = float(np.median(movement(poses, np.diag(run.intrinsics)[:2], middle, rays * known[:, None])))
+    return float(np.hypot(turned, PLACE_PX * (1.0 if geometry.tracks else _UNTRACKED) / moved))
 
 
 def _slopes(depth: F32, column: int, row: int) -> F64:

@@ -279,6 +279,25 @@ class MotionSection(ReportSection):
     most_px: Number | None
 
 
+class SurenessSection(ReportSection):
+    """Standard errors (`gs2ci.reconstruct.uncertainty`): 68 % of the errors lie within one, 95 % within two.
+
+    `views_mean` of the views' values, full scale 1, and the share of them with at most 0.05; `depth_median` as a share
+    of depth, and the share of pixels with at most 5 %; of each camera's position, in the unit of the path, beyond what
+    no image determines, and of its rotation against the others. Those of depth and poses are None without a path or if
+    things move. If the order of near and far is open, errors are not normally distributed: these hold for the order
+    that was taken; `other_order` says whether depth_other.npy has depth in the other one.
+    """
+
+    views_mean: Number
+    views_sure_share: Number
+    depth_median: Number | None = None
+    depth_sure_share: Number | None = None
+    positions: list[Number] | None = None
+    rotations_deg: list[Number] | None = None
+    other_order: bool = False
+
+
 class MeasurementSection(ReportSection):
     """Properties of the measurement and its masks, before the reconstruction; shares are of pixels."""
 
@@ -369,6 +388,7 @@ class Report(ReportSection):
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     race: list[RaceEntry] = []
+    sureness: SurenessSection | None = None
     exposures: list[ExposureSection] = []
     measured: MeasurementSection
     simulation: Simulation | None = None

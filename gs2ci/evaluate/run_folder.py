@@ -14,8 +14,12 @@
                      (`geometry.verdict`), where the fit left the Gaussians, which says nothing of the scene
       depth_spread.npy      the same shape: spread along the ray of where the light is absorbed, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is absorbed within 5 % of its depth
+      depth_error.npy  standard error of depth, in its unit, [N, H, W] float32; absent without a path, or if things move
+      depth_other.npy  depth in the other order of near and far, if the measurement was fitted in both
+      views_error.npy  standard error of the views' values, full scale 1, [N, H, W] float32
       disagreement.npy  [N, H, W] float32, full scale 1: difference between the fits; absent if there was one
-      scene.ply      the Gaussians, 3DGS convention; if they move, at the middle of the exposure
+      scene.ply      the Gaussians, 3DGS convention; if they move, at the middle of the exposure; with the standard
+                     errors of their centres, `standard_error`, if depth has any
       motion.npy     only if they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1
                      to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
       displacement.npy  likewise: [H, W, 2] float32, displacement over the exposure of what each pixel shows, px
@@ -54,6 +58,7 @@ from gs2ci.evaluate.points import Cameras, of_one_moment, points_of, write_point
 from gs2ci.evaluate.registration_picture import write_registration_picture
 from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, Report
 from gs2ci.evaluate.run_report import build_report
+from gs2ci.evaluate.sureness import errors_of_centres, write_errors
 from gs2ci.evaluate.whole_folder import REPORT_NAME, view_names, whole_folder, write_pictures
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_from
@@ -119,6 +124,7 @@ def _write_images(folder: Path, result: RunResult) -> None:
         values = getattr(result, name)
         if values is not None:
             np.save(folder / f"{name}.npy", values.astype(np.float32))
+    write_errors(folder, result.uncertainty)
     if result.disagreement is not None:
         np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
     write_pictures(folder / "views", result.views)
@@ -126,7 +132,7 @@ def _write_images(folder: Path, result: RunResult) -> None:
 
 def _write_scene(folder: Path, result: RunResult, report: Report, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
-    write_ply(folder / "scene.ply", scene)
+    write_ply(folder / "scene.ply", scene, standard_errors=errors_of_centres(scene, result))
     poses, lens = result.world_to_camera, result.distortion
     if result.depth is not None and result.depth_confidence is not None and not report.lacks_path:
         seen = of_one_moment(len(poses), moves=scene.motion is not None)

@@ -19,6 +19,7 @@ from gs2ci.evaluate import environment
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.report import Report, Simulation
+from gs2ci.evaluate.sureness import figures_of_errors
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.evaluate.whole_folder import RUN_SCHEMA
 
@@ -67,6 +68,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "mask_moments": result.mask_moments,
         "registration": dict(result.registration) or None,
         "motion": dict(result.motion) or None,
+        "sureness": figures_of_errors(result),
         "race": [dict(entry) for entry in result.race],
         "exposures": [dict(one) for one in result.exposures],
         "measured": _measured(shot),

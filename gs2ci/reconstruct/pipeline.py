@@ -27,6 +27,7 @@ from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -73,14 +74,12 @@ def reconstruct(
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
     settings, placement = placed(shot, settings)
-    for note in placement.notes:
-        progress.say(note.sentence)
+    _said(placement.notes, progress)
     hurried, tools = budget is not None, Tools.load(settings)
     seen = observe(shot, settings, tools, progress, score, halt, registered, hurried=hurried)
     halt.begin()
     fits = seen.fits.within(budget, seen.first)
-    race = Race(fits)
-    raced = (race.hurried if hurried else race.run)(seen.first, seen.order)
+    raced = Race(fits).run(seen.first, seen.order, hurried=hurried)
     ensemble, geometry = raced.ensemble, raced.geometry
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
@@ -92,10 +91,13 @@ def reconstruct(
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     moved = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     fits.clock.lap("fit")
-    doubts = (*seen.doubts, *_said_if_halted(halt, progress))
-    look = raced.look.with_decode_of(raced.first)
+    look, sure = raced.look.with_decode_of(raced.first), None
+    if settings.uncertainty:
+        sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
+        fits.clock.lap("uncertainty")
+    doubts = (*seen.doubts, *_said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
     stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
-    left = Left(*stages, fits.mask_moments, placement)
+    left = Left(*stages, fits.mask_moments, sure, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
 
 
@@ -111,10 +113,8 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     return planned(seen.fits, seen.first, seen.order)
 
 
-def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
-    """Return, and report, a finding that the rest was skipped, if an early end was requested."""
-    if not halt.asked:
-        return ()
-    note = finding(Code.INTERRUPTED)
-    progress.say(note.sentence)
-    return (note,)
+def _said(notes: tuple[Finding, ...], progress: Progress) -> tuple[Finding, ...]:
+    """Report findings, and return them."""
+    for note in notes:
+        progress.say(note.sentence)
+    return notes

@@ -12,6 +12,7 @@ import torch
 from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import CurvePoint, RunResult
+from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
@@ -58,6 +59,7 @@ class Left:
     recovered: Recovered
     speeds: Speeds | None
     mask_moments: MaskMoments | None = None
+    uncertainty: Uncertainty | None = None
     placement: RenderingPlace = field(default_factory=RenderingPlace)
 
 
@@ -109,6 +111,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         exposed_views=None if recovered.exposed is None else exposed,
         registration=left.registered.summary(),
         motion=left.raced.motion.summary(left.speeds),
+        uncertainty=left.uncertainty,
         race=tuple(one.summary() for one in left.raced.course),
         displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,

@@ -68,6 +68,7 @@ class Settings(Bounded):
         motion: Whether things in the scene may move: "auto" tries it if motion explains part of the still fits'
             residual, but not within a budget; "on": from the start; "off": never (`hypotheses.moving`).
         registration: Of the step before all others, which estimates from the measurement where its masks lie.
+        uncertainty: Whether standard errors of views, depths and poses are estimated; nothing else depends on them.
         left_out: Parts that are left out, to see what they give (`mechanisms`).
         seed: Seed of every random draw.
     """
@@ -96,6 +97,7 @@ class Settings(Bounded):
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    uncertainty: bool = True
     left_out: tuple[LeftOut, ...] = ()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 42
 

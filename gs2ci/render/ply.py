@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, reason_of
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import Gaussians
@@ -26,6 +27,7 @@ _COLOUR: Final = ("f_dc_0", "f_dc_1", "f_dc_2")
 _OPACITY: Final = ("opacity",)
 _SCALE: Final = ("scale_0", "scale_1", "scale_2")
 _ROTATION: Final = ("rot_0", "rot_1", "rot_2", "rot_3")
+ERROR_PROPERTY: Final = "standard_error"
 _REQUIRED: Final = (*_POSITION, *_COLOUR, *_OPACITY, *_SCALE, *_ROTATION)
 _BEFORE_REST: Final = (*_POSITION, *_NORMAL, *_COLOUR)
 _AFTER_REST: Final = (*_OPACITY, *_SCALE, *_ROTATION)
@@ -234,7 +236,7 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
     return table
 
 
-def write_ply(path: str | Path, gaussians: Gaussians, *, degree: int = 0) -> Path:
+def write_ply(path: str | Path, gaussians: Gaussians, *, degree: int = 0, standard_errors: F32 | None = None) -> Path:
     """Write a scene as binary little-endian PLY; the file appears whole or not at all.
 
     Args:
@@ -242,6 +244,8 @@ def write_ply(path: str | Path, gaussians: Gaussians, *, degree: int = 0) -> Pat
         gaussians: The scene; the format cannot store its motion.
         degree: Harmonics are written at least up to this degree, as zeros where the scene has none: viewers of SIBR's
             kind stop at a file without the 45 properties f_rest of degree 3.
+        standard_errors: Of the centres, in the unit of the scene, [G]: one more property, `standard_error`, which other
+            programs ignore; None leaves it out.
 
     Returns:
         The path written.
@@ -262,7 +266,10 @@ def write_ply(path: str | Path, gaussians: Gaussians, *, degree: int = 0) -> Pat
         dim=1,
     )
     names = (*_BEFORE_REST, *(f"f_rest_{k}" for k in range(rest.shape[1])), *_AFTER_REST)
-    return write_whole(path, ply_bytes(named_columns(names, columns.numpy())))
+    vertices = named_columns(names, columns.numpy())
+    if standard_errors is not None:
+        vertices[ERROR_PROPERTY] = standard_errors
+    return write_whole(path, ply_bytes(vertices))
 
 
 def named_columns(names: Iterable[str], columns: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -142,7 +142,7 @@ def test_a_run_in_memory_is_the_run_that_was_saved(examples, filled):
     assert "<!doctype html>" in run.page("page.html").read_text().lower()
     assert run.save("mine") == run.folder
     again = gs2ci.open_run("mine")
-    for name in ("views", "path", "decode", "scene_views", "depth", "depth_spread", "depth_confidence"):
+    for name in ("views", "path", "decode", "scene_views", "depth", "depth_spread", "depth_confidence", "views_error"):
         np.testing.assert_allclose(getattr(again, name), getattr(run, name), atol=1e-9)
     torch.testing.assert_close(again.scene.means, run.scene.means.float())
     assert again.report.psnr_db == run.report.psnr_db

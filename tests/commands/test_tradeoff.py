@@ -38,10 +38,12 @@ def tried(monkeypatch):
 
 def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys):
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
-    assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.png", "tradeoff.md"]
+    assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.md", "tradeoff.html"]
     assert tried == ["decode", "draft", "standard", "fine", "paper"]
-    told = capsys.readouterr().out.replace("\n", " ")
-    assert "next decibel" in told
+    assert "next decibel" in capsys.readouterr().out.replace("\n", " ")
+    page = pages[2].read_text(encoding="utf-8")
+    assert "The next decibel after standard costs" in page
+    assert "<svg" in page
 
 
 def test_an_answer_holds_the_trials_and_where_the_pages_are(measured, tried, tmp_path, gs2ci, capsys):
@@ -50,13 +52,13 @@ def test_an_answer_holds_the_trials_and_where_the_pages_are(measured, tried, tmp
     assert [trial["trial"] for trial in answer["trials"]] == tried
     assert answer["trials"][0]["psnr_db"] == 21.0
     assert answer["left_out_s"]["paper"] > 20
-    assert answer["pages"] == [str(tmp_path / "out" / f"tradeoff.{ending}") for ending in ("csv", "png", "md")]
+    assert answer["pages"] == [str(tmp_path / "out" / f"tradeoff.{ending}") for ending in ("csv", "md", "html")]
 
 
 def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="20s")
     assert tried == ["decode", "draft", "standard", "fine"]
-    assert "paper was left out" in pages[2].read_text()
+    assert "paper was left out" in pages[1].read_text()
 
 
 def test_the_standard_and_what_is_quicker_are_tried_whatever_the_time_and_what_is_kept_counts_for_nothing(
@@ -66,7 +68,7 @@ def test_the_standard_and_what_is_quicker_are_tried_whatever_the_time_and_what_i
     assert tried == ["decode", "draft", "standard"]
     tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
     assert tried[3:] == ["fine", "paper"]
-    assert "left out" not in tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="0.01s")[2].read_text()
+    assert "left out" not in tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="0.01s")[1].read_text()
     assert len(tried) == 5
 
 
@@ -96,7 +98,7 @@ def test_one_trial_that_fails_does_not_end_the_others(measured, tried, tmp_path,
 
     monkeypatch.setattr(trials, "tried", fails)
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
-    assert "draft failed: no draft of this" in pages[2].read_text()
+    assert "draft failed: no draft of this" in pages[1].read_text()
 
 
 def test_a_shot_in_memory_has_trials_of_its_own_and_so_has_one_with_another_truth_or_origin(measured, tried, tmp_path):

@@ -10,8 +10,16 @@ import torch
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import CurvePoint, RunResult
+from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.render.gaussians import Gaussians
 from tests.evaluate.reports import GEOMETRY
+
+
+def sureness(depth: np.ndarray) -> Uncertainty:
+    """Standard errors that grow to the right, from 0.01 to 0.1 in views and from 1 to 10 % of depth."""
+    ramp = np.broadcast_to(np.linspace(0.01, 0.1, depth.shape[2], dtype=np.float32), depth.shape)
+    return Uncertainty(ramp.copy(), depth * ramp, np.full(len(depth), 0.004), np.full(len(depth), 0.002))
+
 
 MakeRun = Callable[..., tuple[Shot, RunResult]]
 
@@ -103,6 +111,7 @@ def make_run() -> MakeRun:
             geometry={**GEOMETRY, "tracks": 812},
             ensemble={"fits": 2, "averaged": 2, "spread": 0.011},
             disagreement=np.full((count, *size), 0.011, np.float32),
+            uncertainty=sureness(depth),
         )
         return shot, result
 

@@ -39,8 +39,13 @@ def wall(make_run, scene, tmp_path):
     """A run before a wall at a depth of 4; make_run's pictures are 48 × 64 px with a focal length of 70.4 px."""
     shot, result = make_run(count=3)
     depth = np.full(result.depth.shape, 4.0, np.float32)
+    # As of a run in which things move, whose depth has no standard errors.
     known = replace(
-        result, depth=depth, depth_spread=np.full_like(depth, SPREAD), depth_confidence=np.full_like(depth, 0.9)
+        result,
+        depth=depth,
+        depth_spread=np.full_like(depth, SPREAD),
+        depth_confidence=np.full_like(depth, 0.9),
+        uncertainty=None,
     )
     return read_run(write_run(tmp_path / "run", shot, known, scene))
 
@@ -66,6 +71,27 @@ def test_the_standard_error_is_that_of_repeated_measurements(wall):
     within_pixel = 4 / 70.4 / 12**0.5
     expected = np.hypot(np.std(lengths), 2**0.5 * within_pixel)
     assert stated.standard_error == pytest.approx(expected, rel=0.05)
+
+
+def test_standard_errors_of_depth_are_taken_where_the_run_has_them(wall):
+    column, row = 10, 12
+    known = replace(wall, depth_error=np.full_like(wall.depth, 0.2))
+    aside = measure(known, (column, row), (50, row), 0)
+    focal, middle = np.diag(wall.intrinsics)[:2], wall.intrinsics[:2, 2]
+    rays = np.array([[(x + 0.5 - middle[0]) / focal[0], (row + 0.5 - middle[1]) / focal[1], 1] for x in (column, 50)])
+    line = rays[1] - rays[0]
+    along = 0.2 * rays @ line / np.linalg.norm(line)
+    within_pixel = 2**0.5 * 4 / 70.4 / 12**0.5
+    assert aside.standard_error == pytest.approx(np.hypot(np.linalg.norm(along), within_pixel), rel=1e-6)
+
+
+def test_nothing_is_added_for_a_given_unit_to_standard_errors_that_contain_it(wall):
+    runs = [along_a_line(wall, np.array([1.0, 0, 0]), unit_of) for unit_of in ("stage", None)]
+    errors = [
+        measure(replace(run, depth_error=np.full_like(run.depth, 0.2)), (10, 20), (50, 20), 0).standard_error
+        for run in runs
+    ]
+    assert errors[0] == errors[1]
 
 
 def along_a_line(wall, way, unit_of="stage", count=8):

@@ -46,7 +46,9 @@ def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
         "views",
         "decode.npy",
         "scene_views.npy",
+        "views_error.npy",
         "depth.npy",
+        "depth_error.npy",
         "disagreement.npy",
         "scene.ply",
         "cameras.json",
@@ -277,7 +279,7 @@ def test_nothing_half_written_is_left_when_writing_fails(tmp_path, make_run, sce
 
 def test_an_earlier_run_survives_a_failure(written, scene, monkeypatch):
     folder, shot, result = written
-    monkeypatch.setattr(run_folder, "write_ply", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    monkeypatch.setattr(run_folder, "write_ply", lambda *_, **__: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(StorageError, match="disk full"):
         write_run(folder, replace(shot, name="second"), result, scene, overwrite=True)
     assert read_report(folder).name == "waves"

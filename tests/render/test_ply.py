@@ -50,6 +50,15 @@ def test_written_header_is_the_one_viewers_expect(tmp_path, make):
     assert [line.split()[2] for line in head[3:]] == [*NAMES[:3], "nx", "ny", "nz", *NAMES[3:]]
 
 
+def test_standard_errors_are_one_more_property_that_a_reader_may_leave(tmp_path, make):
+    scene, errors = make(count=5).scene, np.linspace(0.1, 0.5, 5, dtype=np.float32)
+    path = write_ply(tmp_path / "scene.ply", scene, standard_errors=errors)
+    assert read_ply_scene(path).ignored == ("standard_error",)
+    torch.testing.assert_close(read_ply(path).means, scene.means.float(), rtol=0, atol=0)
+    vertices = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(vertices["standard_error"], errors)
+
+
 def test_empty_scene_can_be_written_and_read(tmp_path, make):
     empty = make().scene.map(lambda t: t[:0])
     assert len(read_ply(write_ply(tmp_path / "empty.ply", empty))) == 0

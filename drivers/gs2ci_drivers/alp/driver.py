@@ -26,7 +26,7 @@ from gs2ci_drivers.failures import (
     RefusedError,
     SequenceError,
 )
-from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, PulseVerdict, UploadProgress
+from gs2ci_drivers.modulator import Modulator, ModulatorStatus, PulseVerdict, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import LibraryPort, port_errors
 
@@ -204,15 +204,7 @@ class AlpModulator(Modulator):
 
     def _do_status(self) -> ModulatorStatus:
         busy, faults = self._busy(), self._faults()
-        if faults:
-            return ModulatorStatus(ModulatorState.FAULT, faults)
-        if busy and self._running is not None:
-            state = ModulatorState.RUNNING
-        elif self._armed:
-            state = ModulatorState.ARMED
-        else:
-            state = ModulatorState.IDLE if self._loaded is None else ModulatorState.LOADED
-        return ModulatorStatus(state)
+        return ModulatorStatus(self._state_if(busy and self._running is not None, faults), faults)
 
     def _do_other_polarity(self) -> PulseVerdict:
         other = "low" if self.settings.trigger_active == "high" else "high"

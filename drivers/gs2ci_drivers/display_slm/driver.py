@@ -16,7 +16,7 @@ from gs2ci_drivers.display_slm.link import SlmLink
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, WIDTH, image
 from gs2ci_drivers.failures import NoAnswerError, SequenceError
-from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.modulator import Modulator, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 
@@ -160,11 +160,7 @@ class DisplaySlm(Modulator):
 
     def _do_status(self) -> ModulatorStatus:
         self._link.ask("SN")
-        if self._running is not None:
-            return ModulatorStatus(ModulatorState.RUNNING)
-        if self._armed:
-            return ModulatorStatus(ModulatorState.ARMED)
-        return ModulatorStatus(ModulatorState.IDLE if self._loaded is None else ModulatorState.LOADED)
+        return ModulatorStatus(self._state_if(self._running is not None))
 
     def _do_close(self) -> None:
         self._link.close()

@@ -41,7 +41,7 @@ from gs2ci_drivers.failures import (
     SequenceError,
     UnsupportedError,
 )
-from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState, ModulatorStatus, PulseVerdict, UploadProgress
+from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorStatus, PulseVerdict, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import HidPort
 
@@ -361,16 +361,8 @@ class Dlpc900(Modulator):
         power = self._channel.read(Command.POWER_MODE, "read status")[0]
         parked = ("mirrors are parked",) if main.parked else ()
         faults = hardware.faults + parked
-        if faults:
-            state = ModulatorState.FAULT
-        elif main.running:
-            state = ModulatorState.RUNNING
-        elif self._armed:
-            state = ModulatorState.ARMED
-        else:
-            state = ModulatorState.LOADED if self._loaded is not None else ModulatorState.IDLE
         notes = {"power": "standby" if power == PowerMode.STANDBY else "normal"}
-        return ModulatorStatus(state, faults, notes)
+        return ModulatorStatus(self._state_if(main.running, faults), faults, notes)
 
     def _do_close(self) -> None:
         if self.settings.idle_after and self._used:

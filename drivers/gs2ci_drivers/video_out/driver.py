@@ -15,7 +15,7 @@ import numpy as np
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import DisconnectedError, NoAnswerError, SequenceError
-from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.modulator import Modulator, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import ScreenOutput, ScreenPort, port_errors
 from gs2ci_drivers.video_out.options import VideoOutOptions
@@ -238,11 +238,7 @@ class VideoOut(Modulator):
 
     def _do_status(self) -> ModulatorStatus:
         self._require_output("status")
-        if self._running is not None:
-            return ModulatorStatus(ModulatorState.RUNNING)
-        if self._armed:
-            return ModulatorStatus(ModulatorState.ARMED)
-        return ModulatorStatus(ModulatorState.IDLE if self._loaded is None else ModulatorState.LOADED)
+        return ModulatorStatus(self._state_if(self._running is not None))
 
     def _do_close(self) -> None:
         self._port.close()

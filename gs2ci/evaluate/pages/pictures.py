@@ -25,7 +25,8 @@ LONGEST_SIDE_PX: Final = 720
 PIXEL_ART_PX: Final = 160
 QUALITIES: Final = (86, 78, 70)
 SMALLEST_SIDE_PX: Final = 96
-COLORMAPS: Final = {"depth": cv2.COLORMAP_VIRIDIS, "error": cv2.COLORMAP_INFERNO, "disagreement": cv2.COLORMAP_INFERNO}
+_ERRORS: Final = ("error", "disagreement", "views_error", "depth_error")
+COLORMAPS: Final = {"depth": cv2.COLORMAP_VIRIDIS, **dict.fromkeys(_ERRORS, cv2.COLORMAP_INFERNO)}
 _MAGIC: Final = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
 
 

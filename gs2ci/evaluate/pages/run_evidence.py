@@ -21,6 +21,7 @@ from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import media_type, to_eight_bit
 from gs2ci.evaluate.report import MOTION_PICTURE_NAME, Report, read_report
 from gs2ci.evaluate.scales import white_level
+from gs2ci.evaluate.sureness import DEPTH_ERROR, VIEWS_ERROR
 
 GIVEN_NAME: Final = "given.npz"
 # An archive may claim any size; those of runs contain a few images.
@@ -42,6 +43,8 @@ class RunEvidence:
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
         focal_x_px: Focal length along the rows.
         focal_y_px: Focal length along the columns.
+        views_error: Standard error of the views' values, [N, H, W]; None if the run has none.
+        depth_error: Standard error of depth, in its unit, [N, H, W]; None likewise.
         motion_picture: The bytes of `motion.png`; None if nothing moves.
         measurement: For display, [H, W, 1 or 3]; None in a folder without `given.npz`, as the fields below.
         true_views: For display, [N, H, W, 1 or 3].
@@ -59,6 +62,8 @@ class RunEvidence:
     focal_x_px: float
     focal_y_px: float
     motion_picture: bytes | None = None
+    views_error: NDArray[Any] | None = None
+    depth_error: NDArray[Any] | None = None
     measurement: U8 | None = None
     true_views: U8 | None = None
     true_world_to_camera: F64 | None = None
@@ -145,6 +150,8 @@ def _read(folder: Path, report: Report) -> RunEvidence:
         world_to_camera=poses,
         focal_x_px=_positive(path, transforms["fl_x"]),
         focal_y_px=_positive(path, transforms["fl_y"]),
+        views_error=_map(folder / VIEWS_ERROR, shape),
+        depth_error=_map(folder / DEPTH_ERROR, shape),
         motion_picture=_picture(folder / MOTION_PICTURE_NAME),
         **given,
     )

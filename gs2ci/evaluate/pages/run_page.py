@@ -24,6 +24,7 @@ from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.summary import summary_rows
+from gs2ci.evaluate.sureness import ORDER_OPEN, SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 from gs2ci.render.gaussians import Gaussians
@@ -38,6 +39,7 @@ FILES: Final = (
     ("moments/", "if requested with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in the unit of the path"),
+    ("views_error.npy, depth_error.npy", "standard errors, pixel by pixel"),
     ("disagreement.npy", "difference between several fits, full scale 1"),
     ("decode.npy, scene_views.npy", "the two candidates: the decode without a scene, and the scene alone"),
     ("overview.png", "the run in one picture"),
@@ -79,6 +81,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Scene and cameras", _scene(evidence, scene, pictures)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
+        PageSection("How sure it is", _sureness(report, pictures), _sureness_lead(report)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence, pictures.indices), _path_lead(evidence)),
         PageSection("Exposures", _exposures(report), "One scene, and the views and the path of each exposure."),
@@ -230,6 +233,54 @@ def _maps(pictures: RunPictures) -> Markup:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
     views = [index + 1 for index in pictures.indices]
     return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+
+
+def _sureness(report: Report, pictures: RunPictures) -> Markup:
+    found = report.sureness
+    if found is None:
+        return Markup()
+    views = [index + 1 for index in pictures.indices]
+    shown = [
+        piece("veiled", map=one, views=views, start=pictures.start, pixelated=pictures.pixelated)
+        for one in (pictures.views_error, pictures.depth_error)
+        if one is not None
+    ]
+    rows: list[tuple[str, str]] = [
+        ("standard error of the views' values, mean", describe_number(found.views_mean, 2)),
+        (f"of them surer than {SURE_OF_VIEWS:g}", f"{found.views_sure_share:.0%}"),
+    ]
+    if found.depth_median is not None and found.depth_sure_share is not None:
+        rows += [
+            ("standard error of depth, median", f"{found.depth_median:.1%}"),
+            (f"pixels whose depth is surer than {SURE_OF_DEPTH:.0%}", f"{found.depth_sure_share:.0%}"),
+        ]
+    if found.positions is not None and found.rotations_deg is not None:
+        rows += [
+            (
+                "standard error of cameras' places, largest",
+                f"{describe_number(max(found.positions), 2)} {report.length_unit}",
+            ),
+            ("of their rotations against each other, largest", f"{describe_number(max(found.rotations_deg), 2)}°"),
+        ]
+    picker = piece("picker", views=views, start=pictures.start, label="View")
+    return pieces.columns(*shown) + picker + pieces.facts(rows)
+
+
+def _sureness_lead(report: Report) -> str:
+    lead = "Of the errors, about 68 % lie within one standard error and 95 % within two; their tails are long."
+    if report.sureness is None or report.sureness.depth_median is None:
+        return lead
+    if not any(report.found(code) for code in ORDER_OPEN):
+        return lead
+    held = (
+        " This measurement was fitted in the other order too: depth_other.npy has its depth."
+        if report.sureness.other_order
+        else ""
+    )
+    return (
+        f"{lead} The order of near and far is open, and with it depth and path are one of two: their errors are not "
+        f"normally distributed, and the standard errors hold only if the order is the one taken.{held}"
+    )
 
 
 def _motion(evidence: RunEvidence) -> Markup:

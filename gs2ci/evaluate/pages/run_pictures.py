@@ -27,6 +27,9 @@ from gs2ci.evaluate.wording import describe_number, told_apart
 MOST_VIEWS: Final = 16
 TICKS: Final = 5
 
+_Coloured = tuple[list[U8], list[str], float]
+"""Coloured maps, the ticks of their scale, and its upper end."""
+
 
 @dataclass(frozen=True)
 class ComparisonLayer:
@@ -40,13 +43,15 @@ class ComparisonLayer:
 
 @dataclass(frozen=True)
 class Map:
-    """A coloured map for each view, with its scale."""
+    """A coloured map for each view, with its scale, whose last tick is at `most`, in a unit."""
 
     label: str
     caption: str
     pictures: Sequence[Picture]
     picture: Picture
     ticks: Sequence[str]
+    most: float = 0.0
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,8 @@ class RunPictures:
         depth: Depth, or None if none was found.
         error: Error, or None if the truth is not known.
         disagreement: Difference between fits, or None if there was one fit.
+        views_error: Standard error of the views, or None if the run has none.
+        depth_error: Standard error of depth as a share of it, in per cent, or None likewise.
     """
 
     indices: Sequence[int]
@@ -76,6 +83,8 @@ class RunPictures:
     depth: Map | None
     error: Map | None
     disagreement: Map | None
+    views_error: Map | None = None
+    depth_error: Map | None = None
 
     @property
     def all_shown(self) -> bool:
@@ -101,13 +110,18 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         "depth": _depth(evidence, indices),
         "error": _error(evidence, indices),
         "disagreement": _disagreement(evidence, indices),
+        "views_error": _views_error(evidence, indices),
+        "depth_error": _depth_error(evidence, indices),
     }
+    ceilings = {name: found[2] for name, found in maps.items() if found is not None}
     stacks |= {name: found[0] for name, found in maps.items() if found is not None}
     encoded = encode_all(stacks)
 
-    def shown(name: str, label: str, caption: str) -> Map | None:
+    def shown(name: str, label: str, caption: str, unit: str = "") -> Map | None:
         found = maps[name]
-        return None if found is None else Map(label, caption, encoded[name], scale_strip(name), found[1])
+        if found is None:
+            return None
+        return Map(label, caption, encoded[name], scale_strip(name), found[1], ceilings[name], unit)
 
     return RunPictures(
         indices=indices,
@@ -120,6 +134,8 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         depth=shown("depth", "Depth", _DEPTH),
         error=shown("error", "Error", _ERROR),
         disagreement=shown("disagreement", "Disagreement", _DISAGREEMENT),
+        views_error=shown("views_error", "Standard error of the view", _VIEWS_ERROR),
+        depth_error=shown("depth_error", "Standard error of depth", _DEPTH_ERROR, " %"),
     )
 
 
@@ -131,6 +147,10 @@ _DISAGREEMENT: Final = (
     "Difference between the fits' views and their mean, full scale 1: where it is high, the measurement is ambiguous "
     "and the error is larger than elsewhere; it does not measure the error itself."
 )
+
+
+_VIEWS_ERROR: Final = "Standard error of the view's values, full scale 1: about 68 % of them are off by less."
+_DEPTH_ERROR: Final = "Standard error of depth, in per cent of it; where there is no depth, the largest."
 
 
 def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonLayer]:
@@ -146,7 +166,7 @@ def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonL
     return rest if verdict == "decode" and rest else found
 
 
-def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+def _depth(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
     """Colour depth by its inverse; one scale for all views."""
     if evidence.depth is None:
         return None
@@ -157,27 +177,44 @@ def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], lis
     inverse = 1 / np.where(empty, 1.0, depth)
     low, high = inverse_depth_limits(inverse[~empty])
     ticks = told_apart([float(1 / value) for value in np.linspace(low, high, TICKS)], describe_number)
-    return list(colour(inverse, (low, high), "depth", empty=empty)), ticks
+    return list(colour(inverse, (low, high), "depth", empty=empty)), ticks, high
 
 
-def _error(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+def _error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
     if evidence.true_views is None:
         return None
     return _from_zero(np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices]), "error")
 
 
-def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
     if evidence.disagreement is None:
         return None
     values = np.stack([evidence.disagreement[i] for i in indices]).astype(np.float64)
     return _from_zero(np.nan_to_num(values), "disagreement")
 
 
-def _from_zero(values: F64, name: str) -> tuple[list[U8], list[str]]:
+def _views_error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+    if evidence.views_error is None:
+        return None
+    return _from_zero(np.stack([evidence.views_error[i] for i in indices]).astype(np.float64), "views_error")
+
+
+def _depth_error(evidence: RunEvidence, indices: Sequence[int]) -> _Coloured | None:
+    if evidence.depth_error is None or evidence.depth is None:
+        return None
+    depth, errors = (
+        np.stack([values[i] for i in indices]).astype(np.float64) for values in (evidence.depth, evidence.depth_error)
+    )
+    there = depth > 0
+    percent = np.where(there, 100 * errors / np.where(there, depth, 1), 0)
+    return _from_zero(np.where(there, percent, percent.max()), "depth_error")
+
+
+def _from_zero(values: F64, name: str) -> _Coloured:
     """Colour a quantity of which smaller is better; one scale for all views, which begins at zero."""
     ceiling = error_ceiling(values)
     ticks = told_apart(np.linspace(0, ceiling, TICKS).tolist(), describe_number)
-    return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks
+    return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks, ceiling
 
 
 def _absolute_error(view: NDArray[Any], truth: U8) -> F64:

@@ -1,4 +1,4 @@
-"""Accuracy against time as a section of a run's page: in words, as a chart with the Pareto front, as a table.
+"""Accuracy against time in words, as a chart with the Pareto front, as a table: a page, or a section of a run's.
 
 Here: the section's layout. Not here: the record and its reading (`gs2ci.evaluate.tradeoff.record`), the sentences and
 the trials (the rest of `gs2ci.evaluate.tradeoff`).
@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import PageSection
+from gs2ci.evaluate.pages.frame import PageSection, page
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, Measure, TradeoffRecord, Tried
 
 LEAD: Final = (
@@ -31,6 +31,11 @@ class _Point:
     number: int
     trial: Tried
     value: float
+
+
+def tradeoff_page(record: TradeoffRecord) -> str:
+    """Build a page of it alone."""
+    return page(record.name, [tradeoff_section(record)], eyebrow="gs2ci tradeoff")
 
 
 def tradeoff_section(record: TradeoffRecord) -> PageSection:

@@ -101,16 +101,10 @@ class Race:
         self._entered: list[Entrant] = []
         self._outcomes: dict[int, RaceOutcome] = {}
 
-    def hurried(self, first: FirstLook, order: OrderFound) -> Raced:
-        """Fit the first hypothesis and its companions, and nothing else, as within a budget."""
-        moves = self._settings.motion == "on"
-        origin = Origin.MOVING if moves else Origin.FIRST
-        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
-        field = self._to(1.0, [leader, *self._companions(leader)])
-        return self._delivered(first, field, order, MotionQuestion(), {})
-
-    def run(self, first: FirstLook, order: OrderFound) -> Raced:
-        """Let all hypotheses compete that are worth their time."""
+    def run(self, first: FirstLook, order: OrderFound, *, hurried: bool = False) -> Raced:
+        """Let all hypotheses compete that are worth their time; if hurried, fit the first and its companions alone."""
+        if hurried:
+            return self._hurried(first, order)
         field = self._begun(first, order)
         waiting = len(field) if not self._may_wait(field[0]) else 1
         field = (*self._to(1.0, field[:waiting]), *field[waiting:])
@@ -139,6 +133,12 @@ class Race:
         field = self._to(1.0, field)
         field, order = self._jury.taken(field, asked)
         return self._delivered(first, field, order, asked, residuals)
+
+    def _hurried(self, first: FirstLook, order: OrderFound) -> Raced:
+        moves = self._wants_motion
+        origin = Origin.MOVING if moves else Origin.FIRST
+        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
+        return self._delivered(first, self._to(1.0, [leader, *self._companions(leader)]), order, MotionQuestion(), {})
 
     # Who enters.
 

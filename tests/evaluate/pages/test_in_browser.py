@@ -115,11 +115,35 @@ def test_stepping_through_the_views_moves_everything_that_shows_one(tab, page, w
     set_slider(tab, ".split", 0)
     assert close_to(picture_of_the_stage(tab), evidence.views[7], slice(60, None))
     assert tab.run("document.querySelector('.now').textContent").startswith("View 8: decode")
-    assert tab.run("[...document.querySelectorAll('output')].map(e => e.textContent)") == ["8 of 8", "8 of 8"]
+    assert tab.run("[...document.querySelectorAll('.picker output')].map(e => e.textContent)") == ["8 of 8"] * 3
     maps = "[...document.querySelectorAll('.stack img')].filter(e => e.offsetParent).map(e => e.alt)"
-    assert tab.run(maps) == ["Depth, view 8", "Error, view 8", "Disagreement, view 8"]
+    assert tab.run(maps) == [
+        *("Depth, view 8", "Error, view 8", "Disagreement, view 8"),
+        *("Standard error of the view, view 8", "Standard error of depth, view 8"),
+    ]
     marks = "[...document.querySelectorAll('.path .on title')].map(e => e.textContent)"
     assert set(tab.run(marks)) == {"recovered, view 8"}
+
+
+def test_the_slider_hides_what_is_less_sure(tab, page):
+    """The standard errors of `whole_run` grow from left to right."""
+    tab.open(page, 1280)
+    canvas = "document.querySelector('.veil canvas')"
+    hidden = (
+        f"(c => {{ const d = c.getContext('2d').getImageData(0, Math.floor(c.height / 2), c.width, 1).data;"
+        f" return [...Array(c.width).keys()].filter(x => [0, 1, 2].every(k => d[4 * x + k] === 128)) }})({canvas})"
+    )
+    width = tab.run(f"{canvas}.width")
+    assert tab.run(hidden) == []
+    set_slider(tab, ".veiled input", 50)
+    found = tab.run(hidden)
+    assert found
+    assert found == list(range(found[0], width))
+    assert 0.3 * width < found[0] < 0.6 * width
+    assert tab.run("document.querySelector('.veiled output').textContent") == "0.05"
+    set_slider(tab, ".veiled input", 0)
+    assert len(tab.run(hidden)) == width
+    assert tab.complaints == []
 
 
 def test_the_views_play_there_and_back_until_stopped(tab, page):
@@ -146,7 +170,7 @@ def test_on_paper_stand_some_views_side_by_side_and_nothing_to_press(tab, page):
     assert tab.run(visible % "details.fold") == 0
     paper = tab.pdf()
     assert paper.startswith(b"%PDF")
-    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 4
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 5
 
 
 def test_without_scripts_it_reads_like_on_paper(tab, page):

@@ -38,6 +38,7 @@ def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
         "Scene and cameras",
         "View by view",
         "Depth, error, disagreement",
+        "How sure it is",
         "Camera path",
         "Quality against time",
         "Cost",

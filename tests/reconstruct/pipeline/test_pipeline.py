@@ -75,8 +75,8 @@ def test_the_near_board_is_found_nearer_than_the_wall(found):
 def test_the_result_is_whole(shot, found):
     result = found.result.check()
     assert result.views.shape == result.scene_views.shape == result.decode.shape == (VIEWS, HEIGHT, WIDTH, 3)
-    assert set(result.seconds) == {*SECONDS_KEYS, "registration"}
-    parts = (*SECONDS_KEYS[1:], "registration")
+    assert set(result.seconds) == {*SECONDS_KEYS, "registration", "uncertainty"}
+    parts = (*SECONDS_KEYS[1:], "registration", "uncertainty")
     assert result.seconds["total"] == pytest.approx(sum(result.seconds[key] for key in parts))
     assert result.curve[0].seconds > result.seconds["decode"]
     assert len(found.scene) == result.gaussians
@@ -89,6 +89,22 @@ def test_the_result_is_whole(shot, found):
 
 def test_the_truth_is_not_read(shot, found_briefly):
     assert_same_bits(reconstruct(replace(shot, truth=Truth()), BRIEF), found_briefly)
+
+
+def test_without_standard_errors_the_same_bits_come_out(shot, found_briefly):
+    assert found_briefly.result.uncertainty is not None
+    without = reconstruct(shot, replace(BRIEF, uncertainty=False))
+    assert without.result.uncertainty is None
+    assert_same_bits(without, found_briefly)
+
+
+def test_most_values_lie_within_two_standard_errors_and_err_more_where_these_are_larger(shot, found):
+    errors, off = found.result.uncertainty, np.abs(found.result.views - shot.truth.views)
+    assert 0.5 < np.mean(off < errors.views[..., None]) < 0.97
+    assert np.mean(off < 2 * errors.views[..., None]) > 0.85
+    unsure = errors.views > np.median(errors.views)
+    assert off[unsure].mean() > 1.3 * off[~unsure].mean()
+    assert np.array_equal(errors.depth > 0, found.result.depth > 0)
 
 
 def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_briefly):

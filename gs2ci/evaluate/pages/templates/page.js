@@ -14,7 +14,36 @@
       picker.querySelector(".view").value = index + 1;
       if (names.length) picker.querySelector("output").textContent = `${names[index]} of ${names.at(-1)}`;
     }
+    for (const veil of all(".veiled")) draw(veil);
     for (const line of all(".now")) line.textContent = document.querySelector(".frame.on figcaption")?.textContent ?? "";
+  }
+
+  // The recovered view, grey where its standard error is larger than the slider says. The map's colours grow lighter
+  // with the error, so that their lightness, looked up on the map's own scale, tells it.
+  function pixels(image, width, height) {
+    const sheet = new OffscreenCanvas(width, height).getContext("2d");
+    sheet.drawImage(image, 0, 0, width, height);
+    return sheet.getImageData(0, 0, width, height);
+  }
+  const lightness = (data, at) => 0.3 * data[at] + 0.59 * data[at + 1] + 0.11 * data[at + 2];
+  function draw(veil) {
+    const map = veil.querySelector(".stack img.on"), slider = veil.querySelector("input");
+    const view = map && document.querySelector(`.frame[data-index="${map.dataset.index}"] img[data-layer="recovered"]`);
+    const scale = veil.querySelector(".scale img"), canvas = veil.querySelector("canvas");
+    const share = slider.value / 100, unit = veil.dataset.unit;
+    veil.querySelector("output").textContent = `${Number((share * veil.dataset.most).toPrecision(2))}${unit}`;
+    if (!view || ![map, view, scale].every((image) => image.complete && image.naturalWidth)) return;
+    const width = canvas.width = view.naturalWidth, height = canvas.height = view.naturalHeight;
+    const shown = pixels(view, width, height), errors = pixels(map, width, height).data;
+    const strip = pixels(scale, 256, 1).data, most = lightness(strip, 4 * Math.round(255 * share));
+    for (let at = 0; share < 1 && at < errors.length; at += 4) {
+      if (lightness(errors, at) > most + 0.5) shown.data.fill(128, at, at + 3);
+    }
+    canvas.getContext("2d", { willReadFrequently: true }).putImageData(shown, 0, 0);
+  }
+  for (const veil of all(".veiled")) {
+    veil.querySelector("input").addEventListener("input", () => draw(veil));
+    addEventListener("load", () => draw(veil));
   }
 
   for (const viewer of all("[data-viewer]")) {

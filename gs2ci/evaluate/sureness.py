@@ -1,0 +1,87 @@
+"""The standard errors of a run: their files, those of the Gaussians' centres, and their figures for the report.
+
+Here: that. Not here: the standard errors themselves (`gs2ci.reconstruct.uncertainty`), the page.
+"""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code
+from gs2ci.core.run_records import RunResult
+from gs2ci.core.uncertainty import Uncertainty
+from gs2ci.evaluate.points import Cameras
+from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
+from gs2ci.render.gaussians import Gaussians
+
+ORDER_OPEN: Final = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED)
+"""Findings that say that near and far may be exchanged."""
+VIEWS_ERROR: Final = "views_error.npy"
+DEPTH_ERROR: Final = "depth_error.npy"
+DEPTH_OTHER: Final = "depth_other.npy"
+SURE_OF_VIEWS: Final = 0.05
+"""A value of a view surer than this, full scale 1, counts as sure: an error of so much (26 dB) shows at a glance."""
+SURE_OF_DEPTH: Final = 0.05
+"""A depth surer than this share of it counts as sure."""
+
+
+def write_errors(folder: Path, errors: Uncertainty | None) -> None:
+    """Write the maps of standard errors that there are into a run folder."""
+    if errors is None:
+        return
+    maps = {VIEWS_ERROR: errors.views, DEPTH_ERROR: errors.depth, DEPTH_OTHER: errors.other_depth}
+    for name, values in maps.items():
+        if values is not None:
+            np.save(folder / name, values.astype(np.float32))
+
+
+def errors_of_centres(scene: Gaussians, result: RunResult) -> F32 | None:
+    """Return the standard errors of the Gaussians' centres, [G], in the unit of the scene.
+
+    Each is that of the depth where the middle view shows the centre, as far as the centre is away; a centre that it
+    does not show errs by half its distance.
+
+    Args:
+        scene: The Gaussians.
+        result: The run that they are of.
+
+    Returns:
+        None if depth has no standard errors.
+    """
+    errors = result.uncertainty
+    if errors is None or errors.depth is None or result.depth is None:
+        return None
+    view = len(result.depth) // 2
+    cameras = Cameras(result.world_to_camera, result.intrinsics, result.distortion)
+    centres = scene.means.detach().double().numpy()
+    height, width = result.depth.shape[1:]
+    inside, ahead, pixels = cameras.seen(centres, view, (height, width))
+    columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+    depth = result.depth[view, rows, columns]
+    known = inside & (depth > 0)
+    relative = np.where(known, errors.depth[view, rows, columns] / np.where(known, depth, 1), UNKNOWN_DEPTH)
+    found: F32 = (relative * np.abs(ahead)).astype(np.float32)
+    return found
+
+
+def figures_of_errors(result: RunResult) -> dict[str, Any] | None:
+    """Return the section of the report; None if there are no standard errors."""
+    errors = result.uncertainty
+    if errors is None:
+        return None
+    found: dict[str, Any] = {
+        "views_mean": float(errors.views.mean(dtype=np.float64)),
+        "views_sure_share": float(np.mean(errors.views <= SURE_OF_VIEWS)),
+        "other_order": errors.other_depth is not None,
+    }
+    if errors.depth is not None and result.depth is not None and (there := result.depth > 0).any():
+        relative = errors.depth[there] / result.depth[there]
+        found |= {
+            "depth_median": float(np.median(relative)),
+            "depth_sure_share": float(np.mean(relative <= SURE_OF_DEPTH)),
+        }
+    if errors.positions is not None and errors.rotations is not None:
+        found |= {"positions": errors.positions.tolist(), "rotations_deg": np.degrees(errors.rotations).tolist()}
+    return found

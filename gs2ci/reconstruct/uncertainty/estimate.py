@@ -1,0 +1,123 @@
+"""The standard errors of one exposure's views, depths and poses, put together.
+
+Here: what is asked of which part. Not here: the parts (`views`, `information`, `poses`, `depths`), the record
+(`gs2ci.core.uncertainty`), files (`gs2ci.evaluate`). Several exposures of one scene are asked one by one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.ranks import rank_correlation
+from gs2ci.core.uncertainty import Uncertainty
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surfaces import pixel_rays
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.measurement.noise import noise_of_readings
+from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.depths import errors_of_depths
+from gs2ci.reconstruct.uncertainty.information import Seen, flows_between, information
+from gs2ci.reconstruct.uncertainty.poses import errors_of_poses
+from gs2ci.reconstruct.uncertainty.views import SeenViews, errors_alike, errors_of_views
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.stopping import StoppedLight
+
+
+@dataclass(frozen=True, eq=False)
+class Exposed:
+    """What was found of one exposure.
+
+    Args:
+        holdout: The measurement, and its held-out pixels.
+        renderer: Of this exposure.
+        views: Its views.
+        world_to_camera: Its poses, [N, 4, 4].
+        light: Where the light of its pixels is stopped.
+    """
+
+    holdout: Holdout
+    renderer: ShotRenderer
+    views: SeenViews
+    world_to_camera: F64
+    light: StoppedLight
+
+
+@dataclass(frozen=True)
+class PathKnown:
+    """What is known of the path of an exposure.
+
+    Args:
+        reference: The view whose pose is held.
+        expected_error: By halves of the tracks, as a share of the path's extent; None if they did not judge it.
+        given: Standard errors of given poses that nothing contradicts: position, in the unit of the path, and rotation,
+            rad; None if a reconstruction found the path.
+        extent: Of the path, in its unit.
+    """
+
+    reference: int
+    expected_error: float | None
+    given: tuple[float, float] | None
+    extent: float
+
+    @property
+    def error(self) -> float:
+        """Get the expected error as a share of the path's extent."""
+        if self.given is not None and self.extent > 0:
+            return self.given[0] / self.extent
+        return factors.PATH_NOT_JUDGED if self.expected_error is None else self.expected_error
+
+
+def standard_errors(of: Exposed, path: PathKnown | None) -> Uncertainty:
+    """Return the standard errors of an exposure's views, depths and poses.
+
+    Args:
+        of: The exposure.
+        path: What is known of its path; None if there is none, or if things move: then only of the views.
+    """
+    depth = of.light.surface().numpy()
+    seen = Seen(
+        views=of.views.delivered,
+        depth=depth,
+        rays=pixel_rays(of.renderer),
+        world_to_camera=of.world_to_camera,
+        focal_px=of.renderer.intrinsics.double().numpy().diagonal()[:2],
+        transmissions=(of.holdout.shot.masks * of.holdout.shot.weights[:, None, None]).astype(np.float32),
+        noise=noise_of_readings(of.holdout, of.views.scene),
+    )
+    views = errors_of_views(of.holdout, of.views, errors_alike(flows_between(seen)), seen.noise)
+    if path is None:
+        return Uncertainty(views)
+    given = path.given is not None
+    if given:  # so that the readings do not seem to make given poses surer than they do
+        seen = replace(seen, noise=seen.noise * np.float32(factors.POSITION**2))
+    known = information(seen, path.reference, path.given)
+    there = depth[depth > 0]
+    middle = float(np.median(there)) if there.size else 1.0
+    positions, rotations = errors_of_poses(known.poses, of.world_to_camera, middle, given=given)
+    spread = of.light.spread.numpy()
+    return Uncertainty(views, errors_of_depths(known, seen, spread, path.error, given=given), positions, rotations)
+
+
+def in_other_order(
+    depth: F32, reference: int, renderer: ShotRenderer, others: list[tuple[Gaussians, F64]]
+) -> F32 | None:
+    """Return the depth, [N, H, W], of the first other fit that has near and far exchanged, in the unit of `depth`.
+
+    Args:
+        depth: As delivered, [N, H, W]; 0 where there is none.
+        reference: The view in which orders are compared.
+        renderer: Of the exposure.
+        others: Scenes and poses of other fits to it.
+
+    Returns:
+        None if no other fit has the other order.
+    """
+    for scene, poses in others:
+        found = renderer.depths(scene, poses)
+        both = (depth[reference] > 0) & (found[reference] > 0)
+        here, there = depth[reference][both].astype(np.float64), found[reference][both].astype(np.float64)
+        if here.size and np.ptp(here) > 0 and np.ptp(there) > 0 and rank_correlation(there, here) < 0:
+            scale = np.float32(np.median(here) / np.median(there))
+            return found * scale
+    return None

@@ -1,0 +1,77 @@
+"""Standard errors of poses, from the covariance of their twists.
+
+A position errs by its distance from the true one after the similarity that no image determines, a rotation by its angle
+against the true one after the turn that all cameras have in common. Here: these, by the covariance. Not here: the
+covariance (`information`), the factors (`factors`).
+"""
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
+from gs2ci.reconstruct.uncertainty import factors
+
+# In the alignment of two paths, positions decide; orientations only about what they leave open, as the roll about a
+# straight path. A turn of 1 rad counts as an error of a position by this share of the path.
+_TURN_COUNTS = 0.02
+
+
+def errors_of_poses(covariance: F64, world_to_camera: F64, middle_depth: float, *, given: bool) -> tuple[F64, F64]:
+    """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
+
+    Args:
+        covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
+        world_to_camera: [N, 4, 4].
+        middle_depth: Of the scene, in the unit of the path.
+        given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
+    """
+    count = len(world_to_camera)
+    centres = camera_centres(world_to_camera)
+    moved = centres - centres.mean(axis=0)
+    aligned = _aligned(world_to_camera, moved)
+    position = np.sqrt(_squares(aligned @ covariance @ aligned.T).reshape(count, 2, 3)[:, 0].sum(axis=1))
+    apart = _turns_apart(world_to_camera)
+    rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
+    if given:
+        return position, rotation
+    across = np.hypot(*(moved @ world_to_camera[count // 2, :2, :3].T).T) / middle_depth
+    return factors.POSITION * position, np.hypot(factors.TURN * rotation, factors.TURN_PER_TRAVEL * across)
+
+
+def _squares(matrix: F64) -> F64:
+    found: F64 = np.maximum(np.diag(matrix), 0.0)
+    return found
+
+
+def _aligned(world_to_camera: F64, moved: F64) -> F64:
+    """Return the map from twists to errors after alignment, [6 N, 6 N]: position, then turn, of each camera."""
+    count = len(moved)
+    errors = np.zeros((6 * count, 6 * count))
+    gauge = np.zeros((6 * count, 7))
+    weights = np.ones(6 * count)
+    extent = float(np.linalg.norm(np.ptp(moved, axis=0)))
+    for view in range(count):
+        place, turn = slice(6 * view, 6 * view + 3), slice(6 * view + 3, 6 * view + 6)
+        errors[place, place] = -world_to_camera[view, :3, :3].T
+        errors[turn, turn] = world_to_camera[view, :3, :3].T
+        gauge[place] = np.hstack([np.eye(3), -_cross(moved[view]), moved[view][:, None]])
+        gauge[turn, 3:6] = -np.eye(3)
+        weights[turn] = _TURN_COUNTS * extent
+    weighted = gauge * weights[:, None]
+    return errors - gauge @ (np.linalg.pinv(weighted) * weights) @ errors
+
+
+def _turns_apart(world_to_camera: F64) -> F64:
+    """Return the map from twists to turns beyond the mean turn, [3 N, 6 N]."""
+    count = len(world_to_camera)
+    found = np.zeros((3 * count, 6 * count))
+    for view in range(count):
+        for other in range(count):
+            turned = (float(view == other) - 1 / count) * world_to_camera[other, :3, :3].T
+            found[3 * view : 3 * view + 3, 6 * other + 3 : 6 * other + 6] = turned
+    return found
+
+
+def _cross(vector: F64) -> F64:
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

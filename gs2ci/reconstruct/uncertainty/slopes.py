@@ -1,0 +1,13 @@
+"""Slopes of pictures: differences between neighbouring pixels."""
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+
+
+def slopes(values: F64) -> tuple[F64, F64]:
+    """Return how maps, [..., H, W], change per pixel down and across; 0 along a side of a single pixel."""
+    down, across = (
+        np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values) for axis in (-2, -1)
+    )
+    return down, across

@@ -1,0 +1,121 @@
+"""Standard errors of views, pixel by pixel.
+
+How large they are follows from the readings: what the scene's views leave of them, at pixels that the fit saw and at
+those held out, per unit of light that errors would send there, N views sharing one reading. Where they are follows from
+the residual about each pixel, the detail there, the decode and the spread of several fits, and from what the pixel's
+own reading says of each view. Here: that. Not here: the factors (`factors`), depths and poses.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.slopes import slopes
+
+# Residuals, and the masks' light, are averaged over so many pixels (standard deviation).
+_NEIGHBOURHOOD_PX = 2.0
+# A pixel of less light than this share of an open mask tells nothing by itself.
+_LEAST_LIGHT = 0.05
+_LITTLE_LIGHT = 0.2
+# If no reading is usable, nothing is known: the standard deviation of a brightness anywhere from 0 to 1 is 0.29.
+_UNKNOWN = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class SeenViews:
+    """The views of one exposure, before and after they were combined; [N, H, W, C] each.
+
+    Args:
+        delivered: As each mask saw them.
+        scene: The mean of the fits' views.
+        decoded: Without a scene.
+        disagreement: How far several fits are from their mean, [N, H, W]; None with one fit.
+    """
+
+    delivered: F32
+    scene: F32
+    decoded: F32
+    disagreement: F32 | None
+
+
+def errors_of_views(holdout: Holdout, views: SeenViews, alike: F64, noise: F32) -> F32:
+    """Return the standard error of each view's values, [N, H, W], full scale 1.
+
+    Args:
+        holdout: The measurement, and its held-out pixels.
+        views: The views.
+        alike: Correlation of the errors of two views at one pixel, [N, N] (`errors_alike`).
+        noise: Power of the readings' noise by what the scene leaves of them, [H, W, C] (`measurement.noise`).
+    """
+    shot = holdout.shot
+    transmissions = (shot.masks * shot.weights[:, None, None]).astype(np.float64)
+    reached = np.tensordot(alike, transmissions, axes=1)
+    light = (transmissions * reached).sum(axis=0)
+    usable = shot.usable & ~holdout.pixels
+    if not usable.any() or light[usable].mean() <= 0:
+        return np.full(transmissions.shape, _UNKNOWN, np.float32)
+    residual = shot.measurement - holdout.coded(views.scene)
+    power = np.mean(residual.astype(np.float64) ** 2, axis=-1)
+    level = _level(holdout, views, light, power, noise)
+    pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), transmissions.max() ** 2)
+    # What the pixel's reading takes away along its masks.
+    little = _LITTLE_LIGHT * transmissions.max() ** 2
+    known = np.clip(reached**2 / np.maximum(light, little), 0, 1)
+    found: F32 = np.sqrt(level * pattern * (1 - factors.OWN_READING * known)).astype(np.float32)
+    return found
+
+
+def errors_alike(flow_px2: F64) -> F64:
+    """Return how much the errors of two views at one pixel are alike, [N, N].
+
+    Args:
+        flow_px2: How far the picture moves from one view to the other, squared, [N, N, P] at P places.
+    """
+    both = (flow_px2 + flow_px2.transpose(1, 0, 2)) / 2
+    found: F64 = np.exp(-both / (2 * factors.ALIKE_PX**2)).mean(axis=2)
+    return found
+
+
+def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64, noise: F32) -> float:
+    """Return the mean power of the views' errors."""
+    usable = holdout.shot.usable & ~holdout.pixels
+    per_light = float(light[usable].mean())
+    seen = float(power[usable].mean()) / per_light
+    unseen = factors.UNSEEN * seen
+    if holdout.pixels.any() and (there := float(light[holdout.pixels].mean())) > 0:
+        unseen = float(holdout.squared_residuals(views.scene).mean()) / there
+    if seen <= 0:
+        return 0.0
+    share = float(noise[usable].mean(dtype=np.float64)) / per_light / seen
+    rest = 1 - min(1.0, share) ** factors.NOISE_ORDER
+    return float(factors.LEVEL * np.sqrt(seen * unseen) * max(rest, factors.LEAST_OF_LEVEL))
+
+
+def _pattern(views: SeenViews, power: F64, light: F64, full: float) -> F64:
+    """Return where errors are, as shares of their mean power, [N, H, W]; `power` and `light` are 0 at unused pixels."""
+    about = _smooth(power, _NEIGHBOURHOOD_PX) / np.maximum(_smooth(light, _NEIGHBOURHOOD_PX), _LEAST_LIGHT * full)
+    down, across = slopes(_smooth(views.delivered.mean(axis=-1), 0.5))
+    parts = [
+        (factors.PATTERN_OF_RESIDUAL, np.broadcast_to(about, views.delivered.shape[:3])),
+        (factors.PATTERN_OF_DETAIL, _smooth(down**2 + across**2, 1.2)),
+        (factors.PATTERN_OF_DECODE, _smooth(np.mean((views.decoded - views.delivered) ** 2, axis=-1), 1.0)),
+    ]
+    if views.disagreement is not None:
+        parts.append((factors.PATTERN_OF_FITS, views.disagreement.astype(np.float64) ** 2))
+    shares = [(part, values / values.mean()) for part, values in parts if values.mean() > 0]
+    if not shares:
+        return np.ones(views.delivered.shape[:3])
+    total: F64 = sum((part * values for part, values in shares), np.zeros(views.delivered.shape[:3]))
+    total /= total.mean()
+    return total
+
+
+def _smooth(values: F64 | F32, sigma_px: float) -> F64:
+    """Smooth the last two axes."""
+    along = (0.0,) * (values.ndim - 2) + (sigma_px, sigma_px)
+    found: F64 = gaussian_filter(values.astype(np.float64), along, mode="nearest")
+    return found

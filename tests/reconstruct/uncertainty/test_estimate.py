@@ -1,0 +1,95 @@
+"""Standard errors of an exposure, put together, and of a whole small run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.cameras import pinhole
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.uncertainty import factors
+from gs2ci.reconstruct.uncertainty.estimate import Exposed, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.views import SeenViews
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+from tests.reconstruct.uncertainty.conftest import FOCAL_PX, SIZE, path
+
+
+def discs(depths):
+    """Opaque discs over the left and the right half of the picture, at two depths."""
+    rows, columns = np.mgrid[1 : SIZE[0] : 2, 1 : SIZE[1] : 2]
+    depth = np.where(columns < SIZE[1] / 2, *depths).ravel()
+    places = np.stack([columns.ravel() - SIZE[1] / 2, rows.ravel() - SIZE[0] / 2], axis=-1) / FOCAL_PX
+    means = np.concatenate([places * depth[:, None], depth[:, None]], axis=1)
+    rng = np.random.default_rng(0)
+    fields = {
+        "means": means,
+        "log_scales": np.log(np.tile(depth[:, None], 3) * [1.5 / FOCAL_PX, 1.5 / FOCAL_PX, 0.002]),
+        "quaternions": np.tile([1.0, 0, 0, 0], (len(depth), 1)),
+        "opacity_logits": np.full(len(depth), 4.0),
+        "colours": rng.uniform(0.1, 0.9, (len(depth), 3)),
+    }
+    return Gaussians(**{name: torch.tensor(values, dtype=torch.float32) for name, values in fields.items()})
+
+
+@pytest.fixture
+def exposed(measured):
+    holdout, _, _ = measured()
+    poses = path(holdout.shot.views)
+    renderer = ShotRenderer(holdout.shot, pinhole(FOCAL_PX, SIZE), load_backend("cpu"))
+    scene = discs((2.0, 3.0))
+    views = renderer.views(scene, torch.from_numpy(poses).float())
+    shot = replace(holdout.shot, measurement=holdout.coded(views) + np.float32(0.01))
+    seen = SeenViews(views, views, views, None)
+    return Exposed(Holdout(shot, holdout.pixels), renderer, seen, poses, renderer.stopped_light(scene, poses))
+
+
+def known(**changes):
+    return replace(PathKnown(3, 0.05, None, 0.2), **changes)
+
+
+def test_a_still_scene_along_a_path_has_all_standard_errors(exposed):
+    found = standard_errors(exposed, known()).check((6, *SIZE))
+    assert found.other_depth is None
+    for part in (found.views, found.depth, found.positions, found.rotations):
+        assert part is not None
+        assert part.any()
+
+
+def test_without_a_path_only_views_have_them(exposed):
+    found = standard_errors(exposed, None)
+    assert found.views.any()
+    assert (found.depth, found.positions, found.rotations) == (None, None, None)
+    assert np.array_equal(found.views, standard_errors(exposed, known()).views)
+
+
+def test_given_poses_are_surer(exposed):
+    found = [standard_errors(exposed, known(given=given)) for given in (None, (1e-5, 1e-6))]
+    for name in ("depth", "positions", "rotations"):
+        assert getattr(found[1], name).mean() < getattr(found[0], name).mean()
+
+
+@pytest.mark.parametrize(
+    ("path", "error"),
+    [
+        (known(), 0.05),
+        (known(expected_error=None), factors.PATH_NOT_JUDGED),
+        (known(given=(0.002, 0.001)), 0.01),
+        (known(given=(0.002, 0.001), extent=0.0), 0.05),
+    ],
+)
+def test_the_error_of_a_path_is_that_of_who_judged_it(path, error):
+    assert path.error == pytest.approx(error)
+
+
+def test_a_fit_in_the_other_order_is_kept_in_the_unit_of_the_first(exposed):
+    depth, poses = exposed.light.surface().numpy(), exposed.world_to_camera
+    others = [(discs((2.1, 3.1)), poses), (discs((6.0, 4.0)), poses)]
+    found = in_other_order(depth, 3, exposed.renderer, others)
+    assert found is not None
+    assert np.median(found[3][:, :12]) == pytest.approx(1.5 * np.median(found[3][:, 20:]), rel=0.05)
+    assert np.median(found[3]) == pytest.approx(np.median(depth[3]), rel=0.05)
+    assert in_other_order(depth, 3, exposed.renderer, others[:1]) is None
+    assert in_other_order(np.zeros_like(depth), 3, exposed.renderer, others) is None
