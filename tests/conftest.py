@@ -1,5 +1,7 @@
 """Options of the whole test suite, how many threads each of its processes takes, a small shot, commands as typed."""
 
+import ctypes
+import gc
 import os
 import signal
 import sys
@@ -9,11 +11,13 @@ from pathlib import Path
 import hypothesis
 import numba
 import numpy as np
+import psutil
 import pytest
 
 from gs2ci import cli
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.environment import machine
+from tests.nightly import by_night, listed
 from tests.skipping import Skips, load
 
 # On a busy machine an example may take any time. The same examples every time: what `make test` says of a commit is
@@ -22,6 +26,9 @@ _UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.t
 hypothesis.settings.register_profile("suite", derandomize=True, database=None, **_UNTIMED)
 hypothesis.settings.register_profile("explore", **_UNTIMED)
 hypothesis.settings.load_profile("suite")
+
+# A process of the suite that holds more at the end of a file looks for what nobody holds any more.
+_LARGE_BYTES = 9e8
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -71,11 +78,24 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what runs by night, and begin with the files that take long: two processes then end together."""
-    by_night = [] if config.option.nightly else [item for item in items if item.get_closest_marker("nightly")]
-    config.hook.pytest_deselected(items=by_night)
-    items[:] = [item for item in items if item not in set(by_night)]
+    for item, late in zip(items, by_night([item.nodeid for item in items], listed()), strict=True):
+        if late:
+            item.add_marker("nightly")
+    left_out = [] if config.option.nightly else [item for item in items if item.get_closest_marker("nightly")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Give back, at the end of a file, what it has left behind: the C library keeps hundreds of megabytes otherwise."""
+    if nextitem is None or nextitem.path != item.path:
+        if psutil.Process().memory_info().rss > _LARGE_BYTES:
+            gc.collect()  # takes half a second once torch and Numba are there
+        with suppress(AttributeError):  # another C library than glibc
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture

@@ -83,9 +83,11 @@ def exposed(
     )
 
 
-def adjacent(scene: Scene, size: tuple[int, int], seed: int, count: int = 4, **options: object) -> list[Shot]:
+def adjacent(
+    scene: Scene, size: tuple[int, int], seed: int, count: int = 4, *, step: float = STEP, **options: object
+) -> list[Shot]:
     """Expose paths one beside the other."""
-    places = STEP * (np.arange(count) - (count - 1) / 2)
+    places = step * (np.arange(count) - (count - 1) / 2)
     return [
         exposed(scene, line(float(x)), size, 100 * seed + k, name=f"path {k}", **options)  # type: ignore[arg-type]
         for k, x in enumerate(places)

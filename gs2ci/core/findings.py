@@ -241,6 +241,7 @@ class Code(StrEnum):
     # Several exposures.
     EXPOSURES_TOGETHER = auto()
     EXPOSURE_LEFT_OUT = auto()
+    EXPOSURE_PLACED_OTHERWISE = auto()
     OF_EXPOSURE = auto()
 
     # The result.

@@ -3,7 +3,9 @@
 Here: the record and its check. Not here: how it is found (`gs2ci.reconstruct.uncertainty`), files.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -51,3 +53,13 @@ class Uncertainty:
                     remedy="report this run with its shot file",
                 )
         return self
+
+
+def joined(parts: Sequence[Uncertainty]) -> Uncertainty:
+    """Return the standard errors of several exposures, whose views follow one another; what one lacks is left out."""
+    views = np.concatenate([part.views for part in parts])
+    others: dict[str, Any] = {}
+    for field in fields(Uncertainty)[1:]:
+        arrays = [getattr(part, field.name) for part in parts]
+        others[field.name] = None if any(array is None for array in arrays) else np.concatenate(arrays)
+    return Uncertainty(views, **others)

@@ -21,6 +21,7 @@ from typing import Annotated, Any
 
 import tyro
 
+import gs2ci.cli  # noqa: F401  first: it says how threads wait, before any library with threads is loaded
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.commands.printed_pages import print_pages

@@ -1,6 +1,9 @@
 """`python -m tests.tables`: from a table's name to its pages."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -102,3 +105,17 @@ def test_a_small_case_goes_all_the_way(tmp_path, monkeypatch):
     monkeypatch.setitem(VARIANTS, "default", lambda given: replace(given, fits=1, fit=replace(given.fit, iterations=5)))
     pages = bench.run("seeds", tmp_path, seeds=1)
     assert "| default |" in pages[0].read_text()
+
+
+def test_threads_wait_as_they_do_for_the_command_line():
+    """Otherwise those of torch and of Numba spin against each other, and seconds in tables are not those of users."""
+    unset = {name: value for name, value in os.environ.items() if name not in ("OMP_WAIT_POLICY", "OMP_NUM_THREADS")}
+    program = "import os, tests.tables.__main__; print(os.environ['OMP_WAIT_POLICY'])"
+    found = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**unset, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert found.stdout == "PASSIVE\n"

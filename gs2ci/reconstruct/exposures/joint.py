@@ -3,7 +3,7 @@
     observe each ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─► each one's views ─► record
 
 Here: the order of these, and the record of the whole. Not here: a single exposure's stages (`observe`, `fusion`), where
-exposures lie (`placing`), the fit (`fit.coarse`).
+exposures lie (`places`), the fit (`fit.coarse`).
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
@@ -20,10 +20,10 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
 from gs2ci.reconstruct.exposures.merging import merged
-from gs2ci.reconstruct.exposures.observing import ObservedExposure, PlacedExposure, observe_all
-from gs2ci.reconstruct.exposures.placing import by_stage, first_of_all
+from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
+from gs2ci.reconstruct.exposures.places import CommonPlaces, places
+from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
-from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
@@ -37,6 +37,7 @@ from gs2ci.reconstruct.observe import Tools
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -78,7 +79,7 @@ def reconstruct_together(
 
     Raises:
         InputError: The exposures are not of one camera, or the settings let things move.
-        GeometryError: Nothing ties any exposure to the first.
+        GeometryError: Nothing ties any two exposures to each other.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
@@ -97,35 +98,14 @@ def reconstruct_together(
         )
     settings, clock = replace(settings, motion="off"), Stopwatch()
     observed = list(observe_all(shots, settings, Tools.load(settings), progress, scores or [None] * len(shots)))
-    ties, left_out = tied(observed)
-    for note in left_out:
+    where = places(observed)
+    for note in (*where.left_out, *where.notes):
         progress.say(note.sentence)
-    placed = [one.in_common(ties[one.number]) for one in observed if one.number in ties]
     clock.lap("geometry")
     halt.begin()
-    fits = _fitted(placed, settings, progress, halt, clock)
+    fits = _fitted(where.placed, settings, progress, halt, clock)
     clock.lap("fit")
-    return _handed_over(placed, fits, left_out, settings, progress, clock)
-
-
-def tied(observed: Sequence[ObservedExposure]) -> tuple[dict[int, Similarity], tuple[Finding, ...]]:
-    """Return common_from_own of the exposures that something ties to the first, by number; and those left out.
-
-    Raises:
-        GeometryError: There are several, and none is tied to the first.
-    """
-    if len(observed) == 1:
-        return {observed[0].number: Similarity.identity()}, ()
-    known = by_stage([one.shot for one in observed], [one.geometry for one in observed])
-    ties = {observed[index].number: similarity for index, similarity in known.items()}
-    if len(ties) < 2:
-        raise GeometryError(
-            f"nothing ties any of {len(observed) - 1} exposures to the first",
-            allowed="exposures whose path a stage reported in one frame, and their views confirm",
-            remedy="capture with a stage in the rig file, or reconstruct each exposure by itself",
-        )
-    missing = (one for one in observed if one.number not in ties)
-    return ties, tuple(finding(Code.EXPOSURE_LEFT_OUT, name=one.name) for one in missing)
+    return _handed_over(where, fits, settings, progress, clock)
 
 
 def _fitted(
@@ -149,14 +129,10 @@ def _fitted(
 
 
 def _handed_over(
-    placed: Sequence[PlacedExposure],
-    fits: Sequence[CoarseFit],
-    left_out: tuple[Finding, ...],
-    settings: Settings,
-    progress: Progress,
-    clock: Stopwatch,
+    where: CommonPlaces, fits: Sequence[CoarseFit], settings: Settings, progress: Progress, clock: Stopwatch
 ) -> Joint:
     """Make the views of each exposure that are delivered, and the record of all."""
+    placed, left_out = where.placed, where.left_out
     progress.stage("views", len(placed))
     given = _in_given_unit(placed, fits)
     parts = []
@@ -166,8 +142,13 @@ def _handed_over(
     clock.lap("views")
     names = [one.of.name for one in placed]
     name = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-    notes = (*left_out, finding(Code.EXPOSURES_TOGETHER, exposures=len(parts))) if len(parts) > 1 else left_out
-    result = merged(parts, names, notes, {**clock.seconds(), "decode": sum(_seconds(one) for one in placed)})
+    together = (finding(Code.EXPOSURES_TOGETHER, exposures=len(parts)),) if len(parts) > 1 else ()
+    result = merged(
+        parts,
+        names,
+        (*left_out, *where.notes, *together),
+        {**clock.seconds(), "decode": sum(_seconds(one) for one in placed)},
+    )
     return Joint(summed([one.of.shot for one in placed], name), result, given[0][1].scene, tuple(parts), left_out)
 
 
@@ -202,6 +183,9 @@ def _part(
         None,
         fits.mask_moments,
     )
+    if settings.uncertainty:
+        sure = how_sure(first, geometry, raced.ensemble, recovered, renderer, light)
+        left = replace(left, uncertainty=sure)
     clock.lap("fit")
     seconds = {"geometry": 0.0, "decode": 0.0, "fit": 0.0, **fits.clock.seconds()}
     return record(replace(settings, fits=1, seed=fits.settings.seed), left, fits.score, seconds)
@@ -214,7 +198,9 @@ def _in_given_unit(
     before = np.concatenate([one.geometry.world_to_camera for one in placed])
     after = np.concatenate([fit.world_to_camera for fit in fits])
     best = replace(fits[0], world_to_camera=after)
-    whole, ensemble = in_given_unit(replace(placed[0].geometry, world_to_camera=before), Ensemble(best, best.views))
+    unit = next((one.geometry.unit for one in placed if one.geometry.unit is not None), None)
+    every = replace(placed[0].geometry, world_to_camera=before, unit=unit)
+    whole, ensemble = in_given_unit(every, Ensemble(best, best.views))
     scaled, found, at = ensemble.best, [], 0
     for one, fit in zip(placed, fits, strict=True):
         views = slice(at, at + len(fit.world_to_camera))
@@ -224,7 +210,7 @@ def _in_given_unit(
             one.geometry,
             world_to_camera=whole.world_to_camera[views],
             inverse_depth=depth.astype(np.float32),
-            unit=whole.unit,
+            unit=None if one.geometry.unit is None else whole.unit,
         )
         found.append((geometry, replace(fit, scene=scaled.scene, world_to_camera=scaled.world_to_camera[views])))
         at = views.stop

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import VERDICTS, RunResult, Verdict
+from gs2ci.core.uncertainty import joined
 
 _Number = TypeVar("_Number", np.float32, np.float64)
 
@@ -32,7 +33,7 @@ def merged(
     """
     if len(parts) == 1:
         return replace(parts[0], notes=(*notes, *parts[0].notes), seconds=dict(seconds)).check()
-    first = parts[0]
+    first, sure = parts[0], [one.uncertainty for one in parts]
     return RunResult(
         views=_together([one.views for one in parts]),
         scene_views=_together([one.scene_views for one in parts]),
@@ -53,10 +54,11 @@ def merged(
         seed=first.seed,
         verdict=_verdict(parts),
         heldout_rms={verdict: _rms([one.heldout_rms[verdict] for one in parts]) for verdict in VERDICTS},
-        geometry=first.geometry,
+        geometry=next((one.geometry for one in parts if one.geometry.get("unit_of")), first.geometry),
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
+        uncertainty=None if any(one is None for one in sure) else joined([one for one in sure if one is not None]),
         exposures=tuple(_summary(parts, number, name) for number, name in enumerate(names)),
     ).check()
 

@@ -14,10 +14,12 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.exposures.placing import moved, placed
 from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.exposures.tie import Untied
 from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.lens import straightened
 from gs2ci.reconstruct.observe import Observed, Tools, observe
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
@@ -48,10 +50,21 @@ class ObservedExposure:
         """Get its measurement, registered."""
         return self.observed.registered.shot
 
-    def in_common(self, common_from_own: Similarity) -> "PlacedExposure":
-        """Return it in common coordinates, with its first Gaussians."""
+    def untied(self) -> Untied:
+        """Return what exposures without telemetry are tied by."""
+        views = straightened(self.observed.first.decoded, self.observed.fits.lens)
+        return Untied(self.name, np.clip(views, 0, 1).astype(np.float32, copy=False), self.geometry)
+
+    def in_common(self, common_from_own: Similarity, geometry: Geometry | None = None) -> "PlacedExposure":
+        """Return it in common coordinates, with its first Gaussians.
+
+        Args:
+            common_from_own: The similarity from its own coordinates.
+            geometry: A better path and depth in its own coordinates; None: as observed.
+        """
         fits, first = self.observed.fits, self.observed.first
-        geometry, start = fits.beginning(first, first.decoded)
+        look = first if geometry is None else replace(first, geometry=geometry)
+        geometry, start = fits.beginning(look, first.decoded)
         return PlacedExposure(self, placed(geometry, common_from_own), moved(start, common_from_own))
 
 

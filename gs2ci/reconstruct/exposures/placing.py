@@ -47,10 +47,10 @@ def placed(geometry: Geometry, common_from_own: Similarity) -> Geometry:
 
 
 def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int, Similarity]:
-    """Return common_from_own of the exposures whose paths a stage gave, by index; none if not that of the first.
+    """Return common_from_own of the exposures whose paths a stage gave, by index.
 
-    A stage reports all exposures of a session in one frame and one unit, and each single path was checked against its
-    own views before it was taken (`geometry.choose`).
+    The common coordinates are those of the first of them. A stage reports all exposures of a session in one frame and
+    one unit, and each single path was checked against its own views before it was taken (`geometry.choose`).
     """
     given = {
         number: (shot.telemetry_world_to_camera[geometry.reference], geometry.unit)
@@ -58,9 +58,9 @@ def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int,
         if geometry.source == PathSource.STAGE and shot.telemetry_world_to_camera is not None
     }
     known = {number: (pose, unit) for number, (pose, unit) in given.items() if unit is not None}
-    if 0 not in known:
+    if not known:
         return {}
-    first, unit = known[0]
+    first, unit = known[min(known)]
     found = {}
     for number, (pose, own) in known.items():
         between = first @ np.linalg.inv(pose)

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code
+from gs2ci.core.records import Shot, Truth
 from gs2ci.core.summed import summed
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
@@ -15,6 +17,7 @@ from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room
+from tests.reconstruct.exposures.rooms import FOCAL_PX, PLACES, seen, textures
 
 SIZE = (48, 64)
 SETTINGS = replace(preset("draft"), registration=RegistrationSettings("off"))
@@ -64,6 +67,14 @@ def test_each_exposure_shows_the_scene_as_its_own_part_of_the_record_does(togeth
 
 
 @pytest.mark.slow
+def test_each_exposure_has_standard_errors_of_its_own(together):
+    whole = together.result.uncertainty.check(together.result.views.shape[:3])
+    for name in ("views", "depth", "positions", "rotations"):
+        parts = np.concatenate([getattr(part.uncertainty, name) for part in together.parts])
+        np.testing.assert_array_equal(getattr(whole, name), parts)
+        assert parts.any()
+
+
 def test_the_same_seed_gives_the_same_scene(shots, together):
     again = reconstruct_together(shots, SETTINGS)
     assert np.array_equal(again.result.views, together.result.views)
@@ -83,18 +94,48 @@ def test_one_exposure_alone_is_fitted_as_a_reconstruction_of_it_fits(shots):
 
 
 @pytest.mark.slow
-def test_an_exposure_that_nothing_ties_is_left_out_by_name_and_changes_nothing(shots, together):
-    stray = replace(shots[0], telemetry_world_to_camera=None, name="stray")
-    found = reconstruct_together([*shots, stray], SETTINGS)
+def test_an_exposure_of_another_room_is_left_out_by_name_and_changes_nothing(shots, together):
+    stray = adjacent(room(7, SIZE), SIZE, 7, 1, staged=False)[0]
+    found = reconstruct_together([*shots, replace(stray, name="stray")], SETTINGS)
     assert [note.figures["name"] for note in found.left_out] == ["stray"]
     assert np.array_equal(found.result.views, together.result.views)
 
 
 @pytest.mark.slow
-def test_exposures_that_nothing_ties_are_refused(shots):
-    untold = [replace(shot, telemetry_world_to_camera=None) for shot in shots[:2]]
+def test_exposures_that_nothing_ties_are_refused():
+    untold = [adjacent(room(seed, SIZE), SIZE, seed, 1, staged=False)[0] for seed in (1, 2)]
     with pytest.raises(GeometryError, match="nothing ties"):
         reconstruct_together(untold, SETTINGS)
+
+
+@pytest.mark.slow
+def test_exposures_without_a_stage_are_tied_by_what_they_show():
+    rng, shots = np.random.default_rng(0), []
+    for at in PLACES[:3]:
+        poses = np.tile(at, (6, 1, 1))
+        poses[:, 0, 3] -= np.linspace(-0.06, 0.06, 6)
+        views = np.stack([seen(pose, textures(0))[0] for pose in poses])
+        masks = (rng.random(views.shape[:3]) < 0.3).astype(np.float32)
+        coded = np.einsum("nhw,nhwc->hwc", masks, views)
+        shots.append(Shot(coded, masks, intrinsics=pinhole(FOCAL_PX, views.shape[1:3]), truth=Truth(views, poses)))
+    found = reconstruct_together(shots, SETTINGS)
+    assert found.left_out == ()
+    truth = np.concatenate([shot.truth.world_to_camera for shot in shots])
+    assert trajectory_errors(found.result.world_to_camera, truth).nate < 0.03
+
+
+@pytest.mark.slow
+def test_an_exposure_whose_place_the_stage_misreports_is_placed_by_its_pictures():
+    size = (96, 128)
+    shots = adjacent(room(0, size), size, 0, 4, step=0.25, noise=0.01)
+    off = shots[1].telemetry_world_to_camera.copy()
+    off[:, 1, 3] += 0.6
+    wrong = replace(shots[1], telemetry_world_to_camera=off)
+    found = reconstruct_together([shots[0], wrong, *shots[2:]], SETTINGS)
+    told = [note for note in found.result.notes if note.code is Code.EXPOSURE_PLACED_OTHERWISE]
+    assert [note.figures["name"] for note in told] == ["path 1"]
+    truth = np.concatenate([shot.truth.world_to_camera for shot in shots])
+    assert trajectory_errors(found.result.world_to_camera, truth).nate < 0.02
 
 
 def test_exposures_of_different_cameras_are_refused(shots):

@@ -71,10 +71,11 @@ def test_what_a_stage_reports_brings_paths_into_the_frame_and_the_unit_of_the_fi
     np.testing.assert_allclose(1 / common[1].inverse_depth, 2 * 5.0 / 2.0, rtol=1e-6)
 
 
-def test_nothing_is_tied_by_a_stage_to_a_first_exposure_that_it_did_not_move():
+def test_a_stage_ties_those_whose_paths_it_gave():
     shots, geometries = zip(*(staged(path(x), 2.0) for x in (0.0, 0.3, 0.6)), strict=True)
     other = replace(geometries[0], source=PathSource.TRACKS)
-    assert by_stage(shots, [other, *geometries[1:]]) == {}
+    assert by_stage(shots, [other] * 3) == {}
+    assert list(by_stage(shots, [other, *geometries[1:]])) == [1, 2]
     assert list(by_stage(shots, [geometries[0], other, geometries[2]])) == [0, 2]
 
 

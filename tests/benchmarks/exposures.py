@@ -1,0 +1,149 @@
+"""One scene from several exposures: repeats of a path against noise, and adjacent paths against each path alone.
+
+    python -m tests.benchmarks exposures
+
+Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
+reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
+Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three.
+
+Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
+last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
+intervals of an exposure, and each for two, which is the light that the masks of a coded exposure let through.
+
+Adjacent paths: four, side by side, 1 % noise. PSNR of recorded views and of the views in the middle of the gaps between
+the paths, the latter from the best single scene for each; path error (nATE) over all poses; error of depth, relative,
+mean and median; processor seconds.
+"""
+
+import os
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.core.summed import summed
+from gs2ci.evaluate.depth import depth_errors
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
+from gs2ci.evaluate.trajectory import align, trajectory_errors
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.exposures.joint import reconstruct_together
+from gs2ci.reconstruct.exposures.observing import observe_all
+from gs2ci.reconstruct.exposures.placing import moved
+from gs2ci.reconstruct.exposures.schedule import shared_schedule
+from gs2ci.reconstruct.exposures.similarity import Similarity
+from gs2ci.reconstruct.fit.coarse import CoarseRun
+from gs2ci.reconstruct.fit.exposure import FittedExposure
+from gs2ci.reconstruct.fit.looks import Monitoring
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.observe import Tools
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.scene import Scene
+from tests.exposed_rooms import VIEWS, adjacent, between, camera, line, repeated, room, seen
+
+SIZE = (72, 96)
+COUNTS = (1, 2, 4, 8)
+NOISE = 0.05
+
+
+def run() -> None:
+    """Print both tables."""
+    first, last = (int(part) for part in os.environ.get("GS2CI_ROOMS", "0:3").split(":"))
+    rooms = [(number, room(number, SIZE)) for number in range(first, last)]
+    counts = "".join(f"{count:>8}" for count in COUNTS)
+    print(f"repeats: {'':6}{counts}   scene of 8   of 8 full views   of twice the light")
+    for number, scene in rooms:
+        print(_repeats(number, scene), flush=True)
+    print("\nadjacent paths: views dB, between dB, nATE, depth mean and median, seconds")
+    for number, scene in rooms:
+        print(_adjacent(number, scene), flush=True)
+
+
+def _settings() -> Settings:
+    settings = Settings()
+    return replace(settings, registration=replace(settings.registration, mode="off"))
+
+
+def _repeats(number: int, scene: Scene) -> str:
+    shots = repeated(scene, SIZE, number, max(COUNTS), noise=NOISE)
+    delivered, of_scene = [], 0.0
+    for count in COUNTS:
+        parts = reconstruct_together(shots[:count], _settings()).parts
+        delivered.append(float(np.mean([_psnr(part.views, shots[0]) for part in parts])))
+        of_scene = _psnr(parts[0].scene_views, shots[0])
+    full = [_full_views(number, scene, shots[0], intervals) for intervals in (1.0, 2.0)]
+    figures = "".join(f"{psnr:8.2f}" for psnr in delivered)
+    return f"room {number:<9}{figures}   {of_scene:10.2f}   {full[0]:15.2f}   {full[1]:18.2f}"
+
+
+def _full_views(number: int, scene: Scene, coded: Shot, intervals: float) -> float:
+    """Fit a scene to eight full views, from the path and the depth of a coded exposure; return its PSNR."""
+    observed = next(observe_all([coded], _settings(), Tools.load(_settings()), Silent(), [None]))
+    start = observed.in_common(Similarity.identity())
+    views, rng = seen(scene, line(0.0), SIZE)[0], np.random.default_rng([number, 2])
+    exposures = []
+    for k in range(VIEWS):
+        masks = np.zeros((VIEWS, *SIZE), np.float32)
+        masks[k] = 1
+        reading = intervals * views[k] + NOISE * rng.standard_normal(views[k].shape)
+        weights = np.full(VIEWS, intervals, np.float32)
+        shot = Shot(reading.astype(np.float32), masks, weights, intrinsics=camera(SIZE)).check()
+        renderer = ShotRenderer(shot, start.geometry.intrinsics, load_backend())
+        exposures.append(FittedExposure(Holdout.of(shot, 0.02, k), renderer, start.geometry))
+    schedule = shared_schedule(_settings().fit, VIEWS, 1.0)
+    fit = CoarseRun(exposures, moved(start.start, Similarity.identity()), schedule, number, Monitoring())
+    fit.advance()
+    return _psnr(np.stack([one.views[k] for k, one in enumerate(fit.results())]), coded)
+
+
+def _psnr(views: "np.ndarray", shot: Shot) -> float:
+    assert shot.truth.views is not None
+    return float(np.mean(psnr_per_view(views, shot.truth.views)))
+
+
+def _adjacent(number: int, scene: Scene) -> str:
+    shots, gaps = adjacent(scene, SIZE, number, noise=0.01), between()
+    singles, novel, spent = [], [], 0.0
+    for shot in shots:
+        began = time.process_time()
+        found = pipeline.reconstruct(shot, _settings())
+        spent += time.process_time() - began
+        singles.append(_figures(found.result, shot))
+        novel.append(_between(found.result, found.scene, shot, scene, gaps))
+    began = time.process_time()
+    joint = reconstruct_together(shots, _settings())
+    together_s = time.process_time() - began
+    whole = summed(shots, "all")
+    alone = np.mean(singles, axis=0)
+    best = float(np.mean(np.max(novel, axis=0)))
+    own, name = _figures(joint.result, whole), f"room {number}"
+    found_between = float(np.mean(_between(joint.result, joint.scene, whole, scene, gaps)))
+    return (
+        f"{name} alone    {alone[0]:6.2f} {best:6.2f} {alone[1]:.4f} {alone[2]:.4f} {alone[3]:.4f} {spent:6.1f}\n"
+        f"       together {own[0]:6.2f} {found_between:6.2f} {own[1]:.4f} {own[2]:.4f} {own[3]:.4f} {together_s:6.1f}"
+    )
+
+
+def _figures(result: RunResult, shot: Shot) -> tuple[float, float, float, float]:
+    assert shot.truth.world_to_camera is not None
+    assert shot.truth.depth is not None
+    assert result.depth is not None
+    errors = depth_errors(result.depth, shot.truth.depth, None)
+    assert errors is not None
+    nate = trajectory_errors(result.world_to_camera, shot.truth.world_to_camera).nate
+    return _psnr(result.views, shot), nate or 0.0, errors.abs_rel, errors.median_rel
+
+
+def _between(result: RunResult, fitted: Gaussians, shot: Shot, scene: Scene, gaps: F64) -> list[float]:
+    assert shot.truth.world_to_camera is not None
+    alignment = align(result.world_to_camera, shot.truth.world_to_camera)
+    truth = NovelViews(seen(scene, gaps, SIZE)[0], gaps)
+    found: list[float] = score_novel_views(fitted, alignment, camera(SIZE), truth)["psnr_db"]["per_view"]
+    return found
