@@ -21,7 +21,7 @@ from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.harmonics import colours_from
-from gs2ci.render.ply import read_ply
+from gs2ci.render.ply import read_ply_scene
 
 # viser keeps covariances in half precision, whose smallest number is 6e-8: scenes are scaled so that what the cameras
 # look at is this far away.
@@ -34,6 +34,8 @@ SYMBOL_LINE_PX, SYMBOL_COLOUR = 1.5, (240, 130, 90)
 # If a port is in use, often by an earlier viewer, this many of the following ones are tried.
 PORTS_TRIED: Final = 20
 HIGHEST_PORT: Final = 65_535
+# Where the slider shows everything, however unsure.
+_ALL_PERCENT: Final = 100
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class ViewerScene:
         fov: Vertical field of view, radians.
         aspect: Width of the cameras' field of view by its height, that of the pictures only if pixels are square.
         pictures: The recovered views, small, [N] of [h, w, 3].
+        errors: Standard errors of the centres as shares of their distance from the middle camera, [G]; None if the
+            scene has none.
     """
 
     means: F32
@@ -60,6 +64,7 @@ class ViewerScene:
     fov: float
     aspect: float
     pictures: list[U8]
+    errors: F32 | None = None
 
     @property
     def symbol(self) -> float:
@@ -77,7 +82,8 @@ def load_scene(folder: Path) -> ViewerScene:
         InputError: Its scene cannot be read, or is empty.
     """
     evidence = read_evidence(folder)
-    gaussians = read_ply(Path(folder) / "scene.ply").map(torch.Tensor.float)
+    read = read_ply_scene(Path(folder) / "scene.ply")
+    gaussians = read.gaussians.map(torch.Tensor.float)
     if not len(gaussians):
         raise InputError(f"{Path(folder) / 'scene.ply'} holds no Gaussian", remedy="see report.html for why")
     poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
@@ -95,6 +101,9 @@ def load_scene(folder: Path) -> ViewerScene:
         fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),
         aspect=(width / evidence.focal_x_px) / (height / evidence.focal_y_px),
         pictures=[shrink(to_eight_bit(view), PICTURE_SIDE_PX) for view in evidence.views],
+        errors=None
+        if read.standard_errors is None
+        else _shares(read.standard_errors, gaussians.means.numpy(), middle.numpy()),
     )
 
 
@@ -180,9 +189,16 @@ def listen(host: str, port: int) -> socket.socket:
 
 def _show(server: Any, scene: ViewerScene) -> None:
     server.scene.set_up_direction("-y")
-    server.scene.add_gaussian_splats(
-        "/scene", centers=scene.means, covariances=scene.covariances, rgbs=scene.colours, opacities=scene.opacities
-    )
+    _show_surer(server, scene, _ALL_PERCENT)
+    if scene.errors is not None:
+        slider = server.gui.add_slider(
+            "Hide what is less sure than, % of its distance",
+            min=1,
+            max=_ALL_PERCENT,
+            step=1,
+            initial_value=_ALL_PERCENT,
+        )
+        slider.on_update(lambda _: _show_surer(server, scene, slider.value))
     for index, (pose, picture) in enumerate(zip(scene.camera_to_world, scene.pictures, strict=True)):
         frustum = server.scene.add_camera_frustum(
             f"/cameras/{index + 1}",
@@ -202,6 +218,30 @@ def _show(server: Any, scene: ViewerScene) -> None:
     server.initial_camera.look_at = middle[:3, 3] + SHOWN_DEPTH * middle[:3, 2]
     server.initial_camera.up = -middle[:3, 1]
     server.initial_camera.fov = scene.fov
+
+
+def _show_surer(server: Any, scene: ViewerScene, percent: float) -> None:
+    """Show the Gaussians whose places are surer than so many per cent of their distance; all at the slider's end."""
+    kept = np.ones(len(scene.means), bool)
+    if scene.errors is not None and percent < _ALL_PERCENT:
+        kept = 100 * scene.errors <= percent
+        # One at least: what a browser makes of no Gaussians is its own affair.
+        kept[np.argmin(scene.errors)] = True
+    # A scene of the same name takes the place of the one before.
+    server.scene.add_gaussian_splats(
+        "/scene",
+        centers=scene.means[kept],
+        covariances=scene.covariances[kept],
+        rgbs=scene.colours[kept],
+        opacities=scene.opacities[kept],
+    )
+
+
+def _shares(errors: F32, means: F32, world_to_camera: F32) -> F32:
+    """Return standard errors as shares of the distance from a camera, [G]."""
+    distance = np.linalg.norm(means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], axis=1)
+    found: F32 = (errors / np.maximum(distance, np.finfo(np.float32).tiny)).astype(np.float32)
+    return found
 
 
 def _before_symbols(scene: ViewerScene) -> float:

@@ -21,6 +21,10 @@ _ENTRY_BYTES: Final = 64
 # Blocks of pixels that a Gaussian of a view touches in the mean: 14 at most in a draft of 48 × 64 px, in whole views;
 # in coded sums, whose blocks are larger, 8.
 _BLOCKS: Final = 16
+# Of a fit: parameters, gradients, moments and passing copies of a Gaussian; pictures of the loss; costs of a sweep.
+_GAUSSIAN_BYTES: Final = 14 * 4 * 8
+_PICTURES: Final = 40
+_SWEPT_COPIES: Final = 5
 # CUDA itself, the kernels' code, and what allocation leaves unused.
 _CONTEXT_MIB: Final = 512
 _SPARE: Final = 1.25
@@ -58,5 +62,9 @@ def needed_mib(shot: Shot, settings: Settings) -> int:
     whole, coded = views * pixels, float((shot.masks > 0).sum())
     pairs = views * gaussians
     lists = pairs * (_PAIR_BYTES + _ENTRY_BYTES * _BLOCKS)
-    total = (whole + coded) * _SLOT_BYTES + (whole + pixels) * _OUTPUT_BYTES + lists
+    rendering = (whole + coded) * _SLOT_BYTES + (whole + pixels) * _OUTPUT_BYTES + lists
+    surfaces = settings.fit.surfaces
+    swept = 0 if surfaces is None else min(pixels, surfaces.sweep.most_pixels) * surfaces.sweep.planes
+    fit = gaussians * _GAUSSIAN_BYTES + 4 * (_PICTURES * 3 * pixels + _SWEPT_COPIES * swept)
+    total = rendering + fit
     return _CONTEXT_MIB + math.ceil(_SPARE * total / 2**20)

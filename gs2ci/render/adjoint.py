@@ -5,20 +5,22 @@ that interface, and the same by torch's graph for scenes and backends that need 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
+from gs2ci.render.places import on_device
 from gs2ci.render.screen import ScreenStatistics
 
-Pull = Callable[[F32], F32]
+Image = F32 | Tensor
+"""An array of the host, or a tensor of the device on which the scene lies."""
+Pull = Callable[[Any], Any]
 """Takes the gradient of an objective by a rendered sum, [H, W, 3], adds those by the scene's parameters to their
-`grad`, and returns that by the poses, [V, 4, 4]. It may be called once."""
+`grad`, and returns that by the poses, [V, 4, 4], both as `Image`. It may be called once."""
 
 
 class AdjointBackend(Backend, Protocol):
@@ -32,7 +34,7 @@ class AdjointBackend(Backend, Protocol):
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
-    ) -> tuple[F32, Pull]:
+    ) -> tuple[Image, Pull]:
         """Render the coded sum of a scene that stands still and looks the same from everywhere, [H, W, 3].
 
         Arguments and errors as for `Backend.coded`.
@@ -48,7 +50,7 @@ def coded_with_pull(
     screen: ScreenStatistics | None = None,
     reuse: Reuse | None = None,
     times: Tensor | None = None,
-) -> tuple[F32, Pull]:
+) -> tuple[Image, Pull]:
     """Render the coded sum, [H, W, 3], by any backend; arguments and errors as for `Backend.coded`."""
     if _has_adjoint(backend) and scene.motion is None and scene.harmonics is None:
         return backend.coded_with_pull(scene, world_to_camera, intrinsics, mask_set, screen, reuse)
@@ -56,12 +58,18 @@ def coded_with_pull(
     with torch.enable_grad():
         image = backend.coded(scene, poses, intrinsics, mask_set, screen, reuse, times)
 
-    def pull(gradient: F32) -> F32:
-        pull_back([image], [torch.from_numpy(gradient)])
-        found: F32 = np.zeros(poses.shape, np.float32) if poses.grad is None else poses.grad.float().numpy()
-        return found
+    def pull(gradient: Image) -> Image:
+        pull_back([image], [torch.as_tensor(gradient)])
+        found = torch.zeros_like(poses) if poses.grad is None else poses.grad
+        return as_image(found.float())
 
-    return image.detach().float().numpy(), pull
+    return as_image(image.detach().float()), pull
+
+
+def as_image(tensor: Tensor) -> Image:
+    """Return a tensor as fits take it: as it is on a device, as an array of the same memory on the host."""
+    found: Image = tensor if on_device(tensor) else tensor.numpy()
+    return found
 
 
 def pull_back(images: Sequence[Tensor], gradients: Sequence[Tensor]) -> None:
@@ -82,9 +90,9 @@ def _has_adjoint(backend: Backend) -> TypeGuard[AdjointBackend]:
     return hasattr(backend, "coded_with_pull")
 
 
-def accumulate(scene: Gaussians, gradients: Mapping[str, F32]) -> None:
-    """Add gradients to those of a scene's parameters, by name; the scene owns the arrays afterwards."""
+def accumulate(scene: Gaussians, gradients: Mapping[str, Image]) -> None:
+    """Add gradients to those of a scene's parameters, by name; the scene owns them afterwards."""
     parameters = scene.parameters()
     for name, gradient in gradients.items():
-        tensor, added = parameters[name], torch.from_numpy(gradient)
+        tensor, added = parameters[name], torch.as_tensor(gradient)
         tensor.grad = added.to(tensor.dtype) if tensor.grad is None else tensor.grad.add_(added)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import QUATERNION_NORM_MIN
+from gs2ci.render.places import on_device
 
 HARMONICS: Final = (0, 3, 8, 15)
 """Number of spherical harmonics above the constant one up to degree 0, 1, 2 and 3."""
@@ -152,17 +153,19 @@ def _harmonics_of(tensor: Tensor) -> int:
 
 
 def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
-    """Accept a CPU tensor of finite floating-point numbers and a given shape.
+    """Accept a tensor of finite floating-point numbers and a given shape.
+
+    On a device only kind and shape are looked at: its numbers would have to be waited for, and fits test their own.
 
     Raises:
         InputError: It is not one.
     """
-    if tuple(tensor.shape) != wanted or not tensor.is_floating_point() or tensor.device.type != "cpu":
+    if tuple(tensor.shape) != wanted or not tensor.is_floating_point() or tensor.device.type not in {"cpu", "cuda"}:
         raise InputError(
             f"{what}: {str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)} on {tensor.device}",
             allowed=f"float32 or float64 {list(wanted)} on cpu",
         )
-    if not all_finite(tensor.detach()):
+    if not on_device(tensor) and not all_finite(tensor.detach()):
         bad = int((~torch.isfinite(tensor.detach())).sum())
         raise InputError(
             f"{what}: {bad} of {tensor.numel()} values are NaN or infinite",
@@ -171,11 +174,15 @@ def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
         )
 
 
-def all_finite(tensor: Tensor) -> bool:
-    """Tell whether all numbers of a tensor are finite; fast, since a fit calls it several times in each iteration."""
+def all_finite(*tensors: Tensor) -> bool:
+    """Tell whether all numbers of tensors are finite; fast, since a fit calls it several times in each iteration."""
+    if not tensors:
+        return True
+    if on_device(tensors[0]):  # one answer for all, since each is waited for
+        return bool(torch.stack([torch.isfinite(one).all() for one in tensors]).all())
     # A finite sum proves it; only if the sum is not finite, which may be an overflow, are the numbers tested one by
     # one.
-    return math.isfinite(float(tensor.sum())) or bool(torch.isfinite(tensor).all())
+    return all(math.isfinite(float(one.sum())) or bool(torch.isfinite(one).all()) for one in tensors)
 
 
 def logit(probability: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ renderers (`gs2ci.render.backend`).
 from dataclasses import dataclass
 from typing import Protocol
 
+import torch
 from torch import Tensor
 
 from gs2ci.render.gaussians import Gaussians
@@ -49,6 +50,10 @@ class Backend(Protocol):
     @property
     def name(self) -> str:
         """Get its name for `gs2ci.render.backend.load_backend`."""
+
+    @property
+    def device(self) -> torch.device:
+        """Get where scenes should lie that are rendered often; those of the host are copied, where this is another."""
 
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> MaskSet:
         """Prepare a mask set, once.

@@ -61,10 +61,12 @@ class PlyScene:
     Args:
         gaussians: float32; without harmonics if the file has none, or only zeros.
         ignored: Names of other properties, which were skipped.
+        standard_errors: Of the centres, in the unit of the scene, [G] float32; None if the file has none.
     """
 
     gaussians: Gaussians
     ignored: tuple[str, ...]
+    standard_errors: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def read_ply_scene(path: str | Path) -> PlyScene:
     except OSError as error:
         raise InputError(f"{path}: {reason_of(error)}", remedy="check the path") from error
     rest = _rest_names(path, header)
-    known = {*_REQUIRED, *_NORMAL, *rest}
+    known = {*_REQUIRED, *_NORMAL, *rest, ERROR_PROPERTY}
     gaussians = Gaussians(
         means=_columns(table, _POSITION),
         log_scales=_columns(table, _SCALE),
@@ -114,7 +116,17 @@ def read_ply_scene(path: str | Path) -> PlyScene:
     return PlyScene(
         gaussians,
         ignored=tuple(name for name, _ in header.properties if name not in known),
+        standard_errors=_errors(path, table),
     )
+
+
+def _errors(path: Path, table: NDArray[Any]) -> F32 | None:
+    if ERROR_PROPERTY not in (table.dtype.names or ()):
+        return None
+    found: F32 = _columns(table, (ERROR_PROPERTY,))[:, 0].numpy()
+    if not (np.isfinite(found) & (found >= 0)).all():
+        raise InputError(f"{path}: a {ERROR_PROPERTY} that is none", allowed="finite numbers from 0 on")
+    return found
 
 
 def _rest_names(path: Path, header: _Header) -> tuple[str, ...]:

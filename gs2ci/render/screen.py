@@ -31,9 +31,9 @@ class ScreenStatistics:
     radius_px: Tensor
 
     @classmethod
-    def empty(cls, count: int) -> "ScreenStatistics":
-        """Return an empty record of `count` Gaussians."""
-        return cls(torch.zeros(count), torch.zeros(count), torch.zeros(count))
+    def empty(cls, count: int, device: torch.device | None = None) -> "ScreenStatistics":
+        """Return an empty record of `count` Gaussians, on a device; None: on the host."""
+        return cls(*(torch.zeros(count, device=device) for _ in range(3)))
 
     def add(self, gradient_sum: Tensor, sightings: Tensor, radius_px: Tensor) -> None:
         """Add one rendering's sums, [G] each."""

@@ -21,6 +21,8 @@ BENCHMARKS = (
     "rasteriser",
     "profile",
     "gpu_kernels",
+    "gpu_model",
+    "gpu_share",
     "gpu",
     "list_reuse",
     "harmonics",

@@ -116,7 +116,7 @@ class Clock:
 
 
 @contextmanager
-def _counting(clock: Clock) -> Iterator[None]:
+def counting(clock: Clock) -> Iterator[None]:
     patches = [patch.object(owner, name, clock.counted(part, getattr(owner, name))) for part, owner, name in PARTS]
     for each in patches:
         each.start()
@@ -148,7 +148,7 @@ def run() -> None:
 def _print_parts(shot: Shot) -> pipeline.Reconstruction:
     clock = Clock()
     before_s, before_wall_s = time.process_time(), time.perf_counter()
-    with _counting(clock):
+    with counting(clock):
         found = pipeline.reconstruct(shot, preset(PRESET))  # type: ignore[arg-type]
     total_s, wall_s = time.process_time() - before_s, time.perf_counter() - before_wall_s
     iterations = clock.calls["iteration: Gaussians' step"]

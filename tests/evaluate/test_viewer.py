@@ -92,6 +92,49 @@ def test_symbols_are_as_large_as_the_cameras_are_apart_within_limits(write):
         assert replace(shown, camera_to_world=poses[:1]).symbol == 0.5
 
 
+class Drawn:
+    """Takes what the viewer shows; every other call does nothing."""
+
+    def __init__(self):
+        self.shown, self.value, self.turned = [], 100, []
+
+    def add_gaussian_splats(self, name, **arrays):
+        self.shown.append((name, {len(array) for array in arrays.values()}))
+
+    def add_slider(self, label, **limits):
+        self.limits = (label, limits)
+        return self
+
+    def on_update(self, turned):
+        self.turned.append(turned)
+
+    def __getattr__(self, name):
+        return self
+
+    def __call__(self, *_, **__):
+        return self
+
+
+def test_the_slider_hides_what_is_less_sure(write):
+    shown, server = load_scene(write()), Drawn()
+    assert shown.errors.shape == (50,)
+    viewer._show(server, shown)
+    limit = float(np.median(100 * shown.errors))
+    for server.value in (limit, 0, 100):
+        server.turned[0](None)
+    kept = int((100 * shown.errors <= limit).sum())
+    assert 0 < kept < 50
+    assert server.shown == [("/scene", {count}) for count in (50, kept, 1, 50)]
+    assert server.limits[1]["initial_value"] == 100
+
+
+def test_a_scene_without_standard_errors_has_no_slider(write):
+    server = Drawn()
+    viewer._show(server, replace(load_scene(write()), errors=None))
+    assert server.turned == []
+    assert server.shown == [("/scene", {50})]
+
+
 def test_a_scene_behind_the_cameras_is_still_shown(write, scene):
     assert np.isfinite(load_scene(write(ahead(scene, -3), np.tile(np.eye(4), (3, 1, 1)))).means).all()
 

@@ -296,6 +296,7 @@ class ReferenceBackend:
     """
 
     name = "reference"
+    device = torch.device("cpu")
 
     def __init__(self, settings: RasterSettings | None = None) -> None:
         (settings or RasterSettings()).check()

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import gsply
 import numpy as np
 import pytest
 import torch
@@ -53,10 +54,19 @@ def test_written_header_is_the_one_viewers_expect(tmp_path, make):
 def test_standard_errors_are_one_more_property_that_a_reader_may_leave(tmp_path, make):
     scene, errors = make(count=5).scene, np.linspace(0.1, 0.5, 5, dtype=np.float32)
     path = write_ply(tmp_path / "scene.ply", scene, standard_errors=errors)
-    assert read_ply_scene(path).ignored == ("standard_error",)
+    assert read_ply_scene(path).ignored == ()
+    np.testing.assert_array_equal(read_ply_scene(path).standard_errors, errors)
+    assert read_ply_scene(write_ply(tmp_path / "without.ply", scene)).standard_errors is None
+    np.testing.assert_array_equal(gsply.plyread(str(path)).means, scene.means.float())
     torch.testing.assert_close(read_ply(path).means, scene.means.float(), rtol=0, atol=0)
     vertices = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_array_equal(vertices["standard_error"], errors)
+
+
+def test_a_standard_error_that_is_none_is_refused(tmp_path, make):
+    path = write_ply(tmp_path / "scene.ply", make(count=2).scene, standard_errors=np.array([0.1, -1], np.float32))
+    with pytest.raises(InputError, match="a standard_error that is none"):
+        read_ply(path)
 
 
 def test_empty_scene_can_be_written_and_read(tmp_path, make):

@@ -21,7 +21,7 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
 from gs2ci.reconstruct.exposures.merging import merged
 from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
-from gs2ci.reconstruct.exposures.places import Places, places
+from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
@@ -129,7 +129,7 @@ def _fitted(
 
 
 def _handed_over(
-    where: Places, fits: Sequence[CoarseFit], settings: Settings, progress: Progress, clock: Stopwatch
+    where: CommonPlaces, fits: Sequence[CoarseFit], settings: Settings, progress: Progress, clock: Stopwatch
 ) -> Joint:
     """Make the views of each exposure that are delivered, and the record of all."""
     placed, left_out = where.placed, where.left_out

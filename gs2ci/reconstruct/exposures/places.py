@@ -20,7 +20,7 @@ from gs2ci.reconstruct.exposures.tie import Ties, tie
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class CommonPlaces:
     """Exposures in common coordinates.
 
     Args:
@@ -34,14 +34,14 @@ class Places:
     notes: tuple[Finding, ...] = ()
 
 
-def places(observed: Sequence[ObservedExposure]) -> Places:
+def places(observed: Sequence[ObservedExposure]) -> CommonPlaces:
     """Bring exposures into common coordinates; leave out what nothing ties.
 
     Raises:
         GeometryError: There are several, and nothing ties any two of them.
     """
     if len(observed) == 1:
-        return Places((observed[0].in_common(Similarity.identity()),))
+        return CommonPlaces((observed[0].in_common(Similarity.identity()),))
     ties = tie([one.untied() for one in observed])
     given = by_stage([one.shot for one in observed], [one.geometry for one in observed])
     trusted, off = _trusted(ties, given)
@@ -68,7 +68,7 @@ def places(observed: Sequence[ObservedExposure]) -> Places:
         for number, px in off.items()
         if number in known
     )
-    return Places(placed, left_out, moved)
+    return CommonPlaces(placed, left_out, moved)
 
 
 def _trusted(ties: Ties, given: dict[int, Similarity]) -> tuple[dict[int, Similarity], dict[int, float]]:

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.gaussian_kernels import adam_step
 
 _DECAY: Final = 0.9
@@ -36,9 +37,9 @@ class Adam:
             rate: The step size.
         """
         if parameter.grad is not None:
-            self.move(parameter.detach().numpy(), parameter.grad.contiguous().numpy(), rate)
+            self.move(parameter.detach(), parameter.grad.contiguous(), rate)
 
-    def move(self, values: NDArray[Any], gradient: NDArray[Any], rate: float) -> None:
+    def move(self, values: Tensor, gradient: Tensor, rate: float) -> None:
         """Move numbers against their gradient, in place.
 
         Args:
@@ -47,17 +48,19 @@ class Adam:
             rate: The step size.
         """
         if self._mean is None or self._square is None:
-            zeros = torch.zeros_like(torch.from_numpy(values))
+            zeros = torch.zeros_like(values)
             self._mean, self._square = zeros, zeros.clone()
         self._steps += 1
         constants = (
             *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
             *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
         )
-        moments = (self._mean.view(-1).numpy(), self._square.view(-1).numpy())
-        # The Gaussians' are many, and in float32; what is in float64 has a few hundred numbers.
-        step = adam_step if values.dtype == np.float32 else _adam_step
-        step(values.reshape(-1), gradient.reshape(-1), *moments, np.array(constants, values.dtype))
+        numbers = [one.view(-1) for one in (values, gradient, self._mean, self._square)]
+        if values.dtype == torch.float32:
+            call(adam_step, *numbers, np.array(constants, np.float32))
+        else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
+            value, slope, mean, square = (one.numpy() for one in numbers)
+            _adam_step(value, slope, mean, square, np.array(constants))
 
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""
@@ -71,6 +74,8 @@ class Adam:
             source: [G'] int64: which of the present rows each new one continues, or -1 if its moments start at zero.
             forget: Whether all moments start at zero.
         """
+        if self._mean is not None:
+            source = source.to(self._mean.device)
         kept = source >= 0
         if self._mean is not None and self._square is not None:
             self._mean, self._square = (_rows(one, source, kept, forget) for one in (self._mean, self._square))

@@ -134,8 +134,8 @@ class CoarseRun:
 
     @property
     def scene(self) -> Gaussians:
-        """Get the Gaussians as they are now."""
-        return self._fit.scene
+        """Get the Gaussians as they are now, on the host."""
+        return self._fit.scene.map(Tensor.cpu)
 
     def result(self) -> CoarseFit:
         """Return the state with the smallest held-out residual, seen by the first exposure; a paused fit ends here."""
@@ -153,9 +153,10 @@ class CoarseRun:
         stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
         loop.stopped = stopped
         self._fit.restore(loop.best)
+        scene = loop.best.scene.map(Tensor.cpu)
         return tuple(
             CoarseFit(
-                scene=loop.best.scene,
+                scene=scene,
                 world_to_camera=one.path(),
                 views=one.views(self._fit.scene),
                 curve=self.curve,

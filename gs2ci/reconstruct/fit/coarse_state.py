@@ -99,14 +99,19 @@ class FitState:
         if settings.gaussians_per_pixel is not None:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * size[0] * size[1]))
         self._bounded = False
+        self._device = first.renderer.device
         self.optimiser = GaussianOptimiser(
-            start, settings.steps, self.extent, _reference_view(geometry, path), self._px_per_length
+            self._there(start), settings.steps, self.extent, _reference_view(geometry, path), self._px_per_length
         )
         self.generator = torch.Generator().manual_seed(seed)
 
+    def _there(self, scene: Gaussians) -> Gaussians:
+        """Return Gaussians where they are fitted."""
+        return scene.map(lambda tensor: tensor.to(self._device))
+
     @property
     def scene(self) -> Gaussians:
-        """Get the Gaussians as they are now."""
+        """Get the Gaussians as they are now, where they are fitted."""
         return self.optimiser.scene
 
     def views(self, number: int = 0) -> F32:
@@ -169,7 +174,7 @@ class FitState:
             turn, between = divmod(iteration // len(self.exposures), surfaces.settings.every)
             if between == 0:
                 surfaces.draw(current.renderer, scene, poses, turn, surfaces.search.weight_at(share))
-        return loss
+        return float(loss)
 
     @property
     def awaits_surfaces(self) -> bool:
@@ -207,7 +212,7 @@ class FitState:
         """Add the Gaussians that continue the scene beyond the borders of all views, if there are any."""
         if added is None:
             return
-        scene = self.scene.detach()
+        scene, added = self.scene.detach(), self._there(added)
         present = torch.arange(len(scene))
         new = torch.full((len(added),), -1, dtype=torch.int64)
         self.optimiser.replace(joined([scene, added]), torch.cat([present, new]))
@@ -261,17 +266,19 @@ class FitState:
         Raises:
             ResourceError: The rule wants more Gaussians than the memory guard allows.
         """
-        scene, paths = self.scene, [one.poses.world_to_camera() for one in self.exposures]
+        here, paths = self.scene, [one.poses.world_to_camera() for one in self.exposures]
         evidence = self._gathering.evidence(
-            scene, paths, self._dissimilarities, extent=self.extent, cap=self.cap, iteration=iteration
+            here, paths, self._dissimilarities, extent=self.extent, cap=self.cap, iteration=iteration
         )
+        # Rules draw, and decide, on the host.
+        scene = here.map(Tensor.cpu)
         inside = torch.ones(len(scene), dtype=torch.bool) if self._outside is None else ~self._outside
         change = change_among(self.settings.density, inside, scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         middle = paths[0][len(paths[0]) // 2].detach()
         order = raster_order(change.scene.means.detach(), middle, self.exposures[0].renderer.intrinsics)
         source = change.source[order]
-        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), source, change.forget)
+        self.optimiser.replace(self._there(change.scene.map(lambda rows: rows[order])), source, change.forget)
         if self._outside is not None:
             self._outside = (source >= 0) & self._outside[source]
         self._meet_others()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from torch import Tensor
@@ -20,6 +21,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.depth_field_kernels import gather_gradient, move_gaussians, move_map
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
@@ -70,8 +72,8 @@ class FieldStep:
 
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
-        moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
-        move_gaussians(*moved, self.pose, NEAR, self.low, self.between, self.values)
+        moved = (scene.means.detach(), scene.log_scales.detach())
+        call(move_gaussians, *moved, self.pose, NEAR, self.low, self.between, self.values)
 
     def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
         """Move the given pixels of a view's map, [H, W], in place.
@@ -121,11 +123,13 @@ class DepthField:
             return None
         pose = world_to_camera[self._reference].detach().double().numpy()
         low, between = self._grid = self._grid or self._over(scene, pose)
-        gradient = np.empty_like(self._mean)
-        gather_gradient(
-            *(t.detach().numpy() for t in (scene.means, scene.means.grad, scene.log_scales.grad)),
-            *(pose, NEAR, low, between, gradient),
+        found = scene.means.new_empty(self._mean.shape, dtype=torch.float64)
+        call(
+            gather_gradient,
+            *(t.detach() for t in (scene.means, scene.means.grad, scene.log_scales.grad)),
+            *(pose, NEAR, low, between, found),
         )
+        gradient = found.cpu().numpy()
         if not np.isfinite(gradient).all():
             return None
         return FieldStep(pose, low, between, -self._rate(progress) * self._direction(gradient))
@@ -150,7 +154,7 @@ class DepthField:
 
     def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:
         """Place the grid over a scene; return its first knot and the distances between knots, [3] each."""
-        depth = scene.means.detach().double().numpy() @ pose[2, :3] + pose[2, 3]
+        depth = scene.means.detach().double().cpu().numpy() @ pose[2, :3] + pose[2, 3]
         far, near = np.quantile(1 / depth[depth > NEAR], _QUANTILES)
         low = np.array([*-self._widest, far])
         high = np.array([*self._widest, max(near, far * (1 + 1e-3))])

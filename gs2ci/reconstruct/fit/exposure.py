@@ -11,14 +11,16 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.device_losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Score, nothing
-from gs2ci.reconstruct.fit.losses import DataTerm
+from gs2ci.reconstruct.fit.losses import DataTerm, Term
 from gs2ci.reconstruct.fit.poses import PoseCorrections
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import is_apart
 from gs2ci.render.screen import ScreenStatistics
 
 
@@ -59,7 +61,9 @@ class ExposureState:
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         shot, seen = holdout.shot, ~holdout.pixels
-        self._data_term = DataTerm(shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
+        given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
+        apart = is_apart(renderer.device)
+        self._data_term: Term = DataTermOnDevice(*given, renderer.device) if apart else DataTerm(*given)
 
     @property
     def awaits_moments(self) -> bool:
@@ -75,8 +79,11 @@ class ExposureState:
         """Discard what renderings of the same Gaussians share, since the Gaussians are new now."""
         self.reuse = self.renderer.reuse()
 
-    def backward(self, scene: Gaussians, screen: ScreenStatistics) -> tuple[float, Tensor]:
-        """Accumulate the gradients of the data term; return its value and the present poses, [N, 4, 4]."""
+    def backward(self, scene: Gaussians, screen: ScreenStatistics) -> tuple[float | Tensor, Tensor]:
+        """Accumulate the gradients of the data term; return its value and the present poses, [N, 4, 4].
+
+        The value is a tensor [] of a scene on a device, so that nothing has to wait for it here.
+        """
         poses = self.poses.world_to_camera()
         predicted, pull = self.renderer.measurement_with_pull(scene, poses, self.reuse, screen)
         loss, gradient = self._data_term.value_and_gradient(predicted)
@@ -86,7 +93,7 @@ class ExposureState:
     def dissimilarity(self, scene: Gaussians) -> Tensor:
         """Return the dissimilarity of the present prediction and the measurement, [H, W]."""
         predicted, _ = self.renderer.measurement_with_pull(scene, self.poses.world_to_camera(), self.reuse)
-        return torch.from_numpy(self._data_term.dissimilarity(predicted))
+        return torch.as_tensor(self._data_term.dissimilarity(predicted))
 
     def path(self) -> F64:
         """Return the present poses, [N, 4, 4]."""
@@ -99,7 +106,7 @@ class ExposureState:
     def seen(self, scene: Gaussians) -> LookedAt:
         """Return what a look at the fit judges for this exposure."""
         with torch.no_grad():
-            coded = self.renderer.measurement(scene, self.poses.world_to_camera()).numpy()
+            coded = self.renderer.measurement(scene, self.poses.world_to_camera()).cpu().numpy()
         exposure = self.exposure
         return LookedAt(exposure.holdout, exposure.decode, coded, lambda: self.views(scene), exposure.score)
 

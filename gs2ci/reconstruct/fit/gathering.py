@@ -29,11 +29,11 @@ class Gathering:
         self._renderers = renderers
         factors = [_gradient_factor(renderer, per_open_share=per_open_share) for renderer in renderers]
         self._gradient_factor = float(np.mean(factors))
-        self.screen = ScreenStatistics.empty(count)
+        self.screen = ScreenStatistics.empty(count, renderers[0].device)
 
     def start_again(self, count: int) -> None:
         """Discard the statistics, since the Gaussians are new now."""
-        self.screen = ScreenStatistics.empty(count)
+        self.screen = ScreenStatistics.empty(count, self._renderers[0].device)
 
     def evidence(
         self,
@@ -45,7 +45,7 @@ class Gathering:
         cap: int,
         iteration: int,
     ) -> GaussianStatistics:
-        """Return the statistics in the form that a rule takes.
+        """Return the statistics in the form that a rule takes: on the host, where rules decide.
 
         Args:
             scene: The present Gaussians.
@@ -56,9 +56,9 @@ class Gathering:
             iteration: See `GaussianStatistics`.
         """
         return GaussianStatistics(
-            screen_gradient=self.screen.mean_gradient() * self._gradient_factor,
-            screen_radius=self.screen.radius_px / max(self._renderers[0].size),
-            blended_error=lambda: self._most_blended(scene.detach(), paths, errors()),
+            screen_gradient=(self.screen.mean_gradient() * self._gradient_factor).cpu(),
+            screen_radius=(self.screen.radius_px / max(self._renderers[0].size)).cpu(),
+            blended_error=lambda: self._most_blended(scene.detach(), paths, errors()).cpu(),
             extent=extent,
             cap=cap,
             iteration=iteration,
@@ -87,9 +87,9 @@ def _blended(renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, 
     the product of image and error (Rota Bulò et al. 2024, section 3.1).
     """
     views = len(world_to_camera)
-    colours = torch.zeros(views, len(scene), 3, requires_grad=True)
+    colours = scene.means.new_zeros(views, len(scene), 3).requires_grad_()
     images, _ = renderer.images(scene, world_to_camera, colours)
-    open_pixels = (renderer.transmissions > 0).to(images.dtype)
-    torch.autograd.backward((images[..., 0] * open_pixels * error.to(images.dtype)).sum())
+    open_pixels = (renderer.transmissions > 0).to(images)
+    torch.autograd.backward((images[..., 0] * open_pixels * error.to(images)).sum())
     assert colours.grad is not None
     return colours.grad[..., 0].amax(dim=0)

@@ -5,7 +5,7 @@ here: the rendering that makes the prediction (`gs2ci.render`).
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.gaussian_kernels import add_opacity_gradient, add_size_gradient
 from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
 from gs2ci.render.gaussians import Gaussians
@@ -35,6 +36,16 @@ class LossWeights(Bounded):
     window_px: Annotated[int, Field(ge=LEAST_WINDOW, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = WINDOW
     opacity: float = 0.01
     size: float = 0.0
+
+
+class Term(Protocol):
+    """What an iteration asks of a data term: of arrays on the host, of tensors on a device."""
+
+    def value_and_gradient(self, predicted: Any) -> tuple[Any, Any]:
+        """Return the loss of a prediction [H, W, C] and its gradient."""
+
+    def dissimilarity(self, predicted: Any) -> Any:
+        """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero at pixels that do not count."""
 
 
 class DataTerm:
@@ -113,16 +124,21 @@ class _DataTermFunction(torch.autograd.Function):
         return ctx.gradient * upstream, None
 
 
-def add_regularisers(scene: Gaussians, weights: LossWeights) -> float:
-    """Return the weighted mean opacity and mean size of a scene, and add their gradient to the scene's."""
-    found = weights.opacity * add_opacity_gradient(*_values(scene.opacity_logits, weights.opacity))
+def add_regularisers(scene: Gaussians, weights: LossWeights) -> float | Tensor:
+    """Return the weighted mean opacity and mean size of a scene, and add their gradient to the scene's.
+
+    A number, or a tensor [] of a scene on a device.
+    """
+    found: float | Tensor = weights.opacity * call(
+        add_opacity_gradient, *_values(scene.opacity_logits, weights.opacity)
+    )
     if weights.size:
-        found += weights.size * add_size_gradient(*_values(scene.log_scales, weights.size))
-    return float(found)
+        found += weights.size * call(add_size_gradient, *_values(scene.log_scales, weights.size))
+    return found
 
 
-def _values(tensor: Tensor, weight: float) -> tuple[NDArray[Any], float, NDArray[Any]]:
+def _values(tensor: Tensor, weight: float) -> tuple[Tensor, float, Tensor]:
     """Return a parameter, a weight and the parameter's gradient as the kernels take them."""
     if tensor.grad is None:
         tensor.grad = torch.zeros_like(tensor)
-    return tensor.detach().view(-1).numpy(), weight, tensor.grad.view(-1).numpy()
+    return tensor.detach().view(-1), weight, tensor.grad.view(-1)

@@ -156,7 +156,7 @@ class GaussianOptimiser:
         """Discard the gradients of some Gaussians, [G] bool, so that the next step changes only the others."""
         for tensor in self.scene.parameters().values():
             if tensor.grad is not None:
-                tensor.grad[rows] = 0
+                tensor.grad[rows.to(tensor.device)] = 0
 
     def forget_gradient(self) -> None:
         """Discard the gradients."""
@@ -165,11 +165,11 @@ class GaussianOptimiser:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
-        return all(all_finite(t.grad) for t in self.scene.parameters().values() if t.grad is not None)
+        return all_finite(*(t.grad for t in self.scene.parameters().values() if t.grad is not None))
 
     def scene_is_finite(self) -> bool:
         """Tell whether all parameters are free of NaN and infinities."""
-        return all(all_finite(tensor.detach()) for tensor in self.scene.parameters().values())
+        return all_finite(*(tensor.detach() for tensor in self.scene.parameters().values()))
 
     def let_colours_vary(self, degree: int) -> None:
         """Let colours change with direction up to a degree; new coefficients start at zero."""

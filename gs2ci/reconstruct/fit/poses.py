@@ -16,6 +16,7 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.pose_kernels import correct_poses, twist_gradient
 from gs2ci.reconstruct.geometry.path.telemetry import PoseErrors
+from gs2ci.render.adjoint import Image
 from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
@@ -98,20 +99,21 @@ class PoseCorrections:
         correct_poses(*self._arrays(), self._initial.numpy(), found.numpy())
         return found
 
-    def pull(self, world_to_camera: Tensor, gradient: F32) -> None:
+    def pull(self, world_to_camera: Tensor, gradient: Image) -> None:
         """Accumulate the gradient by the twists, from a gradient by the poses, [N, 4, 4].
 
         Args:
             world_to_camera: The present poses, at which the gradient was taken.
-            gradient: By the poses; their last rows are ignored.
+            gradient: By the poses; their last rows are ignored. From a device it is read back: twists are a few numbers
+                a view, and a device would take a hundred launches for what the host does at once.
         """
         if self._adam is None:
             return
         if self._twists.grad is None:
             self._twists.grad = torch.zeros_like(self._twists)
         twists, units = self._arrays()
-        gradient = np.ascontiguousarray(gradient, np.float32)
-        twist_gradient(twists, units, world_to_camera.numpy(), gradient, self._twists.grad.numpy())
+        by_poses = np.ascontiguousarray(torch.as_tensor(gradient).cpu().numpy(), np.float32)
+        twist_gradient(twists, units, world_to_camera.numpy(), by_poses, self._twists.grad.numpy())
 
     def _arrays(self) -> tuple[F32, F32]:
         return self._twists.detach().numpy(), self._units.numpy()

@@ -31,6 +31,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.relief_kernels import derivative_along, step_of_gaussians, take_step
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
@@ -88,10 +89,10 @@ def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> Re
     bend = _main_direction(travel[:, :2])
     means = scene.means.detach().contiguous()
     by_means, by_sizes = torch.empty_like(means), means.new_empty(len(means))
-    shrink = step_of_gaussians(means.numpy(), own, bend, NEAR, WIDEST, by_means.numpy(), by_sizes.numpy())
+    shrink = float(call(step_of_gaussians, means, own, bend, NEAR, WIDEST, by_means, by_sizes))
     turns = np.stack([travel[:, 1], -travel[:, 0], np.zeros(len(travel))], axis=1)
     twists = torch.from_numpy(np.concatenate([shrink * travel, turns], axis=1)).to(world_to_camera.dtype)
-    return ReliefStep(by_means, by_sizes, twists, torch.from_numpy(bend).to(means.dtype), float(shrink))
+    return ReliefStep(by_means, by_sizes, twists, torch.from_numpy(bend).to(means.dtype), shrink)
 
 
 def _main_direction(vectors: F64) -> F64:
@@ -164,9 +165,8 @@ class Exchange:
 
     def of_scene(self, scene: Gaussians) -> None:
         """Move Gaussians, in place."""
-        moved = (scene.means.detach().numpy(), scene.log_scales.detach().numpy())
         along = self.along
-        take_step(*moved, along.means.numpy(), along.log_sizes.numpy(), self.beta)
+        call(take_step, scene.means.detach(), scene.log_scales.detach(), along.means, along.log_sizes, self.beta)
 
     @property
     def twists(self) -> Tensor:
@@ -179,5 +179,5 @@ def _gradient(scene: Gaussians, twist_gradient: Tensor, along: ReliefStep) -> Te
     total = float((twist_gradient * along.twists).sum(dtype=torch.float64))
     for parameter, step in ((scene.means, along.means), (scene.log_scales, along.log_sizes[:, None])):
         if parameter.grad is not None:
-            total += derivative_along(parameter.grad.numpy(), step.numpy())
+            total += float(call(derivative_along, parameter.grad, step))
     return torch.tensor(total, dtype=torch.float64)

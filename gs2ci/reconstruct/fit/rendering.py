@@ -13,7 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import Pull, coded_with_pull, pull_back
+from gs2ci.render.adjoint import Image, Pull, coded_with_pull, pull_back
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -59,6 +59,11 @@ class ShotRenderer:
         self._mono = shot.channels == 1
 
     @property
+    def device(self) -> torch.device:
+        """Get where scenes should lie while they are fitted."""
+        return self._backend.device
+
+    @property
     def moments_per_mask(self) -> float:
         """Get how many moments a mask has on average; less than one if all masks see one picture."""
         if self._one_picture:
@@ -101,9 +106,10 @@ class ShotRenderer:
         For `reuse` and `screen` see `Backend.coded`.
         """
         poses, times = self._moments(world_to_camera)
+        poses = poses.to(scene.means.device)
         image = self._backend.coded(scene, poses, self.intrinsics, self._mask_set, screen, reuse, times)
         if self._channels is not None:
-            return coding.select(image, self._channels)
+            return coding.select(image, self._channels.to(image.device))
         return image.mean(dim=2, keepdim=True) if self._mono else image
 
     def measurement_with_pull(
@@ -112,11 +118,11 @@ class ShotRenderer:
         world_to_camera: Tensor,
         reuse: Reuse | None = None,
         screen: ScreenStatistics | None = None,
-    ) -> tuple[F32, Pull]:
+    ) -> tuple[Image, Pull]:
         """Render the coded measurement, [H, W, C]; also return the function that propagates its gradient back.
 
         The function adds the gradient to the scene's, and returns that by the poses, [N, 4, 4]. Arguments as for
-        `measurement`.
+        `measurement`. Images and gradients are arrays, or tensors on the device of a scene that lies on one.
         """
         moments, times = world_to_camera.detach(), self.times
         if self._one_picture:
@@ -125,37 +131,48 @@ class ShotRenderer:
             own = moments.requires_grad_()
             with torch.enable_grad():
                 moments, times = self._moments(own)
+        there = moments.detach().to(scene.means.device)
         image, pull = coded_with_pull(
-            self._backend, scene, moments.detach(), self.intrinsics, self._mask_set, screen, reuse, times
+            self._backend, scene, there, self.intrinsics, self._mask_set, screen, reuse, times
         )
 
-        def pull_channels(gradient: F32) -> F32:
-            by_moments = pull(self._to_colours(gradient))
+        def pull_channels(gradient: Image) -> Image:
+            by_moments: Image = pull(self._to_colours(gradient))
             if self._mask_moments is None:
                 return by_moments
-            pull_back([moments], [torch.from_numpy(by_moments)])
+            pull_back([moments], [torch.as_tensor(by_moments).cpu()])
             assert own.grad is not None
             found: F32 = own.grad.float().numpy()
             return found
 
-        def pull_picture(gradient: F32) -> F32:
+        def pull_picture(gradient: Image) -> Image:
             pull(self._to_colours(gradient))
             return np.zeros(world_to_camera.shape, np.float32)
 
         return self._to_channels(image), pull_picture if self._one_picture else pull_channels
 
-    def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[F32, Pull]:
+    def coded_with_pull(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> tuple[Image, Pull]:
         """Render a sum of views, [V, 4, 4], of a scene that stands still under another mask set, [H, W, 3]."""
-        return coded_with_pull(self._backend, scene, world_to_camera, self.intrinsics, mask_set)
+        there = world_to_camera.to(scene.means.device)
+        return coded_with_pull(self._backend, scene, there, self.intrinsics, mask_set)
 
-    def _to_channels(self, image: F32) -> F32:
+    def _to_channels(self, image: Image) -> Image:
         """Return a colour image, [H, W, 3], as the sensor sees it, [H, W, C]."""
+        if isinstance(image, Tensor):
+            if self._channels is not None:
+                return coding.select(image, self._channels.to(image.device))
+            return image.mean(dim=2, keepdim=True) if self._mono else image
         if self._channels is not None:
             return np.take_along_axis(image, self._channels.numpy()[..., None], axis=2)
         return image.mean(axis=2, keepdims=True) if self._mono else image
 
-    def _to_colours(self, gradient: F32) -> F32:
+    def _to_colours(self, gradient: Image) -> Image:
         """Return the gradient by a colour image, [H, W, 3], from that by the sensor's image, [H, W, C]."""
+        if isinstance(gradient, Tensor):
+            if self._channels is not None:
+                spread_there = gradient.new_zeros(*gradient.shape[:2], 3)
+                return spread_there.scatter_(2, self._channels[..., None].to(gradient.device), gradient)
+            return (gradient / 3).repeat(1, 1, 3) if self._mono else gradient
         if self._channels is not None:
             spread = np.zeros((*gradient.shape[:2], 3), np.float32)
             np.put_along_axis(spread, self._channels.numpy()[..., None], gradient, axis=2)
@@ -173,7 +190,8 @@ class ShotRenderer:
         """
         with torch.no_grad():
             images, _ = self.images(scene, world_to_camera, times=times)
-        return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
+        found: F32 = (images.mean(dim=3, keepdim=True) if self._mono else images).cpu().numpy()
+        return found
 
     def exposed(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
         """Render what each mask saw while it was displayed, the mean of its moments: [N, H, W, C], as `views`.
@@ -212,7 +230,13 @@ class ShotRenderer:
         """
         when = self._when(scene, times)
         return self._backend.views(
-            scene, world_to_camera, self.intrinsics, self.size, colours, self._sampling, times=when
+            scene,
+            world_to_camera.to(scene.means.device),
+            self.intrinsics,
+            self.size,
+            colours,
+            self._sampling,
+            times=when,
         )
 
     def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:
@@ -220,11 +244,12 @@ class ShotRenderer:
 
     def stopped_light(self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None) -> StoppedLight:
         """Find at which depths the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
-        poses = torch.from_numpy(np.asarray(world_to_camera)).float()
         scene = scene.detach()
+        poses = torch.from_numpy(np.asarray(world_to_camera)).float().to(scene.means.device)
         when = self._when(scene, times)
         return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero at pixels where less than half of the light stops."""
-        return self.stopped_light(scene, world_to_camera).surface().numpy()
+        found: F32 = self.stopped_light(scene, world_to_camera).surface().cpu().numpy()
+        return found

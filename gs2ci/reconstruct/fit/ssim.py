@@ -40,7 +40,7 @@ _TWO: Final = np.float32(2)
 _TAPS_AT_ONCE: Final = 3
 
 
-def _gaussian_taps(window_px: int) -> F64:
+def window_taps(window_px: int) -> F64:
     """Return the window from its middle outwards, then zeros up to a whole number of loops."""
     reach, sigma_px = window_px // 2, SIGMA_PX * window_px / WINDOW
     taps = np.exp(-(np.arange(reach + 1.0) ** 2) / (2 * sigma_px**2))
@@ -216,7 +216,7 @@ class SimilarityTo:
     """
 
     def __init__(self, target: F32, window_px: int = WINDOW) -> None:
-        taps = _gaussian_taps(window_px)
+        taps = window_taps(window_px)
         self._taps = taps.astype(np.float32)
         self._shape = target.shape
         self._target = np.ascontiguousarray(target, np.float32).reshape(target.shape[0], -1)

@@ -11,6 +11,7 @@ agreement of several (`geometry.depth.map_agreement`).
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Self
 
 import cv2
@@ -25,6 +26,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.margin import MarginSettings
 from gs2ci.reconstruct.fit.relief import WIDEST, Exchange
@@ -35,15 +37,17 @@ from gs2ci.reconstruct.fit.surface_kernels import (
     exchange_inverse_depth,
     parallax_moments,
 )
+from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
 from gs2ci.reconstruct.geometry.depth.snapping import snapped
 from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import pull_back
+from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import MaskSet
+from gs2ci.render.places import is_apart
 
 # The planes' range: that of the scene between these quantiles of inverse depth, widened at both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
@@ -153,7 +157,7 @@ class Surfaces:
 
     def draw(
         self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int, weight: float
-    ) -> float:
+    ) -> float | Tensor:
         """Add the term's gradient for one view; return the mean distance of its light from surfaces, px of parallax.
 
         For a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, the distance is the root of
@@ -179,33 +183,35 @@ class Surfaces:
         pull_back([mine for mine, _ in drawn], [gradient for _, gradient in drawn])
         return distance
 
-    def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float:
+    def _draw(self, renderer: ShotRenderer, scene: Gaussians, pose: Tensor, k: int, weight: float) -> float | Tensor:
         """Do so for the k-th swept view, of a scene that stands still."""
         pixels = self.pixels[k]
-        means, ray = scene.means.detach().numpy(), pose[2].numpy()
+        means, ray = scene.means.detach(), pose[2].to(scene.means.device)
         # Distances are taken from the median surface, so that the squares do not cancel numerically.
         at = (NEAR, self.parallax_px)
         middle = self.parallax_px * pixels.middle
-        moments = torch.empty(len(scene), 3)
-        parallax_moments(means, ray, *at, middle, moments.numpy())
+        moments = means.new_empty(len(scene), 3)
+        call(parallax_moments, means, ray, *at, middle, moments)
         shown = replace(scene, colours=moments, harmonics=None)
         image, pull = renderer.coded_with_pull(shown, pose[None], pixels.mask_set)
-        gradient = np.zeros_like(image)
-        distance: float = distance_to_surface(
-            image.reshape(-1, 3),
-            pixels.at,
-            self.inverse_depth[k].reshape(-1),
-            self.trust[k].reshape(-1),
+        shown_there = torch.as_tensor(image)
+        gradient = torch.zeros_like(shown_there)
+        maps = (torch.from_numpy(one[k].reshape(-1)).to(means.device) for one in (self.inverse_depth, self.trust))
+        distance: float | Tensor = call(
+            distance_to_surface,
+            shown_there.reshape(-1, 3),
+            torch.from_numpy(pixels.at).to(means.device),
+            *maps,
             self.parallax_px,
             middle,
             _ROUND_PX,
             weight,
-            gradient.reshape(-1, 3),
+            gradient.view(-1, 3),
         )
-        pull(gradient)
+        pull(as_image(gradient))
         assert moments.grad is not None
         assert scene.means.grad is not None
-        add_mean_gradient(means, ray, *at, moments.numpy(), moments.grad.numpy(), scene.means.grad.numpy())
+        call(add_mean_gradient, means, ray, *at, moments, moments.grad, scene.means.grad)
         return distance
 
 
@@ -253,19 +259,21 @@ def find_surfaces(
     count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # The depths of one view give the range well enough; those of all views would cost as much as a fifth of a fit.
-    span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
+    span = _span(renderer.stopped_light(scene, *middle).surface().cpu().numpy())
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
         return None
     straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32, copy=False)
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen = _spread(count, settings.views)
+    device = renderer.device
+    best_planes = partial(best_planes_on_device, device=device) if is_apart(device) else None
     maps = []
     for view in chosen:
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found = surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep)
+        found = surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep, best_planes)
         maps.append(snapped(found, straight[view]) if settings.snap else found)
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)

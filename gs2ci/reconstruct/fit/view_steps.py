@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
@@ -24,6 +25,7 @@ from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.kernels import f32_2, f64, f64_2, helper, kernel
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.calling import call
 from gs2ci.reconstruct.fit.distances import MOST_GROWTH, most_growth
 from gs2ci.reconstruct.fit.relief_kernels import seen_from
 from gs2ci.render.conventions import NEAR
@@ -97,13 +99,12 @@ class ViewAdam:
         """
         if means.grad is None:
             return
-        places, sizes = means.detach().numpy(), log_scales.detach().numpy()
-        by_sizes = np.zeros_like(sizes) if log_scales.grad is None else log_scales.grad.contiguous().numpy()
-        by_places = means.grad.contiguous().numpy()
-        gradient, moved = np.empty_like(places), np.zeros_like(places)
-        gradient_in_view(places, by_places, by_sizes, self._view.pose, NEAR, gradient)
+        places, sizes = means.detach(), log_scales.detach()
+        by_sizes = torch.zeros_like(sizes) if log_scales.grad is None else log_scales.grad.contiguous()
+        gradient, moved = torch.empty_like(places), torch.zeros_like(places)
+        call(gradient_in_view, places, means.grad.contiguous(), by_sizes, self._view.pose, NEAR, gradient)
         self._moments.move(moved, gradient, damping)
-        move_in_view(places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
+        call(move_in_view, places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
 
 
 @kernel(f32_2, f32_2, f32_2, f64_2, f64, f32_2)

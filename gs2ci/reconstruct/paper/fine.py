@@ -368,7 +368,7 @@ class _Fit:
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
             loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
         loss.backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach()) + add_regularisers(scene, self._loss)
+        return float(loss.detach()) + float(add_regularisers(scene, self._loss))
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether the loss and all gradients are finite, so that a step may be made."""

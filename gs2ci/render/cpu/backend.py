@@ -51,6 +51,7 @@ class CpuBackend:
     """
 
     name = "cpu"
+    device = torch.device("cpu")
 
     def __init__(self, settings: RasterSettings | None = None) -> None:
         self._settings = (settings or RasterSettings()).check()

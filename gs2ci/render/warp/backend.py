@@ -1,7 +1,7 @@
 """The Warp rasteriser behind the `Backend` interface. Users get it from `gs2ci.render.backend.load_backend`.
 
-Gaussians and results lie on the host and are copied for each rendering: a fit whose parameters stay on the device needs
-more than this (docs/gpu.md).
+Gaussians that lie on the rendering device are shared with torch, and so are results; those of the host are copied for
+each rendering (docs/gpu.md).
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.render.adjoint import Pull, accumulate
+from gs2ci.render.adjoint import Image, Pull, accumulate, as_image
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size, own_masks, own_reuse
@@ -25,7 +24,7 @@ from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
 from gs2ci.render.warp.coding import OpenBlocks, code
 from gs2ci.render.warp.lists import WarpReuse
-from gs2ci.render.warp.rendering import Blended, HostInputs, Rendering
+from gs2ci.render.warp.rendering import Blended, Rendering, SceneInputs
 
 _FULL_CODINGS_KEPT: Final = 4
 
@@ -48,12 +47,12 @@ class _Job:
     screen: ScreenStatistics | None = None
     reuse: WarpReuse | None = None
 
-    def render(self, inputs: HostInputs) -> Rendering:
+    def render(self, inputs: SceneInputs) -> Rendering:
         return Rendering(inputs, self.intrinsics, self.coding, self.termination, self.reuse)
 
-    def saw(self, sightings: F32) -> None:
+    def saw(self, sightings: Tensor) -> None:
         if self.screen is not None:
-            self.screen.add(*torch.from_numpy(sightings).unbind(dim=1))
+            self.screen.add(*sightings.unbind(dim=1))
 
 
 class WarpBackend:
@@ -71,16 +70,22 @@ class WarpBackend:
 
     def __init__(self, settings: RasterSettings | None = None, device: str | None = None) -> None:
         self._settings = (settings or RasterSettings()).check()
-        self.device = device_named(device)
+        self.place = device_named(device)
+        # Only torch built for CUDA can hold tensors there.
+        shared = self.place != "cpu" and torch.cuda.is_available()
+        self.device = torch.device(self.place if shared else "cpu")
+        if shared:
+            # What either of the two queues waits for what the other has queued before, in their order.
+            wp.set_stream(wp.stream_from_torch(self.device), self.place)
         self._full_codings: dict[tuple[int, int, int, CanvasSampling | None], OpenBlocks] = {}
 
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> WarpMaskSet:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
-        values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
+        values = np.ascontiguousarray(masks.detach().cpu().numpy(), dtype=np.float32)
         views, height, width = values.shape
         check_sampling(sampling, (height, width))
-        return WarpMaskSet(views, (height, width), code(values, self.device, sampling), sampling)
+        return WarpMaskSet(views, (height, width), code(values, self.place, sampling), sampling)
 
     def reuse(self) -> WarpReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
@@ -109,27 +114,27 @@ class WarpBackend:
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
-    ) -> tuple[F32, Pull]:
+    ) -> tuple[Image, Pull]:
         """Render the coded sum, and differentiate it without a graph; see `AdjointBackend`."""
         job = self._coded_job(scene, world_to_camera, intrinsics, mask_set, screen, reuse, None)
-        rendering: Rendering | None = job.render(HostInputs.of(*_parameters(scene, world_to_camera, None)))
+        rendering: Rendering | None = job.render(SceneInputs.of(*_parameters(scene, world_to_camera, None)))
         assert rendering is not None
         image = rendering.gathered()[:, :3].reshape(*mask_set.size, 3)
 
-        def pull(gradient: F32) -> F32:
+        def pull(gradient: Image) -> Image:
             nonlocal rendering
             if rendering is None:
                 raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
-            padded = np.zeros((job.coding.outputs, 4), np.float32)
-            padded[:, :3] = gradient.reshape(-1, 3)
+            padded = image.new_zeros((job.coding.outputs, 4))
+            padded[:, :3] = torch.as_tensor(gradient).reshape(-1, 3)
             found, rendering = rendering.differentiate(padded), None
             job.saw(found.sightings)
             named = ("means", "log_scales", "quaternions", "colours")
             of_scene = {name: getattr(found, name) for name in named} | {"opacity_logits": found.logits}
             accumulate(scene, of_scene)
-            return found.poses
+            return as_image(found.poses)
 
-        return image, pull
+        return as_image(image), pull
 
     def _coded_job(
         self,
@@ -188,7 +193,7 @@ class WarpBackend:
         job = self._job(self._full_coding(shape, sampling), intrinsics, sampling)
         # What light looks like does not matter here.
         plain = _parameters(scene, world_to_camera, times, scene.colours)
-        maps = torch.from_numpy(job.render(HostInputs.of(*plain)).stopped())
+        maps = job.render(SceneInputs.of(*plain)).stopped()
         return StoppedLight(*(maps[:, k].reshape(shape).clone() for k in range(4)))
 
     def _job(
@@ -206,7 +211,7 @@ class WarpBackend:
         key = (*shape, sampling)
         coding = self._full_codings.pop(key, None)
         if coding is None:
-            coding = code(np.ones(shape, np.float32), self.device, sampling, apart=True)
+            coding = code(np.ones(shape, np.float32), self.place, sampling, apart=True)
         self._full_codings[key] = coding
         if len(self._full_codings) > _FULL_CODINGS_KEPT:
             del self._full_codings[next(iter(self._full_codings))]
@@ -235,7 +240,8 @@ def device_named(name: str | None) -> str:
 def _parameters(
     scene: Gaussians, world_to_camera: Tensor, times: Tensor | None, colours: Tensor | None = None
 ) -> tuple[Tensor, ...]:
-    """Return what is rendered in the order of `HostInputs`, float32, so that float64 poses get float64 gradients."""
+    """Return what is rendered in the order of `SceneInputs`, float32, so that float64 poses get float64 gradients."""
+    times = None if times is None else times.to(scene.means.device)
     if colours is None:
         colours = scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera, times)
     means = scene.means if times is None or scene.motion is None else scene.means_at(times)

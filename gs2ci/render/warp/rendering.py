@@ -10,7 +10,6 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from gs2ci.core.arrays import F32
 from gs2ci.render.warp.blend import blend, blend_backward, gather
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.lists import WarpReuse, list_gaussians
@@ -28,8 +27,8 @@ def _one_at_a_time(device: str) -> AbstractContextManager[object]:
 
 
 @dataclass(frozen=True)
-class HostInputs:
-    """A scene and poses on the host, float32 and contiguous.
+class SceneInputs:
+    """A scene and poses, float32 and contiguous: on the rendering device, where they are shared, or on the host.
 
     Args:
         means: [G, 3], or in each view [V, G, 3].
@@ -40,30 +39,30 @@ class HostInputs:
         poses: [V, 4, 4].
     """
 
-    means: F32
-    log_scales: F32
-    quaternions: F32
-    logits: F32
-    colours: F32
-    poses: F32
+    means: Tensor
+    log_scales: Tensor
+    quaternions: Tensor
+    logits: Tensor
+    colours: Tensor
+    poses: Tensor
 
     @classmethod
-    def of(cls, *tensors: Tensor) -> "HostInputs":
+    def of(cls, *tensors: Tensor) -> "SceneInputs":
         """Take tensors in the order of the fields."""
-        return cls(*(np.ascontiguousarray(one.detach().cpu().numpy(), np.float32) for one in tensors))
+        return cls(*(one.detach().to(torch.float32).contiguous() for one in tensors))
 
 
 @dataclass(frozen=True)
-class HostGradients:
-    """Gradients by the fields of `HostInputs`, and what each Gaussian's sightings were, [G, 3]."""
+class SceneGradients:
+    """Gradients by the fields of `SceneInputs`, beside these, and what each Gaussian's sightings were, [G, 3]."""
 
-    means: F32
-    log_scales: F32
-    quaternions: F32
-    logits: F32
-    colours: F32
-    poses: F32
-    sightings: F32
+    means: Tensor
+    log_scales: Tensor
+    quaternions: Tensor
+    logits: Tensor
+    colours: Tensor
+    poses: Tensor
+    sightings: Tensor
 
 
 class Rendering:
@@ -79,7 +78,7 @@ class Rendering:
 
     def __init__(
         self,
-        inputs: HostInputs,
+        inputs: SceneInputs,
         intrinsics: Tensor,
         coding: OpenBlocks,
         termination: float,
@@ -89,13 +88,14 @@ class Rendering:
         self._termination = max(float(termination), LEAST_TRANSMITTANCE)
         self._gaussians, self._views = len(inputs.logits), coding.views
         self._shapes = (inputs.means.shape, inputs.colours.shape)
+        self._home = inputs.means.device
         self._means, self._mean_stride = self._per_view(inputs.means)
         self._colours, self._colour_stride = self._per_view(inputs.colours)
         self._log_scales = self._sent(inputs.log_scales, wp.vec3)
         self._quaternions = self._sent(inputs.quaternions, wp.vec4)
         self._logits = self._sent(inputs.logits, wp.float32)
         self._poses = self._sent(inputs.poses, Pose)
-        self._camera = coding.camera(intrinsics.detach().cpu().double().numpy())
+        self._camera = coding.camera(intrinsics.detach().double().numpy())
         pairs = self._views * self._gaussians
         self._records = self._empty(pairs, Record)
         boxes, depths, counts = (self._empty(pairs, kind) for kind in (wp.vec4i, wp.float32, wp.int32))
@@ -125,17 +125,17 @@ class Rendering:
             [self._blended, self._last],
         )
 
-    def gathered(self) -> F32:
-        """Return the outputs, [outputs, 4]: weighted colours and light that passes."""
+    def gathered(self) -> Tensor:
+        """Return the outputs beside the inputs, [outputs, 4]: weighted colours and light that passes."""
         out = wp.zeros(self._coding.outputs, dtype=wp.vec4, device=self._device)
         inputs = [self._coding.start, self._coding.slots, self._coding.weight, self._blended]
         self._launch(gather, self._coding.outputs, inputs, [out])
-        return np.asarray(out.numpy(), np.float32)
+        return self._returned(out)
 
-    def differentiate(self, gradient: F32) -> HostGradients:
+    def differentiate(self, gradient: Tensor) -> SceneGradients:
         """Return the gradients of an objective, given that by the outputs, [outputs, 4]."""
         coding, lists, count = self._coding, self._lists, self._gaussians
-        pulled = self._sent(np.ascontiguousarray(gradient, np.float32), wp.vec4)
+        pulled = self._sent(gradient.detach().to(torch.float32).contiguous(), wp.vec4)
         sums = wp.zeros(max(lists.total, 1), dtype=Row, device=self._device)
         self._launch_blocks(
             blend_backward,
@@ -169,12 +169,12 @@ class Rendering:
         )
         poses = self._zeros(self._views * 16, wp.float32)
         self._launch_blocks(sum_poses, self._views * 12, _POSE_THREADS, [parts, count], [poses])
-        means, log_scales, quaternions, logits, colours, sightings = (np.array(one.numpy()) for one in found)
+        means, log_scales, quaternions, logits, colours, sightings = map(self._returned, found)
         means, colours = (one.reshape(shape) for one, shape in zip((means, colours), self._shapes, strict=True))
-        of_poses = np.array(poses.numpy()).reshape(self._views, 4, 4)
-        return HostGradients(means, log_scales, quaternions, logits, colours, of_poses, sightings)
+        of_poses = self._returned(poses).reshape(self._views, 4, 4)
+        return SceneGradients(means, log_scales, quaternions, logits, colours, of_poses, sightings)
 
-    def stopped(self) -> F32:
+    def stopped(self) -> Tensor:
         """Return depth, spread, stopped and nearby light of each output, [outputs, 4]."""
         coding = self._coding
         fields = self._empty(self._views * self._gaussians, wp.vec4)
@@ -184,18 +184,28 @@ class Rendering:
         _, *lists = self._listed()
         inputs = [coding.block_of, *lists, fields, coding.x, coding.y, self._termination, coding.into]
         self._launch(stop_light, len(coding.x), inputs, [maps])
-        return np.asarray(maps.numpy(), np.float32)
+        return self._returned(maps)
 
     def _listed(self) -> list[Any]:
         lists = self._lists
         return [self._coding.first, lists.begin, lists.end, lists.rows, lists.owner, self._records]
 
-    def _per_view(self, values: F32) -> tuple[Any, int]:
+    def _per_view(self, values: Tensor) -> tuple[Any, int]:
         """Return vectors on the device, and how far those of the next view are: 0 if all views share them."""
         return self._sent(values.reshape(-1, 3), wp.vec3), self._gaussians if values.ndim == 3 else 0
 
-    def _sent(self, values: F32, kind: Any) -> Any:
-        return wp.array(values, dtype=kind, device=self._device)
+    def _sent(self, values: Tensor, kind: Any) -> Any:
+        """Share memory of the same device, which is not written to before the rendering is differentiated, or copy."""
+        if str(wp.device_from_torch(values.device).alias if values.is_cuda else "cpu") == self._device:
+            return wp.from_torch(values, dtype=kind)
+        return wp.array(values.cpu().numpy(), dtype=kind, device=self._device)
+
+    def _returned(self, values: Any) -> Tensor:
+        """Return numbers of the device beside the inputs, shared if they lie there."""
+        if self._home.type == "cpu":
+            return torch.from_numpy(np.asarray(values.numpy()))
+        shared: Tensor = wp.to_torch(values)
+        return shared.to(self._home)
 
     def _empty(self, count: int, kind: Any) -> Any:
         return wp.empty(count, dtype=kind, device=self._device)
@@ -220,16 +230,16 @@ class Blended(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, job: Any, *parameters: Tensor) -> Tensor:
-        """Render; `parameters` in the order of `HostInputs`, `job` makes the rendering and takes its sightings."""
-        ctx.job, ctx.rendering = job, job.render(HostInputs.of(*parameters))
+        """Render; `parameters` in the order of `SceneInputs`, `job` makes the rendering and takes its sightings."""
+        ctx.job, ctx.rendering = job, job.render(SceneInputs.of(*parameters))
         ctx.save_for_backward(*parameters)
-        return torch.from_numpy(ctx.rendering.gathered())
+        outputs: Tensor = ctx.rendering.gathered()
+        return outputs
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         """Differentiate."""
         assert ctx.saved_tensors is not None  # lets torch notice that a parameter was overwritten meanwhile
-        found = ctx.rendering.differentiate(gradients[0].detach().numpy())
+        found = ctx.rendering.differentiate(gradients[0])
         ctx.job.saw(found.sightings)
-        of_inputs = (found.means, found.log_scales, found.quaternions, found.logits, found.colours, found.poses)
-        return (None, *(torch.from_numpy(np.ascontiguousarray(one)) for one in of_inputs))
+        return (None, found.means, found.log_scales, found.quaternions, found.logits, found.colours, found.poses)

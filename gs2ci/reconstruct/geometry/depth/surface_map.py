@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.depth.plain import continued
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import BestPlanes, SweepSettings, sweep
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 
 # Plain areas are compared with at most so many other views, spread over the path: more cost memory without any gain.
@@ -21,6 +21,7 @@ def surface_map(
     reference: int,
     span: tuple[float, float],
     settings: SweepSettings,
+    best_planes: BestPlanes | None = None,
 ) -> F32:
     """Estimate the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
 
@@ -28,7 +29,7 @@ def surface_map(
     """
     # Penalties, and what counts as a plain area, are in full scales.
     views = brightened(views)
-    swept = sweep(views, world_to_camera, intrinsics, reference, span, settings)
+    swept = sweep(views, world_to_camera, intrinsics, reference, span, settings, best_planes)
     others = np.delete(np.arange(len(views)), reference)
     spread = np.unique(np.linspace(0, len(others) - 1, min(_OTHERS, len(others))).round().astype(int))
     order = [reference, *others[spread]]

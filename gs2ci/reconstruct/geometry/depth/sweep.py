@@ -4,7 +4,7 @@ Here: the range of planes, features, homographies, image size; the cost of a map
 loops (`kernels`). Semi-global matching: Hirschmüller 2008, four directions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -19,6 +19,10 @@ from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, cost_of_map, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
+
+BestPlanes = Callable[[F32, F64, int, int], F32]
+"""Finds the plane of each pixel of the first view, with its fraction, [H, W], from features [N, H, W, 8], homographies
+[D, N - 1, 3, 3], how many views count and the window's side."""
 
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
@@ -67,6 +71,7 @@ def sweep(
     reference: int,
     span: tuple[float, float],
     settings: SweepSettings,
+    best_planes: BestPlanes | None = None,
 ) -> F32:
     """Estimate the inverse depth at which the views agree, for every pixel of the reference view.
 
@@ -77,6 +82,7 @@ def sweep(
         reference: Index of the reference view.
         span: Farthest and nearest inverse depth.
         settings: How finely to sweep.
+        best_planes: Compares the views and smooths; None: by the CPU's kernels.
 
     Returns:
         Inverse depth, [H, W] float32, within `span`.
@@ -89,13 +95,17 @@ def sweep(
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
-    cost = matching_cost(features[0], features[1:], homographies, best, settings.window_px)
-    index = best_plane(cost, sum_along_rows(cost))
+    index = (best_planes or _best_planes)(features, homographies, best, settings.window_px)
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
     if small.shape != views.shape:
         inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
+
+
+def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F32:
+    cost = matching_cost(features[0], features[1:], homographies, best, window)
+    return best_plane(cost, sum_along_rows(cost))
 
 
 def reduced(views: F32, most_pixels: int) -> F32:

@@ -79,7 +79,7 @@ class Mcmc:
         """Return a draw from each Gaussian's covariance, [G, 3], faded out above the opacity at which it is faint."""
         present = scene.detach()
         fade = torch.sigmoid(_STEEPNESS * (self.transparent - torch.sigmoid(present.opacity_logits)))
-        draw = torch.randn(len(scene), 3, generator=generator) * fade[:, None]
+        draw = torch.randn(len(scene), 3, generator=generator).to(fade.device) * fade[:, None]
         turn = rotation_matrices(present.quaternions)
         variances = (2 * present.log_scales).exp()
         along_axes = (draw[:, None] @ turn)[:, 0] * variances

@@ -1,0 +1,100 @@
+"""The share of a draft's processor time that is spent on what has an implementation for a device, and what the rest is.
+
+    python -m tests.benchmarks gpu_share
+
+One simulated exposure is reconstructed by `draft` at `GS2CI_SIZE` (240x320) on the CPU, every kernel on one thread. The
+clock of the thread that runs a part counts what it costs, without what the parts inside it cost. That a part has an
+implementation for a device means that it runs there where a device is used, not that it was ever timed on one.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from unittest.mock import patch
+
+import numba
+
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.fit import surfaces
+from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
+from gs2ci.reconstruct.geometry.depth import sweep
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.render.cpu import backend
+from tests.benchmarks import profile
+from tests.stability.benches import Bench
+
+SIZE = tuple(int(side) for side in os.environ.get("GS2CI_SIZE", "240x320").split("x"))
+MORE = (
+    ("iteration: field of depth", DepthField, "step"),
+    ("iteration: field of depth", FieldStep, "of_scene"),
+    ("rendering: code of masks", backend.CpuBackend, "code"),
+)
+SWEPT = "fit: views compared, and smoothed"
+ON_DEVICE = (
+    "iteration: loss",
+    "iteration: opacity term",
+    "iteration: surfaces' term",
+    "iteration: finite",
+    "iteration: Gaussians' step",
+    "iteration: exchange of turning",
+    "iteration: field of depth",
+    "fit: error blended back",
+    SWEPT,
+    "kernel: ",
+    "depth of each Gaussian",
+)
+
+
+@contextmanager
+def _sweeps(clock: profile.Clock) -> Iterator[None]:
+    """Tell the sweeps for surfaces, whose inner loops a device has, from those before the fit."""
+    mapped, planes, inside = surfaces.surface_map, sweep._best_planes, threading.local()
+
+    def map_of_surfaces(*given: Any) -> Any:
+        inside.fit = True
+        try:
+            return mapped(*given)
+        finally:
+            inside.fit = False
+
+    def best_planes(*given: Any) -> Any:
+        name = SWEPT if getattr(inside, "fit", False) else "first look: views compared, and smoothed"
+        return clock.counted(name, planes)(*given)
+
+    with patch.object(surfaces, "surface_map", map_of_surfaces), patch.object(sweep, "_best_planes", best_planes):
+        yield
+
+
+def run() -> None:
+    """Print the share and the parts."""
+    shot = Bench(scene=profile.SCENE).expose(SIZE)
+    settings = preset("draft")
+    pipeline.reconstruct(Bench(scene=profile.SCENE).expose((48, 64)), settings)  # compiles
+    threads, clock = numba.get_num_threads(), profile.Clock()
+    try:
+        numba.set_num_threads(1)
+        with patch.object(profile, "PARTS", (*profile.PARTS, *MORE)), profile.counting(clock), _sweeps(clock):
+            began_s = time.process_time()
+            found = pipeline.reconstruct(shot, settings)
+            total_s = time.process_time() - began_s
+    finally:
+        numba.set_num_threads(threads)
+    there_s = sum(seconds for name, seconds in clock.seconds.items() if name.startswith(ON_DEVICE))
+    fit_s = sum(
+        seconds for name, seconds in clock.seconds.items() if name.startswith(("fit: ", "iteration: ", "kernel: "))
+    )
+    print(
+        f"{profile.SCENE}, {SIZE[0]} x {SIZE[1]} x {shot.views}, draft: CPU {total_s:.1f} s, "
+        f"{found.result.gaussians} Gaussians\n"
+        f"has an implementation for a device: {there_s:.1f} s, {there_s / total_s:.1%} of all; of the fit and of all "
+        f"rendering, {there_s / fit_s:.1%}\n"
+        f"{'part':36} {'CPU s':>7} {'share':>6}  on a device"
+    )
+    for name in sorted(clock.seconds, key=lambda part: -clock.seconds[part]):
+        seconds, there = clock.seconds[name], "yes" if name.startswith(ON_DEVICE) else ""
+        print(f"{name:36} {seconds:7.2f} {seconds / total_s:6.1%}  {there}")
+    rest_s = total_s - sum(clock.seconds.values())
+    print(f"{'what is left':36} {rest_s:7.2f} {rest_s / total_s:6.1%}")
