@@ -141,7 +141,13 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
         raise
 
 
-def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress | None = None) -> int:
+def capture(
+    devices: Devices,
+    plan: CapturePlan,
+    sink: Sink,
+    progress: Progress | None = None,
+    enough: Callable[[], bool] | None = None,
+) -> int:
     """Run a plan; deliver each shot as soon as it is complete.
 
     Args:
@@ -149,6 +155,8 @@ def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress 
         plan: The plan.
         sink: Receives each shot; an error that it raises ends the capture.
         progress: Receives the upload and the shots.
+        enough: Asked after each start of the modulator whether to end before all shots are taken; meanwhile the
+            modulator is dark and the stage at rest; None: never. A continuous capture has one start.
 
     Returns:
         The number of shots delivered.
@@ -158,7 +166,7 @@ def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress 
         DriverError: A device failed; all others are at rest.
     """
     plan.require_sound()
-    return _Capture(devices, plan, sink, progress or Silent()).run()
+    return _Capture(devices, plan, sink, progress or Silent()).run(enough)
 
 
 class _Capture:
@@ -177,13 +185,15 @@ class _Capture:
         self._lead_s = devices.modulator.info.expected_start_s
         self._watch = None if devices.stage is None else StageWatch(devices.stage, plan, devices.clock)
 
-    def run(self) -> int:
+    def run(self, enough: Callable[[], bool] | None) -> int:
         try:
             with Steps() as steps:
                 self._prepare(steps)
                 self._progress.stage("shots", self._plan.settings.shots)
                 for _ in range(self._plan.fires):
                     self._fire_with_retries()
+                    if enough is not None and enough():
+                        break
         except DriverError as error:
             error.at_trigger(self._trigger)
             raise

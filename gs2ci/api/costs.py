@@ -68,7 +68,8 @@ def tradeoff(
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
             fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
-            precision; by default all of them.
+            precision; by default all of them. And exposures: 1, 2, 4, … of a file's exposures together, judged by the
+            views of the one that `index` names, and what one more is worth.
         most: Skip trials that are expected to take longer than this, from how long the standard took. Decode alone,
             draft and standard are always tried.
         seed: Seed of every random draw.
@@ -96,13 +97,17 @@ def tradeoff(
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
     from gs2ci.evaluate.pages.tradeoff_section import tradeoff_page
+    from gs2ci.evaluate.tradeoff.exposures import KNOB, exposure_trials
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.store import Store, content_key
     from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, chosen_trials, expected_seconds
 
     output = Path(output)
-    trials = chosen_trials(tuple(knobs) or KNOBS)
+    trials, shots = chosen_trials(tuple(knobs) or KNOBS, (KNOB,)), [measured]
+    if KNOB in knobs:
+        shots += [] if isinstance(shot, Shot) else _others(Path(shot), index)
+        trials += exposure_trials(len(shots))
     check_place(output / "cells")
     if report is not None:
         check_same_shot(Path(report), measured)
@@ -114,10 +119,11 @@ def tradeoff(
         for done, trial in enumerate(trials, 1):
             standard_s = rows.get(BASELINE, {}).get("seconds")
             expected_s = 0.0 if standard_s is None else expected_seconds(trial, standard_s)
-            key = content_key(trial.name, {"shot": digest, "seed": seed})
+            exposures = {} if trial.knob != KNOB else {"exposures": [_digest(one) for one in shots[: trial.exposures]]}
+            key = content_key(trial.name, {"shot": digest, "seed": seed, **exposures})
             row = store.get(key)
             if (row is None or "error" in row) and expected_s <= most_s:
-                row = _row(measured, trial, seed)
+                row = _row(shots, trial, seed)
                 store.put(key, row)
             if row is None:
                 left_out[trial.name] = expected_s
@@ -136,12 +142,21 @@ def tradeoff(
     return TradeoffFound(found, markdown(found), pages)
 
 
-def _row(shot: Shot, trial: "TradeoffTrial", seed: int) -> "Row":
+def _others(path: Path, index: int) -> list[Shot]:
+    """Read the other exposures of a file."""
+    from gs2ci.core.storage import count_shots, read_shot
+
+    return [read_shot(path, other) for other in range(count_shots(path)) if other != index]
+
+
+def _row(shots: Sequence[Shot], trial: "TradeoffTrial", seed: int) -> "Row":
     """Run one trial; an error of ours becomes a row that states it, so that one trial that fails does not end all."""
-    from gs2ci.evaluate.tradeoff import trials
+    from gs2ci.evaluate.tradeoff import exposures, trials
 
     try:
-        return trials.tried(shot, trial, seed)
+        if trial.knob == exposures.KNOB:
+            return exposures.tried_together(shots, trial, seed)
+        return trials.tried(shots[0], trial, seed)
     except Gs2ciError as error:
         return {"error": str(error)}
 

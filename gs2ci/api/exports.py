@@ -124,7 +124,7 @@ def mesh(
     least_share: float = 0.01,
     overwrite: bool = False,
 ) -> Path:
-    """Write a mesh of the surfaces in a run's depth maps, as PLY with a colour per vertex.
+    """Write a mesh of the surfaces in a run's depth maps, as PLY with a colour per vertex, and its standard error.
 
     The mesh is closed only if the views see a surface from all sides; otherwise it ends where they see no more. If
     things move, it shows what the middle view sees.
@@ -150,6 +150,7 @@ def mesh(
     """
     from gs2ci.evaluate.exports.mesh import fuse, write_mesh
     from gs2ci.evaluate.points import Cameras, of_one_moment
+    from gs2ci.evaluate.sureness import errors_at
 
     opened = run if isinstance(run, Run) else open_run(run)
     target = Path(path)
@@ -159,9 +160,12 @@ def mesh(
     seen = of_one_moment(len(depth), moves=motion is not None and motion.moves)
     cameras = Cameras(opened.path[seen], opened.intrinsics, opened.distortion)
     sure = None if confidence is None else confidence[seen]
-    return write_mesh(
-        target, fuse(depth[seen], opened.views[seen], cameras, sure, voxels=voxels, least_share=least_share)
+    found = fuse(depth[seen], opened.views[seen], cameras, sure, voxels=voxels, least_share=least_share)
+    errors = opened.depth_error
+    stated = (
+        None if errors is None else errors_at(found.vertices.astype(np.float64), depth[seen], errors[seen], cameras)
     )
+    return write_mesh(target, found, stated)
 
 
 _Write = Callable[[Path], object]

@@ -181,6 +181,7 @@ class OpenRig:
         overwrite: bool = False,
         progress: Progress | None = None,
         saved: Callable[[Path], object] = _NEVER,
+        until: str | None = None,
     ) -> Path:
         """Take coded exposures into a shot file; each is safe on disk as soon as it is taken.
 
@@ -190,6 +191,9 @@ class OpenRig:
             overwrite: Replace a finished file of that name.
             progress: Receives upload and shots.
             saved: Called with the `.partial` file if the capture ends early after some shots.
+            until: Take no more than it takes: for views of an accuracy ("35dB"), for depth ("depth 1%"), both by the
+                standard errors of the exposures reconstructed together, or for a time ("10min"). The plan says how
+                many at most.
 
         Returns:
             The shot file.
@@ -197,16 +201,24 @@ class OpenRig:
         Raises:
             DeviceError: A device failed, or the plan breaks limits; all are at rest.
             StorageError: The file exists or cannot be written.
+            InputError: `until` asks for something else, or the plan's exposures cannot be judged one after another.
         """
         from gs2ci.core.storage.sealing import check_target
         from gs2ci.rig.recording import record
+        from gs2ci.rig.until import MOST, CaptureTarget, Until, check_judged, solve_together
 
-        path = Path(path)
+        path, target = Path(path), None if until is None else CaptureTarget.parse(until)
         check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
         if self._devices is None and self._session is None:
             self.log_to(path)
         with shown(progress) as display:
-            prepared = prepared or self.plan(probe=True, progress=display)
+            most = None if target is None else MOST
+            prepared = prepared or self.plan(shots=most, probe=True, progress=display)
+            enough = None
+            if target is not None:
+                check_judged(prepared.plan)
+                most = prepared.plan.settings.shots
+                enough = Until(target, most, self.devices.clock.now_s, display.say, solve_together)
             # A second capture into another file gets its own log.
             session, self._session = self._session, None
             if session is not None and session.shot != path:
@@ -220,6 +232,7 @@ class OpenRig:
                 progress=display,
                 saved=saved,
                 session=session,
+                enough=enough,
             )
 
     def calibrate(

@@ -27,6 +27,7 @@ def run(
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("shot.h5"),
     dry_run: bool = False,
     shots: int | None = None,
+    until: str | None = None,
     overwrite: bool = False,
     calibration: Path | None = None,
     probe: bool = True,
@@ -42,7 +43,10 @@ def run(
         rig: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
         out: The shot file to write, ends in .h5.
         dry_run: Connect, check and print the plan; move and write nothing.
-        shots: Number of shots, instead of the rig file's; a longer burst is shortened to it.
+        shots: Number of shots, instead of the rig file's; a longer burst is shortened to it. With --until, at most as
+            many, by default 32.
+        until: Take exposures until those taken give, reconstructed together, views of 35dB or depth to 'depth 1%', by
+            their standard errors; or for a time, 10min.
         overwrite: Replace a finished file of that name.
         calibration: Bundle of `gs2ci calibrate` with the masks to use, instead of the one named in [calibration].
         probe: First check with one mask that the bundle still fits; needs a lit scene at rest.
@@ -54,7 +58,10 @@ def run(
     from gs2ci.api.rigs import open_rig
     from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
+    from gs2ci.rig.until import MOST, CaptureTarget, check_judged
 
+    if until is not None:
+        CaptureTarget.parse(until)
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     with answered(as_text=not json) as answer:
@@ -63,16 +70,19 @@ def run(
             opened.trace_to(None if dry_run else out)
             opened.log_to(None if dry_run else out)
             with open_display() as display:
+                asked = MOST if shots is None and until is not None else shots
                 prepared = opened.plan(
-                    shots=shots, calibration=calibration, probe=probe and not dry_run, progress=display
+                    shots=asked, calibration=calibration, probe=probe and not dry_run, progress=display
                 )
             _print_plan(console, opened, prepared)
             prepared.plan.require_sound()
+            if until is not None:
+                check_judged(prepared.plan)
             figures = [{"what": figure.what, "value": figure.value} for figure in prepared.plan.figures]
             if dry_run:
                 answer({"file": None, "shots": 0, "plan": figures})
                 return None
-            opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved)
+            opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved, until=until)
         bench = opened.rig.bench
         light = bench.light if bench else None
         if light is not None and light.plans:
@@ -84,7 +94,7 @@ def run(
             )
             _say_where_masks_were(console, out, prepared)
         count, wanted = count_shots(out), prepared.plan.settings.shots
-        if count < wanted:
+        if count < wanted and until is None:
             lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
             console.print(lost, markup=False, highlight=False, soft_wrap=True)
         console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
-from gs2ci.evaluate.points import Cameras
+from gs2ci.evaluate.points import SAME_SURFACE, Cameras
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
 from gs2ci.render.gaussians import Gaussians
 
@@ -38,32 +38,42 @@ def write_errors(folder: Path, errors: Uncertainty | None) -> None:
 
 
 def errors_of_centres(scene: Gaussians, result: RunResult) -> F32 | None:
-    """Return the standard errors of the Gaussians' centres, [G], in the unit of the scene.
+    """Return the standard errors of the Gaussians' centres, [G], in the unit of the scene (`errors_at`).
 
-    Each is that of the depth where the middle view shows the centre, as far as the centre is away; a centre that it
-    does not show errs by half its distance.
-
-    Args:
-        scene: The Gaussians.
-        result: The run that they are of.
-
-    Returns:
-        None if depth has no standard errors.
+    None if depth has no standard errors.
     """
     errors = result.uncertainty
     if errors is None or errors.depth is None or result.depth is None:
         return None
-    view = len(result.depth) // 2
     cameras = Cameras(result.world_to_camera, result.intrinsics, result.distortion)
-    centres = scene.means.detach().double().numpy()
-    height, width = result.depth.shape[1:]
-    inside, ahead, pixels = cameras.seen(centres, view, (height, width))
-    columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
-    depth = result.depth[view, rows, columns]
-    known = inside & (depth > 0)
-    relative = np.where(known, errors.depth[view, rows, columns] / np.where(known, depth, 1), UNKNOWN_DEPTH)
-    found: F32 = (relative * np.abs(ahead)).astype(np.float32)
-    return found
+    return errors_at(scene.means.detach().double().numpy(), result.depth, errors.depth, cameras)
+
+
+def errors_at(points: F64, depth: F32, errors: F32, cameras: Cameras) -> F32:
+    """Return the standard errors of points, [P, 3], in the unit of the path, [P].
+
+    Each is the least share that a view states of the depth where it shows the point, of the point's distance; a point
+    that no view shows errs by half its distance from the middle camera.
+
+    Args:
+        points: In the world of the path.
+        depth: [N, H, W]; 0 where there is none.
+        errors: Its standard errors, [N, H, W].
+        cameras: Of the views.
+    """
+    found = np.full(len(points), np.inf)
+    size = (depth.shape[1], depth.shape[2])
+    for view in range(len(depth)):
+        inside, ahead, pixels = cameras.seen(points, view, size)
+        columns, rows = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+        there, error = depth[view, rows, columns].astype(np.float64), errors[view, rows, columns].astype(np.float64)
+        shown = inside & (there > 0) & (np.abs(there - ahead) <= np.maximum(SAME_SURFACE * there, 2 * error))
+        share = np.where(shown, error / np.where(there > 0, there, 1), np.inf)
+        found = np.minimum(found, share * np.abs(ahead))
+    middle = cameras.world_to_camera[len(depth) // 2]
+    away = np.linalg.norm(points @ middle[:3, :3].T + middle[:3, 3], axis=1)
+    stated: F32 = np.where(np.isfinite(found), found, UNKNOWN_DEPTH * away).astype(np.float32)
+    return stated
 
 
 def figures_of_errors(result: RunResult) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
@@ -121,6 +122,7 @@ def record(
     progress: Progress,
     saved: Callable[[Path], object] = lambda partial: None,
     session: SessionLog | None = None,
+    enough: Callable[[ShotWriter, SessionLog], bool] | None = None,
 ) -> Path:
     """Run a prepared capture into a shot file.
 
@@ -133,6 +135,7 @@ def record(
         progress: Receives upload and shots.
         saved: Called with the file of the rows if the capture ends early with some; never with another capture's file.
         session: The log beside it, begun and closed here; None makes one by the rig file.
+        enough: Asked after each start of the modulator whether the file's shots are enough (`until`); None: never.
 
     Returns:
         The shot file.
@@ -160,7 +163,8 @@ def record(
                 if plan.settings.continuous:
                     _take_continuously(rig, devices, plan, recorder, progress)
                 else:
-                    capture(devices, plan, recorder.take, progress)
+                    ended = None if enough is None else partial(enough, writer, log)
+                    capture(devices, plan, recorder.take, progress, ended)
                 recorder.note_incidents()
             except BaseException as error:
                 recorder.note_failure(error)

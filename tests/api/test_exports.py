@@ -423,6 +423,8 @@ def test_a_mesh_from_the_command_line(run, gs2ci, capsys):
     assert gs2ci("mesh", "run", "--voxels", 24, "-o", "m.ply") == 0
     assert "m.ply" in capsys.readouterr().out
     assert len(trimesh.load("m.ply").faces) > 50
+    errors = trimesh.load("m.ply").metadata["_ply_raw"]["vertex"]["data"]["standard_error"]
+    assert errors.min() > 0
     assert gs2ci("mesh", "run", "--voxels", 24, "-o", "m.ply") == 2
     assert "--overwrite" in capsys.readouterr().err
 

@@ -56,7 +56,7 @@ ACROSS_DEG, UP_DEG, TURN_DEG = 12.0, 6.0, 2.0
 LAYOUTS: Final = ("around", "row")
 STEP_SHARE: Final = 0.1
 OPEN_SHARE: Final = 0.25
-# Misplaced by no more than this, an exposure is rightly tied: a scene that starts so is drawn right by the fit's poses.
+# Misplaced by no more than this, an exposure counts as rightly tied.
 RIGHT_PX: Final = 5.0
 
 

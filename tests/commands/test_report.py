@@ -30,7 +30,7 @@ def test_the_page_is_written_again_and_named(folder, capsys):
     (folder / "report.html").unlink()
     assert tyro.cli(report.run, args=[str(folder)]) == folder / "report.html"
     assert (folder / "report.html").read_bytes() == before
-    assert f"{folder / 'report.html'}  0.1 MB, one file" in capsys.readouterr().out
+    assert f"{folder / 'report.html'}  0.2 MB, one file" in capsys.readouterr().out
 
 
 def test_the_page_can_go_elsewhere(folder, tmp_path):

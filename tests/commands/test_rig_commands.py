@@ -1,10 +1,15 @@
 """The bench's commands as a user types them, on a small simulated rig with the procedural scene."""
 
-import h5py
+import json
+from pathlib import Path
+from types import SimpleNamespace
 
-from gs2ci.core.storage import read_shot, sealing, writer
+import h5py
+import numpy as np
+
+from gs2ci.core.storage import count_shots, read_shot, sealing, writer
 from gs2ci.core.storage.guarded_file import GuardedFile
-from gs2ci.rig import discovery
+from gs2ci.rig import discovery, until
 
 RIG = """
 name = "tiny"
@@ -104,6 +109,70 @@ def test_another_number_of_shots_can_be_asked_for(rig, capsys, gs2ci):
     assert gs2ci("capture", "--rig", rig, "-o", "one.h5", "--shots", "1") == 0
     assert "1 shot in one.h5" in capsys.readouterr().out
     assert gs2ci("capture", "--rig", rig, "--shots", "0") == 2
+
+
+def accurate(errors):
+    """Stand in for reconstructions: views of an accuracy that depends on the number of exposures."""
+    counts = []
+
+    def solve(shots):
+        counts.append([shot.measurement.shape for shot in shots])
+        return SimpleNamespace(
+            depth=None, uncertainty=SimpleNamespace(views=np.full((3, 40, 60), errors[len(shots) - 1]))
+        )
+
+    solve.counts = counts
+    return solve
+
+
+def test_a_capture_takes_exposures_until_their_standard_errors_are_small_enough(rig, capsys, gs2ci, monkeypatch):
+    solve = accurate([0.1, 0.05, 0.01])
+    monkeypatch.setattr(until, "solve_together", solve)
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5", "--until", "35dB", "--no-probe") == 0
+    said = capsys.readouterr()
+    assert "3 exposures together: 40.0 dB, asked for 35.0 dB" in said.out + said.err
+    assert "lost" not in said.out
+    assert [len(shapes) for shapes in solve.counts] == [1, 2, 3]
+    assert {shape for shapes in solve.counts for shape in shapes} == {(40, 60, 1)}
+    assert count_shots(Path("shot.h5")) == 3
+    assert read_shot(Path("shot.h5"), 2).truth.views.shape == (3, 40, 60, 3)
+    log = [json.loads(line) for line in Path("shot.h5.session.jsonl").read_text().splitlines()]
+    events = [line["event"] for line in log if line["event"] in ("shot", "judged", "end")]
+    assert events == ["shot", "judged"] * 3 + ["end"]
+
+
+def test_no_more_exposures_are_taken_than_allowed(rig, capsys, gs2ci, monkeypatch):
+    monkeypatch.setattr(until, "solve_together", accurate([0.1] * 4))
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5", "--until", "35dB", "--shots", "2", "--no-probe") == 0
+    said = capsys.readouterr()
+    assert "no more are taken than --shots allows" in said.out + said.err
+    assert count_shots(Path("shot.h5")) == 2
+
+
+def test_a_time_ends_a_capture_by_the_clock_of_the_bench(rig, capsys, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5", "--until", "1s", "--no-probe", "--shots", "30") == 0
+    assert 1 <= count_shots(Path("shot.h5")) < 30
+
+
+def test_a_capture_whose_exposures_cannot_be_judged_is_refused_before_anything_moves(rig, capsys, gs2ci):
+    rig.write_text(RIG.replace("[capture]", '[capture]\nmode = "per-mask"').replace('axis = "x"', 'axis = ""'))
+    assert gs2ci("capture", "--rig", rig, "--until", "35dB") == 2
+    assert "per-mask" in capsys.readouterr().err
+    assert gs2ci("capture", "--rig", rig, "--until", "soon") == 2
+    assert "35dB" in capsys.readouterr().err
+    assert not Path("shot.h5").exists()
+    assert not Path("shot.h5.partial").exists()
+
+
+def test_a_capture_that_fails_while_it_is_judged_keeps_what_was_taken(rig, capsys, gs2ci, monkeypatch):
+    def fails(shots):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(until, "solve_together", fails)
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5", "--until", "35dB", "--no-probe") != 0
+    assert "gs2ci recover" in capsys.readouterr().err
+    assert gs2ci("recover", "shot.h5.partial", "-o", "saved.h5") == 0
+    assert count_shots(Path("saved.h5")) == 1
 
 
 def test_a_capture_that_fails_before_its_first_shot_leaves_nothing_in_the_way(rig, capsys, gs2ci):

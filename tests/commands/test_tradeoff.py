@@ -10,7 +10,7 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import read_shot, write_shots
-from gs2ci.evaluate.tradeoff import trials
+from gs2ci.evaluate.tradeoff import exposures, trials
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -155,3 +155,31 @@ def test_a_damaged_record_in_the_run_is_made_anew(measured, tried, folder, tmp_p
     (folder / "tradeoff.json").write_text("{")
     tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", report=folder)
     assert "What accuracy costs" in report.run(folder).read_text(encoding="utf-8")
+
+
+def test_exposures_are_tried_together_only_if_asked_for(tried, tmp_path, monkeypatch, capsys):
+    shots = [Shot(np.ones((8, 8, 1), np.float32), np.ones((2, 8, 8), np.float32), name=f"shot {k}") for k in range(4)]
+    path = write_shots(tmp_path / "shots.h5", shots)
+    given = []
+
+    def together(shots, trial, seed):
+        given.append([shot.name for shot in shots[: trial.exposures]])
+        figures = {"psnr_db": 20.0 + trial.exposures, "ssim": 0.5, "heldout_db": 15.0, "nate": None}
+        return {"trial": trial.name, "knob": trial.knob, "seconds": 2.0 * trial.exposures, **figures, "iterations": 1,
+                "gaussians": 1, "exposures": trial.exposures, "capture_s": 0.5 * trial.exposures}  # fmt: skip
+
+    monkeypatch.setattr(exposures, "tried_together", together)
+    pages = tradeoff.run(path, tmp_path / "out", knobs=("exposures",), index=1)
+    assert tried == ["standard"]
+    assert given == [["shot 1"], ["shot 1", "shot 0"], ["shot 1", "shot 0", "shot 2", "shot 3"]]
+    assert "against exposures: 21.00 dB with 1 to 24.00 dB with 4" in pages[2].read_text()
+    assert "The next exposure after 4 is worth" in capsys.readouterr().out.replace("\n", " ")
+    assert "capture_s" in pages[0].read_text().splitlines()[0]
+    tradeoff.run(path, tmp_path / "out", knobs=("exposures",), index=1)
+    assert len(given) == 3  # kept
+
+
+def test_exposures_of_a_file_that_has_one_are_refused(measured, tried, tmp_path):
+    with pytest.raises(InputError, match="1 exposure"):
+        tradeoff.run(measured, tmp_path / "out", knobs=("exposures",))
+    assert tried == []

@@ -58,3 +58,11 @@ def test_a_frame_that_was_taken_at_another_time_than_its_trigger_is_refused(benc
         capture(bench.devices, plan, taken.append)
     assert not taken
     assert not sensor.status().streaming
+
+
+def test_a_capture_ends_early_when_what_was_taken_is_enough_with_all_devices_at_rest(bench):
+    plan = plan_capture(bench.devices, settings_for(bench, shots=3), bench.config)
+    taken = []
+    assert capture(bench.devices, plan, taken.append, enough=lambda: len(taken) == 2) == 2
+    assert [one.index for one in taken] == [0, 1]
+    assert not bench.devices.sensor.status().streaming

@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from gs2ci.core.uncertainty import Uncertainty
+from gs2ci.evaluate.points import Cameras
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.evaluate.sureness import errors_of_centres, figures_of_errors
+from gs2ci.evaluate.sureness import errors_at, errors_of_centres, figures_of_errors
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
 from gs2ci.render.ply import read_ply_scene
 
@@ -47,17 +48,28 @@ def test_a_run_without_a_path_states_those_of_views_alone(make_run):
     assert figures_of_errors(replace(result, depth=np.zeros_like(result.depth))).get("depth_median") is None
 
 
-def test_centres_err_as_the_depth_that_the_middle_view_sees_there(make_run, scene):
+def test_points_err_as_the_depth_that_a_view_sees_there(make_run, scene):
     _, result = make_run(count=1)
-    pose = result.world_to_camera[0]
-    places = np.array([[0.02, 0.02, 5], [0.4, 0, 5], [50.0, 0, 5], [0, 0, -3]])
+    pose, depth = result.world_to_camera[0], np.full_like(result.depth, 5.0)
+    ramp = result.uncertainty.views
+    result = replace(result, depth=depth, uncertainty=replace(result.uncertainty, depth=5 * ramp))
+    places = np.array([[0.02, 0.02, 5], [0.4, 0, 5.2], [50.0, 0, 5], [0, 0, -3], [0.02, 0.02, 9]])
     means = torch.from_numpy((places - pose[:3, 3]) @ pose[:3, :3]).float()
     found = errors_of_centres(replace(scene, means=means), result)
-    ramp = result.uncertainty.views[0, 24]
-    columns = [int(32 + 70.4 * x / 5) for x in (0.02, 0.4)]
-    assert found[:2] == pytest.approx(5 * ramp[columns], rel=1e-4)
-    assert found[2:] == pytest.approx([5 * UNKNOWN_DEPTH, 3 * UNKNOWN_DEPTH])
+    seen = [ramp[0, 24, int(32 + 70.4 * x / z)] * z for x, _, z in places[:2]]
+    assert found[:2] == pytest.approx(seen, rel=1e-4)
+    assert found[2:] == pytest.approx(UNKNOWN_DEPTH * np.linalg.norm(places[2:], axis=1), rel=1e-4)
     assert errors_of_centres(scene, replace(result, uncertainty=None)) is None
+
+
+def test_of_several_views_the_surest_counts(make_run, scene):
+    _, result = make_run(count=2)
+    poses, depth = np.tile(np.eye(4), (2, 1, 1)), np.full_like(result.depth, 5.0)
+    errors = np.stack([np.full(depth.shape[1:], 0.4), np.full(depth.shape[1:], 0.2)]).astype(np.float32)
+    cameras = Cameras(poses, result.intrinsics)
+    assert errors_at(np.array([[0.0, 0, 5]]), depth, errors, cameras) == pytest.approx([0.2])
+    errors[1], depth[1] = 0.1, 0.0
+    assert errors_at(np.array([[0.0, 0, 5]]), depth, errors, cameras) == pytest.approx([0.4])
 
 
 def test_the_scene_file_has_them_as_a_property_that_readers_may_ignore(make_run, scene, tmp_path):

@@ -28,6 +28,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import layout
 from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci.core.storage.layout import FRAME_COLUMNS, CaptureHeader, FrameRow
+from gs2ci.core.storage.reader import CaptureFile
 from gs2ci.core.storage.sealing import check_room, check_target, partial_of, seal
 
 
@@ -142,6 +143,19 @@ class ShotWriter:
             ) from error
         self.rows_written = row + 1
         return row
+
+    def shot(self, row: int) -> Shot:
+        """Read back a row that was appended.
+
+        Raises:
+            StorageError: The file is closed, or there is no such row.
+        """
+        file = self._open_file()
+        if not 0 <= row < self.rows_written:
+            raise StorageError(
+                f"{self.partial}: row {row} of {self.rows_written} written", remedy="ask for one that was appended"
+            )
+        return CaptureFile(self.partial, file).shot(row)
 
     def event(self, kind: str, **facts: object) -> None:
         """Log one event (a state change, a fault, a retry) as a JSON line, durably.

@@ -22,7 +22,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.points import Cameras, surface_points
-from gs2ci.render.ply import named_columns, ply_bytes
+from gs2ci.render.ply import ERROR_PROPERTY, named_columns, ply_bytes
 
 VOXELS: Final = 160
 VOXEL_RANGE: Final = (8, 512)
@@ -133,14 +133,16 @@ def without_crumbs(vertices: Any, faces: Any, least_share: float) -> tuple[Any, 
     return vertices[used], renamed.reshape(kept.shape)
 
 
-def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
-    """Write a mesh as binary little-endian PLY with a colour per vertex.
+def write_mesh(path: Path, mesh: SurfaceMesh, standard_errors: F32 | None = None) -> Path:
+    """Write a mesh as binary little-endian PLY with a colour per vertex, and a standard error if any are given, [V].
 
     Raises:
         StorageError: The file cannot be written.
     """
     colours = np.rint(255 * mesh.colours).astype(np.uint8)
     vertices = {**named_columns("xyz", mesh.vertices), **named_columns(("red", "green", "blue"), colours)}
+    if standard_errors is not None:
+        vertices[ERROR_PROPERTY] = standard_errors
     return write_whole(path, ply_bytes(vertices, mesh.faces))
 
 

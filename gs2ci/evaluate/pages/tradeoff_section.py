@@ -41,7 +41,8 @@ def tradeoff_page(record: TradeoffRecord) -> str:
 def tradeoff_section(record: TradeoffRecord) -> PageSection:
     """Build the section."""
     said = pieces.sentences(record.sentences, empty="Nothing was tried with success.")
-    return PageSection("What accuracy costs", _chart(record) + said + _table(record) + _origin(record), LEAD)
+    shown = _chart(record) + _exposures(record) + said + _table(record) + _origin(record)
+    return PageSection("What accuracy costs", shown, LEAD)
 
 
 def _chart(record: TradeoffRecord) -> Markup:
@@ -66,6 +67,23 @@ def _chart(record: TradeoffRecord) -> Markup:
     return pieces.chart(
         drawn, caption="Left is quicker, up is better. A number is the trial's row in the table.", tabled=False
     )
+
+
+def _exposures(record: TradeoffRecord) -> Markup:
+    """Return quality against the number of exposures together, if several numbers were tried."""
+    measure = record.measure
+    tried = (
+        [] if measure is None else [one for one in record.trials if one.exposures and getattr(one, measure) is not None]
+    )
+    tried.sort(key=lambda one: one.exposures or 0)
+    if measure is None or len(tried) < 2:
+        return Markup()
+    numbers, values = [float(one.exposures or 0) for one in tried], [getattr(one, measure) for one in tried]
+    names = [f"{one.seconds:.0f} s" for one in tried]
+    line = Line("exposures together", numbers, values, "accent", names=names)
+    words = f"{TITLES[measure]} against exposures: {values[0]:.2f} dB with {numbers[0]:g} to {values[-1]:.2f} dB with "
+    drawn = Chart([line], "exposures together", TITLES[measure], f"{words}{numbers[-1]:g}", x_log=True)
+    return pieces.chart(drawn, caption="Beside the points: seconds of computing.", tabled=False)
 
 
 def _cloud(label: str, points: Sequence[_Point], colour: Colour) -> Line:

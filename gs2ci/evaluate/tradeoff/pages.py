@@ -14,13 +14,14 @@ from typing import Final
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
+from gs2ci.evaluate.tradeoff.exposures import exposure_sentences
 from gs2ci.evaluate.tradeoff.front import measure_of, pareto, sentences
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TradeoffRecord, Tried
 from gs2ci.evaluate.tradeoff.store import Row
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
-    "stopped", "error",
+    "stopped", "exposures", "capture_s", "error",
 )  # fmt: skip
 
 
@@ -100,6 +101,7 @@ def markdown(found: Tradeoff) -> str:
 def spoken(found: Tradeoff) -> list[str]:
     """Return sentences on what was found, what failed and what was left out."""
     said = sentences(found.good) if found.good else []
+    said += exposure_sentences(found.good, measure_of(found.good))
     said += [f"{row['trial']} failed: {row['error']}" for row in found.rows if "error" in row]
     said += [f"{name} was left out: it would take about {spoken_duration(s)}." for name, s in found.left_out.items()]
     return said

@@ -50,6 +50,8 @@ class Tried:
         iterations: Iterations of the fit.
         gaussians: Number of Gaussians at its end.
         unbeaten: Whether no other is both quicker and better.
+        exposures: How many were reconstructed together; None if the trial is of one alone.
+        capture_s: Their seconds of capture.
     """
 
     __pydantic_config__ = _CHECKED
@@ -64,6 +66,8 @@ class Tried:
     iterations: _Count
     gaussians: _Count
     unbeaten: bool
+    exposures: _Count | None = None
+    capture_s: Annotated[float, Field(ge=0, le=LARGEST)] | None = None
 
     @property
     def cells(self) -> tuple[str, ...]:

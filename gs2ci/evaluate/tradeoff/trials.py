@@ -36,8 +36,8 @@ from gs2ci.reconstruct.settings import Settings
 BASELINE: Final = "standard"
 JUDGED_SHARE: Final = 0.02
 # Makes the judging pixels differ from those that a run of the same seed holds out itself.
-_JUDGES: Final = 0x7D0FF
-_RMS_FLOOR: Final = 1e-5  # of full scale: 100 dB, as for images
+JUDGES: Final = 0x7D0FF
+RMS_FLOOR: Final = 1e-5  # of full scale: 100 dB, as for images
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class TradeoffTrial:
         settings: Settings of every stage.
         fits: Whether a scene is fitted; otherwise the shot is only decoded.
         shrink: The resolution is divided by this.
+        exposures: So many are reconstructed together (`exposures`).
     """
 
     name: str
@@ -57,6 +58,7 @@ class TradeoffTrial:
     settings: Settings
     fits: bool = True
     shrink: int = 1
+    exposures: int = 1
 
 
 def _trials() -> dict[str, TradeoffTrial]:
@@ -134,15 +136,19 @@ TRIALS: Final = _trials()
 KNOBS: Final = tuple(dict.fromkeys(trial.knob for trial in TRIALS.values()))
 
 
-def chosen_trials(knobs: tuple[str, ...]) -> list[TradeoffTrial]:
+def chosen_trials(knobs: tuple[str, ...], others: tuple[str, ...] = ()) -> list[TradeoffTrial]:
     """Return the trials of some knobs, in order; the baseline is always among them.
+
+    Args:
+        knobs: Their names.
+        others: Names of knobs whose trials are elsewhere.
 
     Raises:
         InputError: There is no such knob.
     """
-    unknown = [knob for knob in knobs if knob not in KNOBS]
+    unknown = [knob for knob in knobs if knob not in (*KNOBS, *others)]
     if unknown:
-        raise InputError(f"no knob {unknown[0]!r}", allowed=", ".join(KNOBS))
+        raise InputError(f"no knob {unknown[0]!r}", allowed=", ".join((*KNOBS, *others)))
     return [trial for trial in TRIALS.values() if trial.knob in knobs or trial.name == BASELINE]
 
 
@@ -155,7 +161,8 @@ def _work(trial: TradeoffTrial) -> float:
     """Return the iterations of all fits, one of the fine stage as two because it also renders a whole view."""
     settings = trial.settings
     fine = 0 if settings.fine is None else 2 * settings.fine.iterations
-    return trial.fits * (settings.fits * settings.fit.iterations + fine) / trial.shrink**2
+    fits = 1 if trial.exposures > 1 else settings.fits
+    return trial.exposures * trial.fits * (fits * settings.fit.iterations + fine) / trial.shrink**2
 
 
 def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
@@ -168,7 +175,7 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
     began_s = clock()
     registered = register(shot, trial.settings.registration, seed=seed)
     seen = registered.shot
-    holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ _JUDGES, registered.averaged)
+    holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ JUDGES, registered.averaged)
     treated = _treated(Registered(holdout.seen, averaged=registered.averaged), trial, seed)
     seconds = clock() - began_s
     views, truth = treated.views, shot.truth.views
@@ -179,7 +186,7 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
         "seconds": seconds,
         "psnr_db": None if truth is None else float(np.mean(psnr_per_view(views, truth))),
         "ssim": None if truth is None else float(np.mean(ssim_per_view(views, truth))),
-        "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, _RMS_FLOOR)),
+        "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, RMS_FLOOR)),
         **treated.details,
     }
 

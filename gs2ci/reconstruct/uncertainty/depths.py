@@ -10,11 +10,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty import factors
-from gs2ci.reconstruct.uncertainty.information import Information, Seen
+from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 
-def errors_of_depths(known: Information, seen: Seen, spread: F32, path_error: float, *, given: bool) -> F32:
+def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_error: float, *, given: bool) -> F32:
     """Return the standard error of each depth, [N, H, W], in its unit; 0 where there is no depth.
 
     Args:
@@ -42,7 +42,7 @@ def errors_of_depths(known: Information, seen: Seen, spread: F32, path_error: fl
     return np.where(there, relative * depth, 0).astype(np.float32)
 
 
-def _movements(seen: Seen) -> F64:
+def _movements(seen: ReadingsSeen) -> F64:
     """Return how far the points of all pixels move through the views per relative change of their depth, [N, H, W]."""
     rays = np.concatenate([seen.rays, np.ones_like(seen.rays[..., :1])], axis=-1).astype(np.float64)
     return np.stack(

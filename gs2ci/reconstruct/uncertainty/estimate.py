@@ -17,15 +17,15 @@ from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.depths import errors_of_depths
-from gs2ci.reconstruct.uncertainty.information import Seen, flows_between, information
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen, flows_between, information
 from gs2ci.reconstruct.uncertainty.poses import errors_of_poses
-from gs2ci.reconstruct.uncertainty.views import SeenViews, errors_alike, errors_of_views
+from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike, errors_of_views
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.stopping import StoppedLight
 
 
 @dataclass(frozen=True, eq=False)
-class Exposed:
+class ExposureFound:
     """What was found of one exposure.
 
     Args:
@@ -38,7 +38,7 @@ class Exposed:
 
     holdout: Holdout
     renderer: ShotRenderer
-    views: SeenViews
+    views: ViewsMade
     world_to_camera: F64
     light: StoppedLight
 
@@ -68,7 +68,7 @@ class PathKnown:
         return factors.PATH_NOT_JUDGED if self.expected_error is None else self.expected_error
 
 
-def standard_errors(of: Exposed, path: PathKnown | None) -> Uncertainty:
+def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     """Return the standard errors of an exposure's views, depths and poses.
 
     Args:
@@ -76,7 +76,7 @@ def standard_errors(of: Exposed, path: PathKnown | None) -> Uncertainty:
         path: What is known of its path; None if there is none, or if things move: then only of the views.
     """
     depth = of.light.surface().numpy()
-    seen = Seen(
+    seen = ReadingsSeen(
         views=of.views.delivered,
         depth=depth,
         rays=pixel_rays(of.renderer),

@@ -47,7 +47,7 @@ _PLACES: Final = 600
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ReadingsSeen:
     """What one exposure's views see, on the sensor's pixels.
 
     Args:
@@ -85,7 +85,7 @@ class Information:
     cells: Numbers
 
 
-def information(seen: Seen, reference: int, errors: tuple[float, float] | None = None) -> Information:
+def information(seen: ReadingsSeen, reference: int, errors: tuple[float, float] | None = None) -> Information:
     """Return what is known of poses and depths, given one exposure's readings.
 
     Args:
@@ -113,7 +113,7 @@ def information(seen: Seen, reference: int, errors: tuple[float, float] | None =
     return Information(scaled * np.outer(prior, prior), by_poses, cells)
 
 
-def _middle_depth(seen: Seen) -> float:
+def _middle_depth(seen: ReadingsSeen) -> float:
     known = seen.depth[seen.depth > 0]
     return float(np.median(known)) if known.size else 1.0
 
@@ -131,7 +131,7 @@ def _in_camera(points: F64, pose: F64) -> F64:
     return moved
 
 
-def _in_world(seen: Seen, view: int) -> F64:
+def _in_world(seen: ReadingsSeen, view: int) -> F64:
     """Return the points that a view's pixels show, [H, W, 3]."""
     depth = seen.depth[view].astype(np.float64)[..., None]
     there = np.concatenate([seen.rays * depth, depth], axis=-1)
@@ -140,7 +140,7 @@ def _in_world(seen: Seen, view: int) -> F64:
     return found
 
 
-def flows_between(seen: Seen) -> F64:
+def flows_between(seen: ReadingsSeen) -> F64:
     """Return how far the picture of each view's surfaces moves to each other view, squared, [N, N, P] px^2.
 
     Where there is no depth, the median depth is taken.
@@ -159,7 +159,7 @@ def flows_between(seen: Seen) -> F64:
     return found
 
 
-def _cells(seen: Seen, reference: int) -> tuple[Numbers, int]:
+def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     """Return which cell of the reference view, continued beyond its borders, each pixel shows, [N, H, W]; how many."""
     count, height, width = seen.depth.shape
     side = max(_LEAST_SIDE_PX, np.sqrt(height * width / _MOST_CELLS))
@@ -197,7 +197,9 @@ def _flow(points: F64, focal_px: F64) -> F64:
     return found * focal_px[:, None]
 
 
-def _derivatives(seen: Seen, reference: int, cells: Numbers, number: int, chosen: Numbers) -> tuple[F64, csr_matrix]:
+def _derivatives(
+    seen: ReadingsSeen, reference: int, cells: Numbers, number: int, chosen: Numbers
+) -> tuple[F64, csr_matrix]:
     """Return derivatives of the chosen readings, in their standard deviations: by poses, [R C, 6 N]; by depths."""
     count, channels = len(seen.depth), seen.noise.shape[2]
     gradients = _gradients(seen.views).reshape(count, -1, seen.views.shape[3], 2)[:, chosen]
@@ -225,7 +227,7 @@ def _derivatives(seen: Seen, reference: int, cells: Numbers, number: int, chosen
     return by_pose.reshape(numbers.size, 6 * count), by_depth
 
 
-def _moves(seen: Seen, reference: int, view: int, chosen: Numbers) -> tuple[F64, F64]:
+def _moves(seen: ReadingsSeen, reference: int, view: int, chosen: Numbers) -> tuple[F64, F64]:
     """Return how the picture of a view moves at chosen pixels beyond the mean over the views that see the same points.
 
     Returns:

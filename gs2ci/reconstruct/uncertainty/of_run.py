@@ -14,8 +14,8 @@ from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.uncertainty.estimate import Exposed, PathKnown, in_other_order, standard_errors
-from gs2ci.reconstruct.uncertainty.views import SeenViews
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.stopping import StoppedLight
 
 
@@ -39,8 +39,8 @@ def how_sure(
     """
     best = ensemble.best
     delivered = recovered.views if recovered.exposed is None else recovered.exposed
-    views = SeenViews(delivered, ensemble.views, look.decoded, ensemble.disagreement)
-    exposed = Exposed(look.holdout, renderer, views, best.world_to_camera, light)
+    views = ViewsMade(delivered, ensemble.views, look.decoded, ensemble.disagreement)
+    exposed = ExposureFound(look.holdout, renderer, views, best.world_to_camera, light)
     moving = any(fit.scene.motion is not None for fit in (best, *ensemble.others))
     path = None if moving else _path(geometry, ensemble)
     found = standard_errors(exposed, path)

@@ -26,7 +26,7 @@ _UNKNOWN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class SeenViews:
+class ViewsMade:
     """The views of one exposure, before and after they were combined; [N, H, W, C] each.
 
     Args:
@@ -42,7 +42,7 @@ class SeenViews:
     disagreement: F32 | None
 
 
-def errors_of_views(holdout: Holdout, views: SeenViews, alike: F64, noise: F32) -> F32:
+def errors_of_views(holdout: Holdout, views: ViewsMade, alike: F64, noise: F32) -> F32:
     """Return the standard error of each view's values, [N, H, W], full scale 1.
 
     Args:
@@ -80,7 +80,7 @@ def errors_alike(flow_px2: F64) -> F64:
     return found
 
 
-def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64, noise: F32) -> float:
+def _level(holdout: Holdout, views: ViewsMade, light: F64, power: F64, noise: F32) -> float:
     """Return the mean power of the views' errors."""
     usable = holdout.shot.usable & ~holdout.pixels
     per_light = float(light[usable].mean())
@@ -95,7 +95,7 @@ def _level(holdout: Holdout, views: SeenViews, light: F64, power: F64, noise: F3
     return float(factors.LEVEL * np.sqrt(seen * unseen) * max(rest, factors.LEAST_OF_LEVEL))
 
 
-def _pattern(views: SeenViews, power: F64, light: F64, full: float) -> F64:
+def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F64:
     """Return where errors are, as shares of their mean power, [N, H, W]; `power` and `light` are 0 at unused pixels."""
     about = _smooth(power, _NEIGHBOURHOOD_PX) / np.maximum(_smooth(light, _NEIGHBOURHOOD_PX), _LEAST_LIGHT * full)
     down, across = slopes(_smooth(views.delivered.mean(axis=-1), 0.5))

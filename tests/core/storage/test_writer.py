@@ -172,6 +172,22 @@ def test_only_finished_rows_count(tmp_path, header):
     assert count_shots(tmp_path / "shot.h5") == 1
 
 
+def test_a_row_can_be_read_back_before_the_file_is_finished(tmp_path, header):
+    writer = ShotWriter(tmp_path / "shot.h5", header)
+    with writer:
+        for value in (100, 1100):
+            writer.append(np.full((6, 8), value, np.uint16))
+        assert [float(writer.shot(row).measurement.mean()) for row in (0, 1)] == [0.0, 1.0]
+        for row in (2, -1):
+            with pytest.raises(StorageError, match=f"row {row} of 2 written"):
+                writer.shot(row)
+        before = writer.shot(1)
+        writer.finish()
+    np.testing.assert_array_equal(read_shot(tmp_path / "shot.h5", 1).measurement, before.measurement)
+    with pytest.raises(StorageError, match="closed"):
+        writer.shot(0)
+
+
 def test_leaving_without_finish_keeps_the_rows_in_the_partial(tmp_path, header):
     with ShotWriter(tmp_path / "shot.h5", header) as writer:
         writer.append(np.full((6, 8), 600, np.uint16))

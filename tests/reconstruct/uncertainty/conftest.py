@@ -8,8 +8,8 @@ import pytest
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.holdout import Holdout
-from gs2ci.reconstruct.uncertainty.information import Seen
-from gs2ci.reconstruct.uncertainty.views import SeenViews
+from gs2ci.reconstruct.uncertainty.information import ReadingsSeen
+from gs2ci.reconstruct.uncertainty.views import ViewsMade
 
 SIZE = (24, 32)
 FOCAL_PX = 35.0
@@ -32,7 +32,7 @@ def textured(count: int, channels: int = 3) -> np.ndarray:
 
 
 @pytest.fixture
-def seen() -> Seen:
+def seen() -> ReadingsSeen:
     """Six views of a wall at depth 2 whose right half lies at 3."""
     count = 6
     height, width = SIZE
@@ -40,7 +40,7 @@ def seen() -> Seen:
     rays = np.stack([columns - width / 2, rows - height / 2], axis=-1) / FOCAL_PX
     depth = np.where(columns < width / 2, 2.0, 3.0).astype(np.float32)
     rng = np.random.default_rng(1)
-    return Seen(
+    return ReadingsSeen(
         views=textured(count),
         depth=np.repeat(depth[None], count, axis=0),
         rays=rays.astype(np.float32),
@@ -51,7 +51,7 @@ def seen() -> Seen:
     )
 
 
-Measured = Callable[..., tuple[Holdout, SeenViews, np.ndarray]]
+Measured = Callable[..., tuple[Holdout, ViewsMade, np.ndarray]]
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def measured() -> Measured:
 
     def make(
         error: float = 0.03, *, count: int = 6, share: float = 0.1, noise: float = 0.0, seed: int = 0
-    ) -> tuple[Holdout, SeenViews, np.ndarray]:
+    ) -> tuple[Holdout, ViewsMade, np.ndarray]:
         rng = np.random.default_rng(seed)
         true = textured(count)
         masks = (rng.random((count, *SIZE)) < 0.4).astype(np.float32)
@@ -69,12 +69,12 @@ def measured() -> Measured:
         # In places, unlike noise, which is everywhere.
         places = (rng.random(true.shape[1:3]) < 0.2)[None, ..., None] / 0.2**0.5
         found = (true + error * places * rng.standard_normal(true.shape)).astype(np.float32)
-        return Holdout.of(shot, share, 0), SeenViews(found, found, true, None), true
+        return Holdout.of(shot, share, 0), ViewsMade(found, found, true, None), true
 
     return make
 
 
 @pytest.fixture
-def still(seen) -> Seen:
+def still(seen) -> ReadingsSeen:
     """The same from cameras that do not move."""
     return replace(seen, world_to_camera=path(len(seen.depth), (0, 0, 0)))

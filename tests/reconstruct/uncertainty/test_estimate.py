@@ -10,8 +10,8 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty import factors
-from gs2ci.reconstruct.uncertainty.estimate import Exposed, PathKnown, in_other_order, standard_errors
-from gs2ci.reconstruct.uncertainty.views import SeenViews
+from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors
+from gs2ci.reconstruct.uncertainty.views import ViewsMade
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from tests.reconstruct.uncertainty.conftest import FOCAL_PX, SIZE, path
@@ -42,8 +42,8 @@ def exposed(measured):
     scene = discs((2.0, 3.0))
     views = renderer.views(scene, torch.from_numpy(poses).float())
     shot = replace(holdout.shot, measurement=holdout.coded(views) + np.float32(0.01))
-    seen = SeenViews(views, views, views, None)
-    return Exposed(Holdout(shot, holdout.pixels), renderer, seen, poses, renderer.stopped_light(scene, poses))
+    seen = ViewsMade(views, views, views, None)
+    return ExposureFound(Holdout(shot, holdout.pixels), renderer, seen, poses, renderer.stopped_light(scene, poses))
 
 
 def known(**changes):

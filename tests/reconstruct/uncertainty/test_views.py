@@ -5,13 +5,13 @@ import pytest
 
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
-from gs2ci.reconstruct.uncertainty.views import SeenViews, errors_alike
+from gs2ci.reconstruct.uncertainty.views import ViewsMade, errors_alike
 from gs2ci.reconstruct.uncertainty.views import errors_of_views as found_errors
 
 APART = np.eye(6)
 
 
-def errors_of_views(holdout: Holdout, views: SeenViews, alike: np.ndarray) -> np.ndarray:
+def errors_of_views(holdout: Holdout, views: ViewsMade, alike: np.ndarray) -> np.ndarray:
     return found_errors(holdout, views, alike, noise_of_readings(holdout, views.scene))
 
 
