@@ -69,7 +69,6 @@ class LeftOut(StrEnum):
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
     OCCLUSION = "occlusion"
     PATCH_TEST_OF_MOTION = "patch test of motion"
-    RELEASED_FITS = "released fits"
     REST_AS_RIVAL = "rest as rival"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"

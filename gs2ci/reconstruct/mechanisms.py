@@ -17,7 +17,6 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
-from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.settings import Settings
 
 Switch = Callable[[Settings], Settings]
@@ -53,16 +52,6 @@ def _surfaces(settings: Settings, change: Callable[[SurfaceSettings], SurfaceSet
     return settings if surfaces is None else _fit(settings, surfaces=change(surfaces))
 
 
-def _sweeps(settings: Settings, **changes: bool) -> Settings:
-    """Change the sweeps of decoded views and those of the fits' views."""
-
-    def changed(sweep: SweepSettings) -> SweepSettings:
-        return replace(sweep, **changes)
-
-    geometry = replace(settings.geometry, sweep=changed(settings.geometry.sweep))
-    return _surfaces(replace(settings, geometry=geometry), lambda one: replace(one, sweep=changed(one.sweep)))
-
-
 def _steps_in_scene(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, steps=replace(fit.steps, in_view=None))
 
@@ -72,7 +61,6 @@ def _left_out(name: LeftOut, settings: Settings) -> Settings:
     return replace(settings, left_out=(*settings.left_out, name), geometry=geometry)
 
 
-_REFINED: Final = "residual-and-polish"
 _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "sources-of-geometry": {
         LeftOut.TRACKS_SOUGHT_TWICE: "tracks are sought again where a rough depth map predicts them",
@@ -97,7 +85,6 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     },
     "moving-scenes": {
         LeftOut.PATCH_TEST_OF_MOTION: "before moving scenes are fitted, four steps of patches must explain more",
-        LeftOut.RELEASED_FITS: "still fits are continued with motion as a second moving scene",
         LeftOut.DENSE_POLISH: "refined views of scenes in which things may move are decoded on by dense patches",
     },
     "combination": {
@@ -156,12 +143,6 @@ MECHANISMS: Final[tuple[Mechanism, ...]] = (
         "margin",
         "the scene is continued beyond the borders of all views",
         lambda settings: _surfaces(settings, lambda one: replace(one, margin=None)),
-        "surfaces",
-    ),
-    Mechanism(
-        "plain-area votes",
-        "plain areas of a depth map are moved to the surface of like colours around",
-        partial(_sweeps, plain=False),
         "surfaces",
     ),
     Mechanism(

@@ -74,14 +74,12 @@ def reconstruct(
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
     settings, placement = placed(shot, settings)
-    for note in placement.notes:
-        progress.say(note.sentence)
+    _said(placement.notes, progress)
     hurried, tools = budget is not None, Tools.load(settings)
     seen = observe(shot, settings, tools, progress, score, halt, registered, hurried=hurried)
     halt.begin()
     fits = seen.fits.within(budget, seen.first)
-    race = Race(fits)
-    raced = (race.hurried if hurried else race.run)(seen.first, seen.order)
+    raced = Race(fits).run(seen.first, seen.order, hurried=hurried)
     ensemble, geometry = raced.ensemble, raced.geometry
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
@@ -97,13 +95,9 @@ def reconstruct(
     if settings.uncertainty:
         sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
         fits.clock.lap("uncertainty")
-    doubts = (*seen.doubts, *_said_if_halted(halt, progress))
-    left = Left(
-        *(seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved),
-        mask_moments=fits.mask_moments,
-        placement=placement,
-        uncertainty=sure,
-    )
+    doubts = (*seen.doubts, *_said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
+    stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
+    left = Left(*stages, fits.mask_moments, sure, placement)
     return Reconstruction(record(fits.settings, left, fits.score, fits.clock.seconds()), ensemble.best.scene)
 
 
@@ -119,10 +113,8 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     return planned(seen.fits, seen.first, seen.order)
 
 
-def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
-    """Return, and report, a finding that the rest was skipped, if an early end was requested."""
-    if not halt.asked:
-        return ()
-    note = finding(Code.INTERRUPTED)
-    progress.say(note.sentence)
-    return (note,)
+def _said(notes: tuple[Finding, ...], progress: Progress) -> tuple[Finding, ...]:
+    """Report findings, and return them."""
+    for note in notes:
+        progress.say(note.sentence)
+    return notes

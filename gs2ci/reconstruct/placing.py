@@ -30,15 +30,18 @@ _CONTEXT_MIB: Final = 512
 _SPARE: Final = 1.25
 
 
-def placed(shot: Shot, settings: Settings, probe: CudaProbe | None = None) -> tuple[Settings, RenderingPlace]:
+def placed(
+    shot: Shot, settings: Settings, probe: CudaProbe | None = None, exposures: int = 1
+) -> tuple[Settings, RenderingPlace]:
     """Choose the device that the settings leave open, and return the settings with its renderer.
 
     Settings whose backend is not the CPU's keep it: their caller has chosen.
 
     Args:
-        shot: The measurement.
+        shot: The measurement, or the first of several.
         settings: Of the reconstruction.
         probe: What is asked of the computer; None: this one.
+        exposures: How many one scene is fitted to; each has masks of its own.
 
     Raises:
         InputError: The settings name a CUDA device that cannot be used.
@@ -46,7 +49,7 @@ def placed(shot: Shot, settings: Settings, probe: CudaProbe | None = None) -> tu
     """
     if settings.backend != "cpu":
         return settings, RenderingPlace(settings.backend, settings.backend)
-    placement = place(settings.device, needed_mib(shot, settings), probe)
+    placement = place(settings.device, exposures * needed_mib(shot, settings), probe)
     return replace(settings, backend=placement.backend), placement
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import ResourceError
+from gs2ci.core.errors import InputError, ResourceError
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.placing import needed_mib, placed
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
@@ -52,6 +53,19 @@ def test_a_shot_that_is_too_large_for_a_card_is_known_before_it_begins():
     assert f"needs about {enough} MiB" in placement.notes[0].sentence
     with pytest.raises(ResourceError, match=f"has {enough - 1} MiB free"):
         placed(shot, replace(settings, device="cuda"), computer(enough - 1))
+
+
+def test_several_exposures_take_the_memory_of_each():
+    shot, settings = shot_of(96, 128), replace(Settings(), device="auto")
+    enough = needed_mib(shot, settings)
+    assert placed(shot, settings, computer(2 * enough), exposures=2)[0].backend == "warp:cuda:0"
+    assert placed(shot, settings, computer(2 * enough - 1), exposures=2)[0].backend == "cpu"
+
+
+def test_several_exposures_refuse_a_device_that_is_not_there_before_they_are_observed():
+    shot = shot_of(24, 32)
+    with pytest.raises(InputError, match="--device cuda:77"):
+        reconstruct_together([shot, shot], replace(Settings(), device="cuda:77"))
 
 
 def test_a_renderer_that_was_chosen_by_name_is_kept():

@@ -10,8 +10,11 @@ R = Path(__file__).parents[2] / "gs2ci" / "reconstruct"
 POLICY = (
     *sorted((R / "hypotheses").glob("*.py")),
     *(R / f"{name}.py" for name in ("pipeline", "observe", "first_look", "fusion", "record", "settings")),
-    *(R / "geometry" / f"{name}.py" for name in ("choose", "sources", "direct", "initialise", "reversal", "occlusion")),
-    *(R / "geometry" / f"{name}.py" for name in ("prior", "validity")),
+    *(R / "geometry" / f"{name}.py" for name in ("choose", "initialise", "reversal", "prior")),
+    *(
+        R / "geometry" / f"{name}.py"
+        for name in ("sources/sources", "sources/direct", "depth/occlusion", "path/validity")
+    ),
     *(R / "fit" / f"{name}.py" for name in ("ensemble", "stopping", "pace", "combination", "coarse")),
     R / "presets" / "budget.py",
 )

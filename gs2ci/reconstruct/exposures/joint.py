@@ -34,6 +34,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.moving import MotionReport
 from gs2ci.reconstruct.hypotheses.race import Raced
 from gs2ci.reconstruct.observe import Tools
+from gs2ci.reconstruct.placing import placed as on_device
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
@@ -78,7 +79,9 @@ def reconstruct_together(
         halt: A request to end early with the result so far; it can be made as soon as the fit has begun.
 
     Raises:
-        InputError: The exposures are not of one camera, or the settings let things move.
+        InputError: The exposures are not of one camera, the settings let things move, or they name a CUDA device that
+            cannot be used.
+        ResourceError: The settings name a CUDA device that has too little memory.
         GeometryError: Nothing ties any two exposures to each other.
         NumericsError: The fit is not finite from its first iteration on.
     """
@@ -96,6 +99,9 @@ def reconstruct_together(
             allowed="the presets draft and standard, and no --fine, --prior, --distance or --without points or poses",
             remedy="leave these out, or reconstruct each exposure by itself",
         )
+    settings, where_rendered = on_device(shots[0], settings, exposures=len(shots))
+    for note in where_rendered.notes:
+        progress.say(note.sentence)
     settings, clock = replace(settings, motion="off"), Stopwatch()
     observed = list(observe_all(shots, settings, Tools.load(settings), progress, scores or [None] * len(shots)))
     where = places(observed)
@@ -105,7 +111,9 @@ def reconstruct_together(
     halt.begin()
     fits = _fitted(where.placed, settings, progress, halt, clock)
     clock.lap("fit")
-    return _handed_over(where, fits, settings, progress, clock)
+    joint = _handed_over(where, fits, settings, progress, clock)
+    notes = (*where_rendered.notes, *joint.result.notes)
+    return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 
 def _fitted(

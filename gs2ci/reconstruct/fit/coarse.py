@@ -205,7 +205,6 @@ class _Loop:
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
-        self._began = 0
         self._first_loss: float | None = None
         self._least_loss = float("inf")
 
@@ -266,8 +265,8 @@ class _Loop:
         return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not self.fit.awaits_surfaces)
 
     def _step(self, iteration: int, total: int) -> None:
-        share, since = iteration / total, iteration - self._began + 1
-        self.fit.step(share, self._damping * min(1.0, since / max(1, self.settings.warm_up)))
+        share = iteration / total
+        self.fit.step(share, self._damping)
         begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
         if bound is not None and share >= bound:
             self.fit.bound_population()
@@ -317,7 +316,6 @@ class _Loop:
         self._rollbacks += 1
         self._damping *= 0.5
         self.fit.restore(self.best)
-        self._began = iteration
         self._least_loss = float("inf")
         self.notes.append(ran_away)
         self._progress.say(ran_away.sentence)

@@ -6,7 +6,7 @@ Here: `CoarseSettings` and its check. Not here: the stage (`coarse.py`), presets
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Self
 
-from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic import Field, PositiveInt
 
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.errors import InputError
@@ -35,9 +35,6 @@ class CoarseSettings(Bounded):
         densify_every: Iterations between applications of the density rule.
         densify_from: Share of the schedule done before the density rule is first applied.
         densify_until: Share of the schedule after which it is no longer applied.
-        warm_up: Iterations over which the steps grow to their length, at the start and after each return to an earlier
-            state. Adam's first steps move every parameter by its whole step; a scene that is already fitted does not
-            survive that.
         gaussians_per_pixel: Largest number of Gaussians (the population), as a share of the pixels of one view; None:
             unbounded.
         most_gaussians: Population at which the fit ends with an error, before memory runs out; None: no such guard.
@@ -57,7 +54,6 @@ class CoarseSettings(Bounded):
     densify_every: PositiveInt = STANDARD_ITERATIONS // 8
     densify_from: float = 0.025
     densify_until: float = 0.75
-    warm_up: NonNegativeInt = 0
     gaussians_per_pixel: float | None = 0.25
     most_gaussians: int | None = None
     cap_from: float | None = None

@@ -87,11 +87,6 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Objec
     return replace(start, means=means, motion=motion)
 
 
-def at_rest_until_moved(scene: Gaussians, settings: ObjectMotionSettings) -> Gaussians:
-    """Return Gaussians that may move, with a motion of zero."""
-    return replace(scene.detach(), motion=torch.zeros(len(scene), settings.rows, 3))
-
-
 def of_degree(scene: Gaussians, number: int) -> Gaussians:
     """Return Gaussians with all rows of their motion for every second fit, and with the first row for the others.
 

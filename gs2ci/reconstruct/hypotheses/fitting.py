@@ -19,12 +19,12 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, member_seed, members
+from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, members
 from gs2ci.reconstruct.fit.exposure import FittedExposure
 from gs2ci.reconstruct.fit.extensions import LastStage
 from gs2ci.reconstruct.fit.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
-from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.motion import of_degree, set_moving
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -198,8 +198,6 @@ class Fits:
 
     def enter(self, hypothesis: Hypothesis, number: int = 0, of: int = 0, began: int = 0) -> Entrant:
         """Return a hypothesis as a fit that has not begun."""
-        if hypothesis.after is not None:
-            return self._released(hypothesis, hypothesis.after, number, of, began)
         settings, seed = self.settings, self.settings.seed
         geometry, start = self.beginning(hypothesis.look, hypothesis.views, moving=hypothesis.moves)
         self.clock.lap("geometry")
@@ -208,17 +206,6 @@ class Fits:
         pace = None if self.pace is None or not number else self.pace.beside()
         run = self.run_of(geometry, member, self.progress, pace or self.pace)
         return Entrant(number, of, hypothesis, geometry, run, settings.fit.iterations, began)
-
-    def _released(self, hypothesis: Hypothesis, fit: CoarseFit, number: int, of: int, began: int) -> Entrant:
-        """Return a fit that continues that of a still scene with motion allowed."""
-        freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
-        start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), hypothesis.member)
-        member = Member(
-            start, freed.settings.fit.density, member_seed(self.settings.seed, hypothesis.member), fit.outside
-        )
-        geometry = replace(hypothesis.look.geometry, intrinsics=fit.intrinsics)
-        run = freed.run_of(replace(geometry, world_to_camera=fit.world_to_camera), member, self.progress)
-        return Entrant(number, of, hypothesis, geometry, run, freed.settings.fit.iterations, began)
 
     def advance(self, entrants: Sequence[Entrant], share: float) -> tuple[Entrant, ...]:
         """Continue fits side by side; return those whose numbers are finite.
@@ -297,23 +284,3 @@ class Fits:
     def _trying(self, fit: CoarseSettings) -> "Fits":
         """Return the same for auxiliary fits: they are neither scored nor ended early."""
         return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
-
-
-def released(fit: CoarseSettings) -> CoarseSettings:
-    """Return the schedule that continues a still fit with motion: half as long, half the step, no new Gaussians.
-
-    The density rule would undo part of the fit, and the surfaces have already been used. Steps grow to their length at
-    first: without that, the first step took a fitted scene to four times its loss.
-    """
-    steps, iterations = fit.steps, max(1, fit.iterations // 2)
-    in_view = None if steps.in_view is None else steps.in_view.times(0.5)
-    return replace(
-        fit,
-        iterations=iterations,
-        densify_until=0.0,
-        warm_up=iterations // 10,
-        mask_moments_from=0.0,
-        surfaces=None,
-        relief=None,
-        steps=replace(steps, means=steps.means / 2, motion_px=steps.motion_px / 3, in_view=in_view),
-    )

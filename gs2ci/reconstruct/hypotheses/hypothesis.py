@@ -3,14 +3,11 @@
 Here: the records. Not here: who proposes hypotheses (a file each), their fits (`fitting`), which go on (`race`).
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Protocol
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit
 
 
 class Origin(StrEnum):
@@ -23,7 +20,6 @@ class Origin(StrEnum):
     TURNED = "other order of depth"
     COMPANION = "other density rule"
     MOVING = "moving from the first"
-    RELEASED = "released from the still scene"
 
 
 class DepthOrder(StrEnum):
@@ -81,7 +77,6 @@ class Hypothesis:
         order: Of its depths.
         moves: Whether the scene may move.
         member: Fits from one start differ by this number: in density rule, seed and a displacement of their Gaussians.
-        after: The fit of a still scene that it continues; None: it starts from the path and the depths.
     """
 
     origin: Origin
@@ -90,32 +85,10 @@ class Hypothesis:
     order: OrderFound = OrderFound()
     moves: bool = False
     member: int = 0
-    after: CoarseFit | None = None
 
     def companion(self, member: int) -> "Hypothesis":
         """Return the same hypothesis for another member of the ensemble."""
         return replace(self, origin=Origin.COMPANION, member=member)
-
-
-@dataclass(frozen=True, eq=False)
-class Leading:
-    """The leading fit so far, as proposers see it.
-
-    Args:
-        hypothesis: What it was made for.
-        views: Its views, refined, [N, H, W, C].
-        path: Its poses, [N, 4, 4]; None if they are those of the hypothesis.
-    """
-
-    hypothesis: Hypothesis
-    views: F32
-
-
-class Proposer(Protocol):
-    """Proposes hypotheses from the views of the leading fit."""
-
-    def __call__(self, leading: Leading) -> Iterable[Hypothesis]:
-        """Return what is worth a fit; nothing, if these views show nothing new."""
 
 
 @dataclass(frozen=True)

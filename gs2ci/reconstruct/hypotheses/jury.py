@@ -15,7 +15,6 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.stopping import has_clearly_risen
-from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, OrderFound, Origin
 from gs2ci.reconstruct.hypotheses.moving import (
@@ -69,16 +68,11 @@ class Jury:
             no_path=not leader.geometry.has_path,
         )
 
-    def moving_hypotheses(self, first: FirstLook, leader: Entrant, still: F32) -> list[Hypothesis]:
-        """Return a scene that moves from the first, and along a sure path the still one, released."""
-        result, look = leader.run.result(), leader.hypothesis.look
+    def moving_hypothesis(self, first: FirstLook, leader: Entrant, still: F32) -> Hypothesis:
+        """Return a scene that moves from the first, before a camera at rest unless a path was given."""
         starts = (self.shown(still, first.decoded), first.decoded, self.further(self._fits.refine(still)))
         views = min(starts, key=lambda shown: or_infinite(self._fits.holdout.residual_rms(shown)))
-        found = [Hypothesis(Origin.MOVING, rested(look), views, moves=True)]
-        sure = look.geometry.has_path and not is_doubtful(look.geometry, self._settings.geometry.criteria)
-        if sure and LeftOut.RELEASED_FITS not in self._settings.left_out:
-            found.append(Hypothesis(Origin.RELEASED, look, views, moves=True, after=result))
-        return found
+        return Hypothesis(Origin.MOVING, rested(leader.hypothesis.look), views, moves=True)
 
     def taken(self, field: tuple[Entrant, ...], asked: MotionQuestion) -> tuple[tuple[Entrant, ...], OrderFound]:
         """Return the fits of a still scene, that of the hypothesis taken first, and what they say of its order."""

@@ -1,17 +1,17 @@
 """Still or moving: when moving scenes are fitted, from which starts, and what the report says of it.
 
     still fit ─► does its residual follow the masks' times? ─► do patches that may move explain more?
-    ─► moving hypotheses ─► the better
+    ─► a moving scene ─► the better
 
 The fit of a still scene mistakes the motion of things for that of the camera, or leaves it in the residual. A
 regression that needs no fit (`measurement.moving`) tests whether motion explains the residual. The errors of still
 scenes follow the masks' times too, so a positive test is checked by a second one: a decode by similar patches, which
-may move, continues from the fit's views for a few steps. Moving hypotheses enter the race only if the decode explains
+may move, continues from the fit's views for a few steps. A moving scene enters the race only if the decode explains
 clearly more of the measurement, or if the still scene is barely better than the decode. Neither test is needed if the
 brightness of the still scene's views surely errs over time in places where that of the decode does not
-(`measurement.over_time`). There are two: a new fit that starts from the flow between the best views so far, with the
-camera at rest; and along a path that is sure, the still fit continued with motion allowed. The held-out pixels choose;
-a moving scene has more freedom than a still one, and has to be clearly better.
+(`measurement.over_time`). The moving scene starts from the flow between the best views so far, with the camera at rest
+unless its path was given. The held-out pixels choose; a moving scene has more freedom than a still one, and has to be
+clearly better.
 
 Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fitting`), the
 choice (`race`).
@@ -41,7 +41,6 @@ from gs2ci.render.gaussians import Gaussians
 
 # The names of the attempts in reports.
 STILL: Final = "still"
-RELEASED: Final = Origin.RELEASED.value
 MOVING: Final = Origin.MOVING.value
 
 # The least share of the still fits' residual that motion has to explain, or the least share of blocks in which it

@@ -126,8 +126,8 @@ def _perhaps(fits: Fits, first: FirstLook, alone_s: float) -> Iterator[PlannedSt
     """Yield what may join, and when."""
     settings, moving_s = fits.settings, _MOVING_COSTS * alone_s
     if settings.may_move:
-        what, why = "moving scenes, half of a fit each", "the residual looks like motion"
-        yield PlannedStep(what, 2 * HALF * moving_s, why, certain=False)
+        what, why = "a moving scene, half of a fit", "the residual looks like motion"
+        yield PlannedStep(what, HALF * moving_s, why, certain=False)
         yield PlannedStep("the moving scene to its end", HALF * moving_s, "half of it explains more", certain=False)
     if settings.long_decode is not None and not first.is_decoded_at_length:
         long_s = polish_seconds(fits.holdout, first.decoded, settings.long_decode.sparse)

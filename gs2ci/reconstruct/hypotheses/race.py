@@ -25,7 +25,6 @@ from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
@@ -41,6 +40,7 @@ from gs2ci.reconstruct.hypotheses.hypothesis import (
 from gs2ci.reconstruct.hypotheses.jury import Jury, clearly_less, got_worse, or_infinite
 from gs2ci.reconstruct.hypotheses.matches import look_far_apart
 from gs2ci.reconstruct.hypotheses.moving import (
+    MOVING,
     STILL,
     MotionQuestion,
     MotionReport,
@@ -101,16 +101,10 @@ class Race:
         self._entered: list[Entrant] = []
         self._outcomes: dict[int, RaceOutcome] = {}
 
-    def hurried(self, first: FirstLook, order: OrderFound) -> Raced:
-        """Fit the first hypothesis and its companions, and nothing else, as within a budget."""
-        moves = self._settings.motion == "on"
-        origin = Origin.MOVING if moves else Origin.FIRST
-        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
-        field = self._to(1.0, [leader, *self._companions(leader)])
-        return self._delivered(first, field, order, MotionQuestion(), {})
-
-    def run(self, first: FirstLook, order: OrderFound) -> Raced:
-        """Let all hypotheses compete that are worth their time."""
+    def run(self, first: FirstLook, order: OrderFound, *, hurried: bool = False) -> Raced:
+        """Let all hypotheses compete that are worth their time; if hurried, fit the first and its companions alone."""
+        if hurried:
+            return self._hurried(first, order)
         field = self._begun(first, order)
         waiting = len(field) if not self._may_wait(field[0]) else 1
         field = (*self._to(1.0, field[:waiting]), *field[waiting:])
@@ -139,6 +133,12 @@ class Race:
         field = self._to(1.0, field)
         field, order = self._jury.taken(field, asked)
         return self._delivered(first, field, order, asked, residuals)
+
+    def _hurried(self, first: FirstLook, order: OrderFound) -> Raced:
+        moves = self._wants_motion
+        origin = Origin.MOVING if moves else Origin.FIRST
+        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
+        return self._delivered(first, self._to(1.0, [leader, *self._companions(leader)]), order, MotionQuestion(), {})
 
     # Who enters.
 
@@ -300,33 +300,27 @@ class Race:
     def _moving(
         self, first: FirstLook, field: tuple[Entrant, ...]
     ) -> tuple[tuple[Entrant, ...], dict[str, float | None]]:
-        """Let moving hypotheses compete with still scenes; return those taken, and what each leaves.
+        """Let a moving scene compete with still ones; return its fits if it is taken, and what each leaves.
 
-        None is taken unless it is clearly better than the still scene, or asked for.
+        It is not taken unless it is clearly better than the still scene, or asked for.
         """
         if not self._wants_motion:
             self.fits.progress.say("The still scene's residual looks like motion: moving scenes are fitted as well.")
         ended = [one for one in field if one.run.has_ended]
         still = self._jury.mean_of(self._jury.counting(ended))
         residuals = {STILL: self.fits.holdout.residual_rms(self._jury.shown(still, first.decoded))}
-        entered = [self._enter(one) for one in self._jury.moving_hypotheses(first, field[0], still)]
-        for entrant in entered:
-            # One that continues a fit has ended after as many iterations as another after half of its schedule.
-            self._try(HALF if entrant.hypothesis.after is None else 1.0, entrant)
-        entered = [one for one in entered if one.number not in self._outcomes]
-        for entrant in entered:
-            residuals[entrant.hypothesis.origin.value] = self._jury.left(entrant, first.decoded)
-        entered = [one for one in entered if not self._wants_motion or moving_share(one.run.scene) > 0] or entered
-        entered.sort(key=lambda one: or_infinite(residuals[one.hypothesis.origin.value]))
-        self._leave(entered[1:], RaceOutcome.LESS)
-        for best in entered[:1]:
-            name = best.hypothesis.origin.value
-            if self._wants_motion or or_infinite(residuals[name]) < or_infinite(residuals[STILL]):
-                self._try(1.0, best)
-                residuals[name] = self._jury.left(best, first.decoded)
-                if self._wants_motion or clearly_less(residuals[name], residuals[STILL]):
-                    return self._to(1.0, [best, *self._companions(best, len(ended) - 1)]), residuals
-            self._leave([best], RaceOutcome.LESS)
+        moving = self._enter(self._jury.moving_hypothesis(first, field[0], still))
+        for share in (HALF, 1.0):
+            self._try(share, moving)
+            if moving.number in self._outcomes:
+                return (), residuals
+            residuals[MOVING] = self._jury.left(moving, first.decoded)
+            if not self._wants_motion and not or_infinite(residuals[MOVING]) < or_infinite(residuals[STILL]):
+                break
+        else:
+            if self._wants_motion or clearly_less(residuals[MOVING], residuals[STILL]):
+                return self._to(1.0, [moving, *self._companions(moving, len(ended) - 1)]), residuals
+        self._leave([moving], RaceOutcome.LESS)
         return (), residuals
 
     def _delivered(

@@ -271,3 +271,8 @@ def test_the_race_shows_who_led_when_and_who_fell_out(evidence):
     assert "200 of 400" in text
     assert "far behind after a quarter of its schedule" in text
     assert "200 of 400" not in run_page(changed(evidence, race=[first]))
+
+
+def test_it_says_what_rendered(text, evidence):
+    assert re.search(r"rendered on.{0,80}?cpu", text, re.DOTALL)
+    assert "cuda:0 (NVIDIA H100 PCIe)" in run_page(changed(evidence, device="cuda:0 (NVIDIA H100 PCIe)"))

@@ -9,17 +9,11 @@ import torch
 
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, fit_coarse
-from gs2ci.reconstruct.fit.coarse_state import FitState
+from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS
 from gs2ci.reconstruct.fit.depth_field import DepthField
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.relief import Relief
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings
-from gs2ci.render.cpu.backend import CpuBackend
 from tests.reconstruct.fit.plane_fits import QUICK, FaultyBackend, Listener, Watching, run
 
 pytestmark = pytest.mark.slow
@@ -72,42 +66,6 @@ def test_a_roll_back_forgets_what_the_runaway_taught_regions_and_the_path(moving
     assert [note.code for note in fit.notes] == [Code.ROLLED_BACK_NOT_FINITE]
     # Once more at the end, when the best state is restored.
     assert forgot == [Relief, DepthField] * 2
-
-
-def continued(moving_plane, warm_up, backend=None):
-    """Continue a fit of the plane from its scene and its path, for twelve iterations."""
-    shot, geometry = moving_plane
-    done, holdout = run(moving_plane)
-    settings = replace(
-        QUICK, iterations=12, densify_until=0.0, warm_up=warm_up, hold_out=HoldOut(share=0.05, look_every=1)
-    )
-    renderer = ShotRenderer(shot, geometry.intrinsics, backend or CpuBackend())
-    return fit_coarse(
-        FittedExposure(holdout, renderer, replace(geometry, world_to_camera=done.world_to_camera)),
-        start=done.scene,
-        settings=settings,
-        seed=0,
-        monitoring=Monitoring(),
-    )
-
-
-def test_a_fitted_scene_bears_to_be_fitted_on_if_the_steps_grow_slowly(moving_plane):
-    cold, warm = ([point.loss for point in continued(moving_plane, steps).curve] for steps in (0, 10))
-    assert warm[0] == cold[0]
-    assert max(warm) < 1.1 * cold[0] < max(cold)
-
-
-def test_steps_grow_anew_after_a_roll_back(moving_plane, monkeypatch):
-    whole, dampings = FitState.step, []
-
-    def step(state, share, damping):
-        dampings.append(damping)
-        whole(state, share, damping)
-
-    monkeypatch.setattr(FitState, "step", step)
-    continued(moving_plane, 4, FaultyBackend(lambda call: call == 6))
-    dampings = dampings[-12:]
-    assert dampings == pytest.approx([0.25, 0.5, 0.75, 1, 1, 1, 0.125, 0.25, 0.375, 0.5, 0.5, 0.5])
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):

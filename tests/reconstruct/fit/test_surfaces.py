@@ -98,24 +98,6 @@ def test_where_no_view_agrees_with_another_there_are_none(renderer):
     assert surfaces_of(renderer, poses=poses) is None
 
 
-def test_plain_areas_are_asked_about_with_the_views_that_were_swept(renderer, monkeypatch):
-    asked = []
-
-    def answer(inverse_depth, views, from_view, intrinsics, blur_px, window_px):
-        asked.append((views, from_view, blur_px, window_px))
-        return np.full_like(inverse_depth, 1 / DEPTH)
-
-    monkeypatch.setattr("gs2ci.reconstruct.geometry.depth.surface_map.continued", answer)
-    found = surfaces_of(renderer)
-    assert (found.inverse_depth == np.float32(1 / DEPTH)).all()
-    assert len(asked) == len(found.views)
-    for view, (views, from_view, blur_px, window_px) in zip(found.views, asked, strict=True):
-        assert len(views) == len(from_view) >= 3
-        np.testing.assert_allclose(from_view[0], np.eye(4), atol=1e-12)
-        np.testing.assert_allclose(from_view[1], path()[0 if view else 1] @ np.linalg.inv(path()[view]), atol=1e-12)
-        assert (blur_px, window_px) == (SETTINGS.sweep.blur_px, SETTINGS.sweep.window_px)
-
-
 def test_the_term_is_small_on_the_surface_and_grows_with_the_distance(renderer):
     found = surfaces_of(renderer)
     at = {depth: float(term(found, renderer, wall(depth))) for depth in (1.6, 1.8, 2.0, 2.2, 2.4)}

@@ -19,11 +19,11 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.mask_moments import mask_times
-from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.hypotheses import fitting, moving
+from gs2ci.reconstruct.hypotheses import moving
 from gs2ci.reconstruct.hypotheses.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
@@ -133,21 +133,9 @@ def test_first_gaussians_take_over_the_flow_in_scene_units():
     torch.testing.assert_close(found.at(reference_time).means, means)
 
 
-def test_a_still_fit_goes_on_with_motion_in_short_steps_that_grow():
-    before = CoarseSettings()
-    after = fitting.released(before)
-    assert (after.iterations, after.warm_up, after.densify_until) == (200, 20, 0.0)
-    assert after.steps.in_view == before.steps.in_view.times(0.5)
-    assert after.steps.means == before.steps.means / 2
-    assert after.steps.motion_px < before.steps.motion_px
-    without = replace(before, steps=replace(before.steps, in_view=None))
-    assert fitting.released(without).steps.in_view is None
-
-
 def test_every_second_fit_has_all_rows():
-    scene = at_rest_until_moved(
-        Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
-        ObjectMotionSettings(rows=2),
+    scene = Gaussians(
+        torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3), torch.zeros(2, 2, 3)
     )
     rows = [of_degree(scene, number).motion.shape[1] for number in range(4)]
     assert rows == [1, 2, 1, 2]
@@ -156,9 +144,8 @@ def test_every_second_fit_has_all_rows():
 
 
 def test_what_moves_costs_by_its_way_and_what_rests_nothing():
-    scene = at_rest_until_moved(
-        Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
-        ObjectMotionSettings(rows=1),
+    scene = Gaussians(
+        torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3), torch.zeros(2, 1, 3)
     )
     settings = ObjectMotionSettings(cost=0.1)
     resting = float(settings.penalty(scene, 60.0, 100))

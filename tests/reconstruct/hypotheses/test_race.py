@@ -95,9 +95,8 @@ class Fits:
         self.averaged = ()
 
     def enter(self, hypothesis, number, of, began):
-        schedule = LONG if hypothesis.after is None else LONG // 2
-        run = Run(self.leaves.get(hypothesis.origin.value, self.leaves["first look"]), schedule, hypothesis.moves)
-        return Entrant(number, of, hypothesis, hypothesis.look.geometry, run, schedule, began)
+        run = Run(self.leaves.get(hypothesis.origin.value, self.leaves["first look"]), LONG, hypothesis.moves)
+        return Entrant(number, of, hypothesis, hypothesis.look.geometry, run, LONG, began)
 
     def advance(self, field, share):
         for one in field:
@@ -137,7 +136,6 @@ def run(monkeypatch, first, leaves, order=None, *, left=QUIET, settings=None, oc
     monkeypatch.setattr(race, "ask", lambda *_: left)
     monkeypatch.setattr(jury, "followed_by_other_alone", lambda *_: np.zeros(1))
     monkeypatch.setattr(jury, "patch_decode_from", lambda *_: np.float64(further))
-    monkeypatch.setattr(race, "moving_share", lambda _: 1.0)
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
     raced = race.Race(fits).run(first, order or OrderFound())
@@ -192,37 +190,16 @@ def test_what_is_most_in_doubt_is_fitted_beside_the_best(monkeypatch, first, geo
     assert sum(iterations == LONG for _, iterations in made) <= 2
 
 
-MOVES, FREED = "moving from the first", "released from the still scene"
+MOVES = "moving from the first"
 
 
 @pytest.mark.parametrize(
     ("leaves", "further", "fitted", "moves"),
     [
         ({FIRST: 0.03}, 0.0299, [(FIRST, 400), (COMPANION, 400)], False),
-        (
-            {FIRST: 0.03, MOVES: 0.031, FREED: 0.032},
-            0.02,
-            [(FIRST, 400), (COMPANION, 400), (MOVES, 200), (FREED, 200)],
-            False,
-        ),
-        (
-            {FIRST: 0.03, MOVES: 0.0298, FREED: 0.032},
-            0.02,
-            [(FIRST, 400), (COMPANION, 400), (MOVES, 400), (FREED, 200)],
-            False,
-        ),
-        (
-            {FIRST: 0.03, MOVES: 0.02, FREED: 0.025},
-            0.02,
-            [(FIRST, 400), (COMPANION, 400), (MOVES, 400), (FREED, 200)],
-            True,
-        ),
-        (
-            {FIRST: 0.03, MOVES: 0.028, FREED: 0.02},
-            0.02,
-            [(FIRST, 400), (COMPANION, 400), (MOVES, 200), (FREED, 200)],
-            True,
-        ),
+        ({FIRST: 0.03, MOVES: 0.031}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 200)], False),
+        ({FIRST: 0.03, MOVES: 0.0298}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], False),
+        ({FIRST: 0.03, MOVES: 0.02}, 0.02, [(FIRST, 400), (COMPANION, 400), (MOVES, 400)], True),
     ],
 )
 def test_things_may_move_if_that_is_clearly_better(monkeypatch, first, leaves, further, fitted, moves):
@@ -232,16 +209,9 @@ def test_things_may_move_if_that_is_clearly_better(monkeypatch, first, leaves, f
     assert sum(iterations == LONG for _, iterations in made) <= 3
 
 
-@pytest.mark.parametrize("source", ["uniform", "tracks"])
-def test_along_a_path_in_doubt_nothing_is_released(monkeypatch, first, source):
-    first = replace(first, geometry=replace(first.geometry, source=source, path_error_expected=0.2))
-    _, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.02, REST: 0.04}, left=LOUD, further=0.02)
-    assert FREED not in dict(made)
-
-
 def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first):
     settings = Settings(motion="on")
-    raced, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.05, FREED: 0.06}, settings=settings)
+    raced, made = run(monkeypatch, first, {FIRST: 0.03, MOVES: 0.05}, settings=settings)
     assert raced.motion.chosen == MOVES
     assert dict(made)[MOVES] == LONG
 

@@ -104,27 +104,6 @@ def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: I32, aim: F
 
 
 @helper(fastmath=frozenset({"contract", "nsz"}))
-def _aim_row_at_depths(projection: F64, depths: F32, r: int, size: tuple[int, int], corner: I32, aim: F32) -> None:
-    """Find where row r of the reference view is seen in another view, each pixel at an inverse depth of its own.
-
-    Args:
-        projection: From array coordinates (column, row, 1) and inverse depth to those of the other view, [3, 4].
-        depths: Inverse depths of the row, [W].
-        r: The row.
-        size: As for `_aim_row`; so the rest.
-        corner: Receives indices.
-        aim: Receives weights.
-    """
-    u0, du, ut = np.float32(projection[0, 1] * r + projection[0, 2]), np.float32(projection[0, 0]), projection[0, 3]
-    v0, dv, vt = np.float32(projection[1, 1] * r + projection[1, 2]), np.float32(projection[1, 0]), projection[1, 3]
-    z0, dz, zt = np.float32(projection[2, 1] * r + projection[2, 2]), np.float32(projection[2, 0]), projection[2, 3]
-    ut, vt, zt = np.float32(ut), np.float32(vt), np.float32(zt)
-    for c in range(size[1]):
-        at, deep = np.float32(c), depths[c]
-        _aim_pixel(u0 + du * at + ut * deep, v0 + dv * at + vt * deep, z0 + dz * at + zt * deep, size, c, corner, aim)
-
-
-@helper(fastmath=frozenset({"contract", "nsz"}))
 def _difference_row(reference: F32, view: F32, corner: I32, aim: F32, out: F32) -> None:
     """Compare a row of reference features, [W, 8], with features [H * W, 8] at interpolated places; [W] costs."""
     width = reference.shape[0]
@@ -191,12 +170,8 @@ def _cost_of_row(ring: F32, centre: int, height: int, best: int, per_view: F32, 
 
 
 @helper(fastmath=EXACT)
-def _cost_of_strip(reference, views, aims, inverse_depth, best, top, bottom, ring, out):
-    """Fill out[top:bottom, :] (any strides) with the cost of one plane, or of a map; ring, [V, window, W], is scratch.
-
-    The plane is that of the homographies `aims`, [V, 3, 3]; of a map they are projections, [V, 3, 4]. Without a map
-    `inverse_depth` is empty.
-    """
+def _cost_of_strip(reference, views, homographies, best, top, bottom, ring, out):
+    """Fill out[top:bottom, :] (any strides) with the cost of a plane, [V, 3, 3]; ring, [V, window, W], is scratch."""
     height, width = reference.shape[:2]
     count, window = ring.shape[:2]
     reach = window // 2
@@ -206,26 +181,23 @@ def _cost_of_strip(reference, views, aims, inverse_depth, best, top, bottom, rin
     for r in range(max(top - reach, 0), bottom + reach):
         if r < min(bottom + reach, height):
             for i in range(count):
-                if inverse_depth.shape[0]:
-                    _aim_row_at_depths(aims[i], inverse_depth[r], r, (height, width), corner, aim)
-                else:
-                    _aim_row(aims[i], r, (height, width), corner, aim)
+                _aim_row(homographies[i], r, (height, width), corner, aim)
                 _difference_row(reference[r], views[i], corner, aim, row_costs)
                 _box_row(row_costs, reach, ring[i, r % window])
         if r - reach >= top:
             _cost_of_row(ring, r - reach, height, best, per_view, total, out[r - reach])
 
 
-@kernel(i64, i64, f32_3, f32_3, f64_4, f32_2, i64, i64, f32_3, fastmath=EXACT)
-def _cost(from_strip, to_strip, reference, views, aims, inverse_depth, best, window, cost):
-    """Fill strips of rows of the cost, [H, W, D], of D planes, or of a map; for the latter D is 1."""
+@kernel(i64, i64, f32_3, f32_3, f64_4, i64, i64, f32_3, fastmath=EXACT)
+def _cost(from_strip, to_strip, reference, views, homographies, best, window, cost):
+    """Fill strips of rows of the cost, [H, W, D], of D planes."""
     height, width = reference.shape[:2]
-    planes, count = aims.shape[:2]
+    planes, count = homographies.shape[:2]
     for strip in range(from_strip, to_strip):
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
         ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
-            _cost_of_strip(reference, views, aims[d], inverse_depth, best, top, bottom, ring, cost[:, :, d])
+            _cost_of_strip(reference, views, homographies[d], best, top, bottom, ring, cost[:, :, d])
 
 
 def matching_cost(reference: F32, views: F32, homographies: F64, best: int, window: int) -> F32:
@@ -246,32 +218,8 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
     planes, count = homographies.shape[:2]
     cost = np.empty((height, width, planes), np.float32)
     flat = views.reshape(count, height * width, FEATURES)
-    no_map = np.empty((0, width), np.float32)
-    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, homographies, no_map, best, window, cost)
+    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, homographies, best, window, cost)
     return cost
-
-
-def cost_of_map(reference: F32, views: F32, inverse_depth: F32, projections: F64, best: int, window: int) -> F32:
-    """Compare every pixel of the reference view with the others at its own inverse depth.
-
-    Args:
-        reference: As for `matching_cost`.
-        views: As there.
-        inverse_depth: Of the reference view's pixels, [H, W].
-        projections: From array coordinates (column, row, 1) and inverse depth to array coordinates of each view,
-            homogeneous, [V, 3, 4].
-        best: As for `matching_cost`.
-        window: As there.
-
-    Returns:
-        Mean truncated absolute difference in the window, [H, W].
-    """
-    height, width = reference.shape[:2]
-    cost = np.empty((height, width, 1), np.float32)
-    flat = views.reshape(len(projections), height * width, FEATURES)
-    aims = (projections[None], inverse_depth)
-    in_parts(_cost, -(-height // _STRIP_ROWS), reference, flat, *aims, best, window, cost)
-    return cost[:, :, 0]
 
 
 @helper(fastmath=frozenset({"nnan", "nsz"}))

@@ -17,7 +17,7 @@ from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
 from gs2ci.core.kernels import in_parts
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, cost_of_map, describe, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
 
 BestPlanes = Callable[[F32, F64, int, int], F32]
@@ -30,8 +30,6 @@ _LEAST_VIEWS_KEPT = 3
 LEAST_PLANES = 3
 # At least so many pixels along each side, for a window and a gradient.
 _LEAST_SIDE = 4
-# To interpolate takes two.
-LEAST_SIDE_OF_MAP = 2
 _PIXEL_FROM_ARRAY = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
 
 
@@ -47,7 +45,6 @@ class SweepSettings(Bounded):
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
         window_px: Side of the window over which views are compared.
         blur_px: Standard deviation of a blur before that, since decoded views contain residue of their masks.
-        plain: Whether plain areas are moved to the surface that they belong to (`plain`).
     """
 
     planes: Annotated[int, Field(ge=LEAST_PLANES)] = 96
@@ -56,7 +53,6 @@ class SweepSettings(Bounded):
     most_pixels: int = 500_000
     window_px: Annotated[int, Field(ge=1, le=LARGEST_WINDOW_PX), AfterValidator(odd)] = 7
     blur_px: Positive = RESIDUE_BLUR_PX
-    plain: bool = True
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
@@ -119,23 +115,6 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def difference(inverse_depth: F32, features: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
-    """Return the difference of views at the depths of a map, [H, W]: a plane sweep's cost at each pixel's own plane.
-
-    Args:
-        inverse_depth: Of the first view, [H, W]; H, W >= 2.
-        features: Of the views, [N, H, W, 8]; N >= 2.
-        from_view: Their poses relative to the first, [N, 4, 4].
-        intrinsics: [3, 3], px.
-        window_px: Over which differences are averaged, odd.
-    """
-    depths = np.ascontiguousarray(inverse_depth, np.float32)
-    best = max(1, _seen_by(len(features) - 1))
-    projections = map_projections(from_view[1:], intrinsics)
-    cost: F32 = cost_of_map(features[0], features[1:], depths, projections, best, window_px)
-    return cost
-
-
 def _seen_by(others: int) -> int:
     """Return in how many of the other views a place is assumed to be seen."""
     return others * 2 // 3
@@ -158,19 +137,6 @@ def features_of(views: F32 | Sequence[F32], blur_px: float) -> F32:
         weights = np.float32(3 / channels), np.float32(_GRADIENT_WEIGHT / 8)
         in_parts(describe, len(blurred), blurred, right, down, *weights, described)
     return features
-
-
-def map_projections(world_to_camera: F64, intrinsics: F64) -> F64:
-    """Map array coordinates and inverse depths of the reference view to array coordinates of views, [V, 3, 4].
-
-    Args:
-        world_to_camera: The views' poses relative to the reference view, [V, 4, 4].
-        intrinsics: [3, 3], px; pixel centres at +0.5.
-    """
-    to_array = np.linalg.inv(_PIXEL_FROM_ARRAY) @ intrinsics
-    # X = R ray + t ρ.
-    turned = to_array @ world_to_camera[:, :3, :3] @ np.linalg.inv(to_array)
-    return np.ascontiguousarray(np.concatenate([turned, to_array @ world_to_camera[:, :3, 3:]], axis=2))
 
 
 def plane_homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:

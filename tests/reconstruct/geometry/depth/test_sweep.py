@@ -7,13 +7,10 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.depth import kernels
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
-from gs2ci.reconstruct.geometry.depth.kernels import best_plane, cost_of_map, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.depth.sweep import (
     SweepSettings,
-    difference,
-    features_of,
     inverse_depth_range,
-    plane_homographies,
     sweep,
 )
 
@@ -24,13 +21,6 @@ def cost_reference(reference, views, homographies, best, window):
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
     targets = np.einsum("dvij,jhw->dvihw", homographies, np.stack([x, y, np.ones_like(x)]))
     return np.stack([cost_at(reference, views, places, best, window) for places in targets], axis=-1)
-
-
-def cost_of_map_reference(reference, views, inverse_depth, projections, best, window):
-    """[H, W, F], [V, H, W, F], [H, W], [V, 3, 4] -> [H, W]."""
-    y, x = np.mgrid[0 : reference.shape[0], 0 : reference.shape[1]].astype(np.float64)
-    targets = np.einsum("vij,jhw->vihw", projections, np.stack([x, y, np.ones_like(x), inverse_depth]))
-    return cost_at(reference, views, targets, best, window)
 
 
 def cost_at(reference, views, targets, best, window):
@@ -88,36 +78,6 @@ def test_matching_cost_agrees_with_its_reference(height, width, best, window):
     np.testing.assert_allclose(matching_cost(reference, others, homographies, best, window), expected, atol=2e-5)
 
 
-def random_map(height, width, seed=1):
-    """Return inverse depths with jumps, [H, W], some of them behind the last view, and projections, [4, 3, 4]."""
-    rng = np.random.default_rng(seed)
-    projections = np.concatenate([random_case(planes=1)[2][0], rng.uniform(-2, 2, (4, 3, 1))], axis=2)
-    projections[:, 2, 3] = [0.1, -0.1, 0.0, -1.5]
-    return rng.choice([0.2, 0.4, 0.9], (height, width)).astype(np.float32), projections
-
-
-@pytest.mark.parametrize(("height", "width"), [(21, 39), (70, 5), (4, 4), (2, 2), (33, 32)])
-@pytest.mark.parametrize(("best", "window"), [(1, 7), (3, 7), (2, 1), (2, 3), (2, 41)])
-def test_the_cost_of_a_map_agrees_with_its_reference(height, width, best, window):
-    reference, others, _ = random_case(height, width)
-    inverse_depth, projections = random_map(height, width)
-    expected = cost_of_map_reference(
-        reference.astype(np.float64), others.astype(np.float64), inverse_depth, projections, best, window
-    )
-    got = cost_of_map(reference, others, inverse_depth, projections, best, window)
-    np.testing.assert_allclose(got, expected, atol=2e-5)
-
-
-def test_the_difference_on_a_map_of_one_depth_is_the_cost_of_its_plane(seen):
-    scene, at = seen(), 0.45
-    features = features_of(scene.views, 0.5)
-    homographies = plane_homographies(scene.poses[1:], scene.intrinsics, np.array([at, at, at]))
-    cost = matching_cost(features[0], features[1:], homographies, max(1, (len(features) - 1) * 2 // 3), 5)
-    found = difference(np.full(scene.views.shape[1:3], at, np.float32), features, scene.poses, scene.intrinsics, 5)
-    assert np.ptp(found) > 0.05
-    np.testing.assert_allclose(found, cost[..., 1], atol=2e-5)
-
-
 def test_planes_behind_a_camera_count_as_unseen():
     reference, others, homographies = random_case()
     homographies[:, :, 2, 2] = -1
@@ -154,8 +114,7 @@ def test_threads_do_not_change_a_bit():
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
             cost = matching_cost(reference, others, homographies, 2, 7)
-            of_map = cost_of_map(reference, others, *random_map(70, 70), 2, 7)
-            results.append(np.stack([best_plane(cost, sum_along_rows(cost)), of_map]))
+            results.append(best_plane(cost, sum_along_rows(cost)))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(*results)
