@@ -10,6 +10,8 @@ Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in eac
 last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
 intervals of an exposure, and each for two, which is the light that the masks of a coded exposure let through.
 
+Determined: noise-free repeats decoded together, PSNR of a room's views without any denoiser and by GAP-TV, by how many.
+
 Adjacent paths: four, side by side, 1 % noise. PSNR of recorded views and of the views in the middle of the gaps between
 the paths, the latter from the best single scene for each; path error (nATE) over all poses; error of depth, relative,
 mean and median; processor seconds.
@@ -31,6 +33,8 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.exposures.observing import observe_all
 from gs2ci.reconstruct.exposures.placing import moved
@@ -50,6 +54,7 @@ from tests.exposed_rooms import VIEWS, adjacent, between, camera, line, repeated
 
 SIZE = (72, 96)
 COUNTS = (1, 2, 4, 8)
+DETERMINED = (1, 2, 4, 6, 8, 10, 12, 16)
 NOISE = 0.05
 
 
@@ -61,6 +66,10 @@ def run() -> None:
     print(f"repeats: {'':6}{counts}   scene of 8   of 8 full views   of twice the light")
     for number, scene in rooms:
         print(_repeats(number, scene), flush=True)
+    number, scene = rooms[0]
+    print(f"\nnoise-free repeats of room {number}: without denoiser dB, GAP-TV dB")
+    for count in DETERMINED:
+        print(_determined(repeated(scene, SIZE, number, count)), flush=True)
     print("\nadjacent paths: views dB, between dB, nATE, depth mean and median, seconds")
     for number, scene in rooms:
         print(_adjacent(number, scene), flush=True)
@@ -69,6 +78,12 @@ def run() -> None:
 def _settings() -> Settings:
     settings = Settings()
     return replace(settings, registration=replace(settings.registration, mode="off"))
+
+
+def _determined(shots: list[Shot]) -> str:
+    plain = PlugAndPlaySettings(sigmas=(0.1,), iterations=100)
+    decoded = plug_and_play(shots, lambda planes, sigma: planes, plain), gap_tv(shots)
+    return f"{len(shots):3}  " + "  ".join(f"{_psnr(views, shots[0]):6.2f}" for views in decoded)
 
 
 def _repeats(number: int, scene: Scene) -> str:

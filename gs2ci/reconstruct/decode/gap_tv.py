@@ -4,6 +4,7 @@ Here: the decoder that the pipeline calls. Not here: its loop (`pnp`, `kernels`)
 enough for tracking and plane sweeps; they are never a photometric target of the fit.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,12 +47,16 @@ class GapTvSettings(Bounded):
 
 
 def gap_tv(
-    shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None, noise: F32 | None = None
+    shot: Shot | Sequence[Shot],
+    settings: GapTvSettings | None = None,
+    progress: Progress | None = None,
+    noise: F32 | None = None,
 ) -> F32:
     """Decode one coded measurement into approximate views.
 
     Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. Several are
+            measurements of the same views.
         settings: How long and how smooth to decode.
         progress: Receives each iteration and its relative residual.
         noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
@@ -71,7 +76,10 @@ def gap_tv(
 
 
 def decode_signed(
-    shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None, noise: F32 | None = None
+    shot: Shot | Sequence[Shot],
+    settings: GapTvSettings | None = None,
+    progress: Progress | None = None,
+    noise: F32 | None = None,
 ) -> F32:
     """Decode without the bounds that light is positive and at most at full scale, for residuals.
 

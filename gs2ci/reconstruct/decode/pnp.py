@@ -5,7 +5,7 @@ Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inn
 photometric target of a fit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.config import Positive
 from gs2ci.core.errors import InputError, NumericsError
@@ -24,6 +24,7 @@ from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.decode.kernels import are_finite, project_onto_measurement
 from gs2ci.reconstruct.decode.planes import interleaved, planar, repeated
+from gs2ci.reconstruct.decode.several import turned
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
@@ -34,6 +35,8 @@ _Prior = Callable[[F32, float], tuple[F32, F32]]
 # The projection divides by a pixel's transmission, which would amplify the noise of pixels with hardly any light. Below
 # this share of the mean energy Σ (wM)² it is damped; with binary masks only 0 is below it.
 _ENERGY_FLOOR: Final = 0.02
+# Below this share of the damped energy an equation comes from rounding alone.
+_NOTHING: Final = 1e-4
 # Pixels without a reading start from a weighted mean of those within about this length; the mean of all pixels gets the
 # weight of one pixel at three times this length.
 _FILL_PX: Final = 2.0
@@ -88,7 +91,7 @@ class ReadingNoise:
 
 
 def plug_and_play(
-    shot: Shot,
+    shot: Shot | Sequence[Shot],
     denoise: Denoiser,
     settings: PlugAndPlaySettings | None = None,
     progress: Progress | None = None,
@@ -100,53 +103,59 @@ def plug_and_play(
 
     Args:
         shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. A mosaic is
-            projected as it was measured, and demosaicked before each denoising.
+            projected as it was measured, and demosaicked before each denoising. Several are measurements of the same
+            views, each of which adds an equation at every pixel (`several`).
         denoise: The denoiser.
         settings: Scheme and schedule.
         progress: Receives each iteration and its relative residual.
         start: First views, in the form that is returned; None: as in the settings.
         enough: Called after each step with its views in full colour, [N, C, H, W]; if it returns True, that step is the
             last.
-        noise: Of the readings, which GAP weighs; None: readings are explained exactly.
+        noise: Of the readings, which GAP weighs; None: readings are explained exactly. For several measurements, of
+            each of their readings alike; without it, equations that nearly repeat others amplify noise.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 with a colour filter array. Pixels that no mask
         opens are filled by the denoiser from their surroundings.
 
     Raises:
-        InputError: The settings make no sense, or the noise is to be weighed by ADMM.
+        InputError: The settings make no sense, the noise is to be weighed by ADMM, or several measurements are not of
+            the same views.
         NumericsError: The denoiser changed the shape, or returned numbers that are not finite.
     """
     settings = (settings or PlugAndPlaySettings()).check()
     if noise is not None and settings.scheme != "gap":
         raise InputError(f"noise weighed by {settings.scheme}", allowed="scheme gap, or no noise")
     progress = progress or Silent()
-    masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
-    measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
-    inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
+    gamma = settings.gamma if settings.scheme == "admm" else 0.0
+    equations = _equations([shot] if isinstance(shot, Shot) else shot, gamma)
+    shot = shot if isinstance(shot, Shot) else shot[0]
     channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()
     prior = _plane_prior(denoise) if channels is None else _mosaic_prior(channels, denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
     # The measurement plus accumulated residual: it is zero before a first average, and the measurement for given views.
-    target = np.zeros_like(measured) if start is None and noise is None else measured.copy()
+    known = start is not None or noise is not None
+    targets = [one.measured.copy() if known else np.zeros_like(one.measured) for one in equations.each]
     if start is not None:
         views = _as_measured(planar(start), channels)
     elif settings.begin == "average":
-        views = _average_exposure(masks, measured, inverse_energy > 0, channels)
+        views = _average_exposure(equations.masks, equations.measured, equations.counts, channels)
     else:
-        views = masks[:, None] * measured
+        views = np.sum([one.masks[:, None] * one.measured for one in equations.each], axis=0, dtype=np.float32)
     # ADMM carries the difference between projected and denoised views along; accelerated GAP does so in the target.
     multiplier = np.zeros_like(views) if settings.scheme == "admm" else None
     seen = views
     progress.stage("decode", len(levels))
     for iteration, sigma in enumerate(levels.tolist()):
         nearest = views if multiplier is None else views - multiplier
-        weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(inverse_energy)
         error_power = 1.0 if noise is None else noise.error_power(sigma)
-        row_energy = project_onto_measurement(
-            nearest, masks, inverse_energy, measured, target, multiplier is None, weighed, error_power
-        )
-        progress.step(iteration + 1, residual=_relative(row_energy, measured))
+        left = 0.0
+        for one, target in zip(equations.each, targets, strict=True):
+            weighed = np.zeros((0, 0, 0), np.float32) if noise is None else noise.per_energy(one.inverse_energy)
+            left += project_onto_measurement(
+                nearest, one.masks, one.inverse_energy, one.measured, target, multiplier is None, weighed, error_power
+            ).sum()
+        progress.step(iteration + 1, residual=_relative(left, equations.each))
         views, seen = prior(nearest if multiplier is None else nearest + multiplier, sigma)
         if multiplier is not None:
             multiplier += nearest - views
@@ -155,9 +164,52 @@ def plug_and_play(
     return interleaved(seen)
 
 
-def _relative(row_energy: F64, measured: F32) -> float:
-    scale = max(float(np.square(measured, dtype=np.float64).sum()), np.finfo(np.float32).tiny)
-    return float(np.sqrt(row_energy.sum() / scale))
+@dataclass(frozen=True)
+class _Equation:
+    """An equation at every pixel: masks, [N, H, W], readings, [C, H, W], and the inverse of its energy, [H, W]."""
+
+    masks: F32
+    measured: F32
+    inverse_energy: F32
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Equations at right angles to each other; the sum of masks and of readings as measured; which pixels count."""
+
+    each: tuple[_Equation, ...]
+    masks: F32
+    measured: F32
+    counts: Bool
+
+
+def _equations(shots: Sequence[Shot], gamma: float) -> _Equations:
+    if len(shots) == 1:
+        (shot,) = shots
+        masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
+        measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
+        inverse = _inverse_energy(masks, shot.saturated, gamma)
+        return _Equations((_Equation(masks, measured, inverse),), masks, measured, inverse > 0)
+    every, read = turned(shots)
+    energy = np.square(every, dtype=np.float64).sum(axis=1)
+    # Of an equation that hardly counts, what it says is mostly noise.
+    floor = _ENERGY_FLOOR * energy[0].mean()
+    inverse_energy = np.where(energy > _NOTHING * floor, 1.0 / (np.maximum(energy, floor) + gamma), 0.0)
+    each = tuple(
+        _Equation(masks, measured, inverse)
+        for masks, measured, inverse in zip(every, read, inverse_energy.astype(np.float32), strict=True)
+    )
+    lit = [shot.usable for shot in shots]
+    pairs = list(zip(shots, lit, strict=True))
+    masks = np.sum([shot.masks * shot.weights[:, None, None] * ok for shot, ok in pairs], axis=0)
+    read_sum = np.sum([shot.measurement * ok[..., None] for shot, ok in pairs], axis=0)
+    measured = np.ascontiguousarray(read_sum.transpose(2, 0, 1), np.float32)
+    return _Equations(each, masks.astype(np.float32), measured, masks.any(axis=0))
+
+
+def _relative(left: float, equations: Sequence[_Equation]) -> float:
+    scale = sum(float(np.square(one.measured, dtype=np.float64).sum()) for one in equations)
+    return float(np.sqrt(left / max(scale, np.finfo(np.float32).tiny)))
 
 
 def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
