@@ -7,7 +7,7 @@ Here: the order of these, with the progress shown. Not here: what arguments chan
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
@@ -234,7 +234,8 @@ def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, tog
         InputError: There are several, and they are not to be reconstructed together; or there is none.
         StorageError: A shot file cannot be read.
     """
-    given = [shot] if isinstance(shot, Shot | str | Path) else list(shot)
+    # Whatever else it is, `load` refuses it by its type.
+    given = list(shot) if isinstance(shot, list | tuple) else [cast(Shot | str | Path, shot)]
     if not together:
         if len(given) != 1:
             raise InputError(
@@ -247,10 +248,10 @@ def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, tog
 
     found: list[Shot | str | Path] = []
     for one in given:
-        if isinstance(one, Shot) or Path(one).suffix.lower() not in _SHOT_FILES:
-            found.append(one)
-        else:
+        if isinstance(one, str | Path) and Path(one).suffix.lower() in _SHOT_FILES:
             found += [read_shot(Path(one), number) for number in range(count_shots(Path(one)))]
+        else:
+            found.append(one)
     if not found:
         raise InputError("no exposure to reconstruct", allowed="one or more")
     return found
