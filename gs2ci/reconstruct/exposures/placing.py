@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 import torch
@@ -24,10 +23,6 @@ from gs2ci.reconstruct.geometry.depth.view_depths import in_picture, project
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
 from gs2ci.render.gaussians import Gaussians, joined
-
-# Paths coincide if no camera sees the scene's median depth displaced by more than this, px: less than decoded views
-# resolve.
-_SAME_PATH_PX: Final = 0.25
 
 
 def placed(geometry: Geometry, common_from_own: Similarity) -> Geometry:
@@ -66,36 +61,6 @@ def by_stage(shots: Sequence[Shot], geometries: Sequence[Geometry]) -> dict[int,
         between = first @ np.linalg.inv(pose)
         found[number] = Similarity(own / unit, between[:3, :3], between[:3, 3] / unit)
     return found
-
-
-def displacement_px(one: Geometry, other: Geometry) -> float:
-    """Return how far two paths in common coordinates displace the scene's median depth, px, where they differ most.
-
-    Infinite if they have different numbers of views.
-    """
-    if len(one.world_to_camera) != len(other.world_to_camera):
-        return math.inf
-    depth = 1 / float(np.median(one.inverse_depth))
-    change = other.world_to_camera @ np.linalg.inv(one.world_to_camera)
-    ahead = change @ np.array([0.0, 0.0, depth, 1.0])
-    focal = float(one.intrinsics[0, 0])
-    shift = np.linalg.norm(ahead[:, :2] / ahead[:, 2:3], axis=1)
-    # A turn about the line of sight moves the border, half a picture's diagonal away.
-    turn = np.linalg.norm(change[:, :3, 0] - (1, 0, 0), axis=1) * math.hypot(*one.inverse_depth.shape) / 2
-    return float(np.max(focal * shift + turn))
-
-
-def repeats(geometries: Sequence[Geometry]) -> tuple[tuple[int, ...], ...]:
-    """Group exposures whose paths coincide, in the order of the first of each group; geometries as of `placed`."""
-    groups: list[list[int]] = []
-    for number, geometry in enumerate(geometries):
-        for group in groups:
-            if displacement_px(geometries[group[0]], geometry) <= _SAME_PATH_PX:
-                group.append(number)
-                break
-        else:
-            groups.append([number])
-    return tuple(tuple(group) for group in groups)
 
 
 @dataclass(frozen=True, eq=False)

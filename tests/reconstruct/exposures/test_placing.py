@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.exposures.placing import by_stage, displacement_px, first_of_all, moved, placed, repeats
+from gs2ci.reconstruct.exposures.placing import by_stage, first_of_all, moved, placed
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.fit.start import round_gaussians
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -77,19 +77,6 @@ def test_a_stage_ties_those_whose_paths_it_gave():
     assert by_stage(shots, [other] * 3) == {}
     assert list(by_stage(shots, [other, *geometries[1:]])) == [1, 2]
     assert list(by_stage(shots, [geometries[0], other, geometries[2]])) == [0, 2]
-
-
-def test_paths_that_coincide_are_repeats():
-    matrix = [geometry(path(x)) for x in (0.0, 0.3, 0.001, 0.3005)]
-    assert repeats(matrix) == ((0, 2), (1, 3))
-    assert displacement_px(matrix[0], matrix[2]) == pytest.approx(40 * 0.001 / 2)
-    assert displacement_px(matrix[0], geometry(path(0.0, views=4))) == np.inf
-
-
-def test_a_turn_about_the_line_of_sight_displaces_the_border():
-    rolled = path()
-    rolled[:, :3, :3] = Rotation.from_euler("z", 1, degrees=True).as_matrix()
-    assert displacement_px(geometry(path()), geometry(rolled)) == pytest.approx(np.radians(1) * 25, rel=0.1)
 
 
 def test_of_further_exposures_only_gaussians_that_earlier_ones_do_not_show_are_added():
