@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 # Characters that a page cannot contain (C0 controls, lone surrogates) and those that reverse text (bidi controls), with
 # which one name could look like another.
@@ -83,10 +83,18 @@ def fit(text: object) -> str:
     return _UNFIT.sub(REPLACEMENT, str(text))
 
 
+def with_commands(text: object) -> Markup:
+    """Set a sentence, escaped, with the commands in it, which stand between backticks, as code."""
+    parts = fit(text).split("`")
+    if len(parts) % 2 == 0:
+        return escape(fit(text))
+    return Markup().join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
+
+
 @cache
 def environment() -> Environment:
     """Get the template environment: all text is escaped, a missing variable is an error."""
-    return Environment(
+    made = Environment(
         loader=PackageLoader("gs2ci.evaluate.pages"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -94,6 +102,8 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_finalize,
     )
+    made.filters["with_commands"] = with_commands
+    return made
 
 
 def _anchors(sections: Sequence[PageSection]) -> list[str]:

@@ -8,6 +8,7 @@ from markupsafe import Markup
 from gs2ci.core.errors import InputError
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Bar, Chart, Line
+from gs2ci.evaluate.pages.next_steps import NextStep
 
 
 def test_columns_of_numbers_stand_right_and_others_left():
@@ -71,6 +72,14 @@ def test_parts_of_a_whole_are_named_and_counted():
     text = pieces.bars([Bar("decode", 1, "1.0 s"), Bar("fit", 9, "9.0 s", "third"), Bar("none", 0, "0 s")], unit="s")
     assert text.count("<rect class") == 2
     assert "fit <b>9.0 s</b>" in text.replace('"/></svg>', "")
+
+
+def test_commands_in_sentences_are_set_as_code_and_all_else_is_escaped():
+    step = NextStep("Give it <more> time: `gs2ci decode --budget 5min & on`.", "It ran `once`, and one ` is alone.")
+    shown = str(pieces.steps([step], title="Next", empty="")) + str(pieces.sentences(["Say `a<b`."], empty=""))
+    assert "Give it &lt;more&gt; time: <code>gs2ci decode --budget 5min &amp; on</code>." in shown
+    assert "It ran `once`, and one ` is alone." in shown
+    assert "Say <code>a&lt;b</code>." in shown
 
 
 def test_steps_and_sentences_say_when_there_is_none():
