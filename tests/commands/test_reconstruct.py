@@ -249,7 +249,7 @@ def test_a_plan_is_printed_and_nothing_is_fitted_or_written(measured, tmp_path, 
     quickly(measured, tmp_path / "run", explain_plan=True, fits=2)
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("fit along the path of tracks") for line in lines)
-    assert any(line.startswith("if: moving scenes") for line in lines)
+    assert any(line.startswith("if: a moving scene") for line in lines)
     assert any(line.startswith("in all") and "at most" in line for line in lines)
     assert not (tmp_path / "run").exists()
 

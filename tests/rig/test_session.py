@@ -122,7 +122,7 @@ def test_a_capture_that_fails_says_so_in_its_log(tmp_path):
     with gs2ci.open_rig(rig) as bench:
         prepared = bench.plan(progress=gs2ci.Silent())
 
-        def fail(devices, plan, take, progress):
+        def fail(*_):
             raise RuntimeError("the building shook")
 
         with pytest.MonkeyPatch.context() as patch:
