@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.cameras import in_world
 from gs2ci.reconstruct.exposures.pictures import depths_of
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Tied, Ties
@@ -60,8 +61,7 @@ def _displaced_px(pair: tuple[Tied, Tied], given: tuple[Similarity, Similarity])
     depth, intrinsics = depths_of(one.geometry)[0], one.geometry.intrinsics
     pixels = grid(depth.inverse_depth.shape, _EVERY_PX)
     along = depth.inverse_depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)].astype(np.float64)
-    pose = one.geometry.world_to_camera[depth.view]
-    points = (rays(pixels, intrinsics) / along[:, None] - pose[:3, 3]) @ pose[:3, :3]
+    points = in_world(rays(pixels, intrinsics) / along[:, None], one.geometry.world_to_camera[depth.view])
     seen_from = other.geometry.world_to_camera[other.geometry.reference]
     places = [
         project(second.inverse.after(first).points(points), seen_from, other.geometry.intrinsics)[0]
