@@ -17,10 +17,9 @@ import numpy as np
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.record import Measure
 from gs2ci.evaluate.tradeoff.store import Row
-from gs2ci.evaluate.tradeoff.trials import BASELINE, JUDGED_SHARE, JUDGES, RMS_FLOOR, TradeoffTrial
+from gs2ci.evaluate.tradeoff.trials import BASELINE, JUDGED_SHARE, JUDGES, TradeoffTrial, Treated, figures
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
 from gs2ci.reconstruct.measurement.holdout import Holdout
@@ -66,21 +65,16 @@ def tried_together(
     part, truth = joint.parts[0], first.truth
     lit = first.weights if part.brightness is None else (first.weights * np.array(part.brightness)).astype(np.float32)
     coded = part.views if part.exposed_views is None else part.exposed_views
-    rms = Holdout(replace(first, weights=lit), holdout.pixels).residual_rms(coded)
     path = truth.world_to_camera
-    return {
-        "trial": trial.name,
-        "knob": trial.knob,
-        "seconds": seconds,
-        "psnr_db": None if truth.views is None else float(np.mean(psnr_per_view(part.views, truth.views))),
-        "ssim": None if truth.views is None else float(np.mean(ssim_per_view(part.views, truth.views))),
-        "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, RMS_FLOOR)),
+    details: Row = {
         "iterations": part.curve[-1].iteration if part.curve else 0,
         "gaussians": part.gaussians,
         "nate": None if path is None else trajectory_errors(part.world_to_camera, path).nate,
         "exposures": trial.exposures - len(joint.left_out),
         "capture_s": capture_s(chosen),
     }
+    judging = Holdout(replace(first, weights=lit), holdout.pixels)
+    return figures(trial, seconds, Treated(part.views, coded, lit, details), judging)
 
 
 def capture_s(shots: Sequence[Shot]) -> float | None:

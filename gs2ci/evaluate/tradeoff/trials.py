@@ -178,21 +178,34 @@ def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float
     holdout = Holdout.of(seen, JUDGED_SHARE, seed ^ JUDGES, registered.averaged)
     treated = _treated(Registered(holdout.seen, averaged=registered.averaged), trial, seed)
     seconds = clock() - began_s
-    views, truth = treated.views, shot.truth.views
-    rms = Holdout(replace(seen, weights=treated.weights), holdout.pixels).residual_rms(treated.coded)
+    return figures(
+        trial, seconds, treated, Holdout(replace(seen, weights=treated.weights, truth=shot.truth), holdout.pixels)
+    )
+
+
+def figures(trial: TradeoffTrial, seconds: float, treated: "Treated", judging: Holdout) -> Row:
+    """Return the row of a trial: its name, its seconds and the quality of what it made.
+
+    Args:
+        trial: The trial.
+        seconds: That it took.
+        treated: What it made.
+        judging: The measurement with the weights that code this, and its pixels that the trial did not see.
+    """
+    truth, rms = judging.shot.truth.views, judging.residual_rms(treated.coded)
     return {
         "trial": trial.name,
         "knob": trial.knob,
         "seconds": seconds,
-        "psnr_db": None if truth is None else float(np.mean(psnr_per_view(views, truth))),
-        "ssim": None if truth is None else float(np.mean(ssim_per_view(views, truth))),
+        "psnr_db": None if truth is None else float(np.mean(psnr_per_view(treated.views, truth))),
+        "ssim": None if truth is None else float(np.mean(ssim_per_view(treated.views, truth))),
         "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, RMS_FLOOR)),
         **treated.details,
     }
 
 
 @dataclass(frozen=True)
-class _Treated:
+class Treated:
     """What a trial made of a shot.
 
     Args:
@@ -208,7 +221,7 @@ class _Treated:
     details: Row
 
 
-def _treated(registered: Registered, trial: TradeoffTrial, seed: int) -> _Treated:
+def _treated(registered: Registered, trial: TradeoffTrial, seed: int) -> Treated:
     """Treat a registered shot."""
     shot, settings = registered.shot, replace(trial.settings, seed=seed)
     if trial.shrink != 1:
@@ -224,10 +237,10 @@ def _treated(registered: Registered, trial: TradeoffTrial, seed: int) -> _Treate
 
     if not trial.fits:
         views = full_size(decode_by_name(small, settings.first_look, settings.decode))
-        return _Treated(views, views, shot.weights, {"iterations": 0, "gaussians": 0, "nate": None})
+        return Treated(views, views, shot.weights, {"iterations": 0, "gaussians": 0, "nate": None})
     result = reconstruct(small, settings, registered=registered).result
     views, truth, lit = full_size(result.views), shot.truth.world_to_camera, result.brightness
-    return _Treated(
+    return Treated(
         views=views,
         coded=views if result.exposed_views is None else full_size(result.exposed_views),
         weights=shot.weights if lit is None else (shot.weights * np.array(lit)).astype(np.float32),
