@@ -339,10 +339,23 @@ class Machine(ReportSection):
     system: str
 
 
+class WithoutExposure(ReportSection):
+    """What leaving one of several exposures out would change (`gs2ci.reconstruct.exposures.without_one`).
+
+    `alone` is the share of its picture that no other exposure shows; the others are how many times as large standard
+    errors would be where others see as well.
+    """
+
+    alone: Number
+    depth_times: Number | None
+    colour_times: Number | None
+
+
 class ExposureSection(ReportSection):
     """One of several exposures that share a scene; its views follow those of the exposures before it.
 
-    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it.
+    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it, `without`
+    what leaving it out would change.
     """
 
     name: str
@@ -352,6 +365,7 @@ class ExposureSection(ReportSection):
     heldout_rms: HeldOut
     path: str
     moved: Moved | None
+    without: WithoutExposure | None = None
 
 
 class Report(ReportSection):

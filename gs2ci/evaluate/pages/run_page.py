@@ -22,7 +22,7 @@ from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
-from gs2ci.evaluate.report import Report, Scores, Simulation
+from gs2ci.evaluate.report import ExposureSection, Report, Scores, Simulation
 from gs2ci.evaluate.summary import summary_rows
 from gs2ci.evaluate.sureness import ORDER_OPEN, SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
@@ -401,12 +401,31 @@ def _exposures(report: Report) -> Markup:
             said(one.heldout_rms.scene),
             said(one.heldout_rms.of(one.verdict)),
             better(one.first_view, one.views),
+            *_without(one),
         ]
         for one in report.exposures
     ]
-    headings = ("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB")
+    headings = (
+        *("exposure", "views", "path from", "residual of the decode", "of the scene", "of the views", "PSNR, dB"),
+        *("seen by it alone", "depth without it", "colours without it"),
+    )
     shown = [number for number in range(len(headings)) if any(row[number] for row in rows)]
-    return pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
+    table = pieces.table([headings[number] for number in shown], [[row[number] for number in shown] for row in rows])
+    if not any(one.without for one in report.exposures):
+        return table
+    said_of_it = (
+        "Without an exposure, what it alone sees would be lost; where others see as well, standard errors of depth and "
+        "colours would be so many times as large. Foreseen from the masks, paths and depths, not by a fit without it."
+    )
+    return table + pieces.paragraph(said_of_it)
+
+
+def _without(one: ExposureSection) -> list[str]:
+    """Say what leaving an exposure out would change."""
+    if one.without is None:
+        return ["", "", ""]
+    times = (one.without.depth_times, one.without.colour_times)
+    return [f"{100 * one.without.alone:.0f} %", *("" if value is None else f"{value:.2f} x" for value in times)]
 
 
 def _race(report: Report) -> Markup:

@@ -4,13 +4,14 @@ Here: step sizes and their schedule, and the bookkeeping that keeps Adam's momen
 added or removed. Not here: which are added or removed (`density/`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.fit.adam import Adam, AdamState
 from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.reconstruct.fit.view_steps import ReferenceView, ViewAdam, ViewSteps
 from gs2ci.render.gaussians import Gaussians, all_finite
@@ -199,6 +200,16 @@ class GaussianOptimiser:
         for name, adam in self._adam.items():
             adam.follow(source, forget=name in forget)
         self.scene = _leaves(scene)
+
+    def state(self) -> tuple[Gaussians, dict[str, AdamState]]:
+        """Return the Gaussians, and the moments of each parameter; the next step changes their numbers."""
+        return self.scene.detach(), {name: adam.state() for name, adam in self._adam.items()}
+
+    def resume(self, scene: Gaussians, moments: Mapping[str, AdamState]) -> None:
+        """Go on from the state of another."""
+        self.restore(scene)
+        for name, state in moments.items():
+            self._adam[name].resume(state)
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
