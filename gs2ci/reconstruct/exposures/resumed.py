@@ -14,7 +14,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.exposures.observing import Keeping, ObservedExposure, PlacedExposure
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of
-from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.observe import Observed, Seen, Tools, observe
 from gs2ci.reconstruct.settings import Settings

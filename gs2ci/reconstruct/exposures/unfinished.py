@@ -11,7 +11,7 @@ Every file is written whole, and names the key of what it is of: sources, settin
 not read and are replaced, as are damaged ones. What is done is read back, in the run that wrote it as in the next, so
 that an exposure takes memory only while it is in work.
 
-Here: the folder, its key. Not here: how records become files (`packing`), what is kept when (`joint`, `fit.coarse`).
+Here: the folder, its key. Not here: how records become files (`packing`), what is kept when (`joint`, `fit.coarse.stage`).
 """
 
 import hashlib
@@ -32,7 +32,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place, write_whole
 from gs2ci.reconstruct.exposures.packing import UnreadableError, key_of, packed, unpacked
-from gs2ci.reconstruct.fit.keeping import KeptFit, KeptSearch
+from gs2ci.reconstruct.fit.coarse.keeping import KeptFit, KeptSearch
 from gs2ci.reconstruct.settings import Settings
 
 T = TypeVar("T")
@@ -166,7 +166,7 @@ class Unfinished:
 
         return read
 
-    # As `fit.keeping.Keeper`.
+    # As `fit.coarse.keeping.Keeper`.
 
     def is_due(self) -> bool:
         """Tell whether the fit is to be kept now."""
