@@ -21,6 +21,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.summed import check_alike, summed
+from gs2ci.reconstruct.exposures import foreseen
 from gs2ci.reconstruct.exposures.merging import merged, side_by_side, with_what_each_gave
 from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
@@ -112,6 +113,8 @@ def reconstruct_together(
     for note in where_rendered.notes:
         progress.say(note.sentence)
     settings, clock = replace(settings, motion="off"), Stopwatch()
+    if len(shots) > 1:
+        progress.say(foreseen.said(shots))
     kept = None
     if unfinished is not None and len(shots) > 1:
         kept = Unfinished(unfinished, key_of_run(shots, settings))

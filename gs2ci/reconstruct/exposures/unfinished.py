@@ -11,7 +11,8 @@ Every file is written whole, and names the key of what it is of: sources, settin
 not read and are replaced, as are damaged ones. What is done is read back, in the run that wrote it as in the next, so
 that an exposure takes memory only while it is in work.
 
-Here: the folder, its key. Not here: how records become files (`packing`), what is kept when (`joint`, `fit.coarse.stage`).
+Here: the folder, its key. Not here: how records become files (`packing`), what is kept when (`joint`,
+`fit.coarse.stage`).
 """
 
 import hashlib

@@ -4,6 +4,7 @@ Here: the records, and what a fit asks of whoever keeps them. Not here: files (`
 what (`stage.py`, `state.py`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,13 +15,26 @@ from gs2ci.core.findings import Finding
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.optimiser.adam import AdamState
 from gs2ci.reconstruct.fit.optimiser.poses import PosesState
-from gs2ci.reconstruct.fit.surfaces.surfaces import Surfaces
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surfaces.surfaces import Search, Surfaces
 from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass
+class Snapshot:
+    """A state to go back to; twists and surfaces are those of each exposure."""
+
+    scene: Gaussians
+    twists: tuple[Tensor, ...]
+    iteration: int
+    surfaces: tuple[Surfaces | None, ...]
+    outside: Tensor | None
+    searches: tuple[Search, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class KeptScene:
-    """A state to go back to.
+    """The same for the disk.
 
     Args:
         scene: The Gaussians.
@@ -125,3 +139,35 @@ class Keeper(Protocol):
 
     def kept_search(self, search: int, exposure: int) -> KeptSearch | None:
         """Return what was kept of a search; None: nothing."""
+
+
+def kept_scene(state: Snapshot, searches: Sequence[Search]) -> KeptScene:
+    """Return a state for the disk, on the host.
+
+    Args:
+        state: It.
+        searches: Those of the fit, in their order.
+    """
+    found = tuple(None if one is None else searches.index(one.search) for one in state.surfaces)
+    scene = state.scene.map(Tensor.cpu)
+    return KeptScene(scene, state.twists, state.iteration, found, state.outside, len(state.searches))
+
+
+def scene_again(
+    kept: KeptScene, searches: Sequence[Search], renderers: Sequence[ShotRenderer], keeper: Keeper
+) -> Snapshot:
+    """Return the state that was kept; its Gaussians lie on the host.
+
+    Args:
+        kept: It.
+        searches: Those of the fit, in their order.
+        renderers: Of each exposure.
+        keeper: Has kept what the searches found.
+    """
+    surfaces: list[Surfaces | None] = []
+    for exposure, (number, renderer) in enumerate(zip(kept.surfaces, renderers, strict=True)):
+        found = None if number is None else keeper.kept_search(number, exposure)
+        bare = None if found is None else found.surfaces
+        surfaces.append(None if bare is None else bare.with_masks(renderer))
+    left = tuple(searches[len(searches) - kept.searches :])
+    return Snapshot(kept.scene, kept.twists, kept.iteration, tuple(surfaces), kept.outside, left)

@@ -237,7 +237,7 @@ class _Loop:
             return
         kept = KeptFit(
             self.fit.state(),
-            self.fit.kept_scene(self.best),
+            self.fit.kept(self.best),
             self.iteration,
             self.stopped,
             tuple(self.notes),
@@ -252,7 +252,7 @@ class _Loop:
 
     def _resume(self, kept: KeptFit, keeper: Keeper) -> None:
         self.fit.resume(kept.state, keeper)
-        self.best = self.fit.scene_again(kept.best, keeper)
+        self.best = self.fit.again(kept.best, keeper)
         self.iteration, self.stopped, self.notes = kept.iteration, kept.stopped, list(kept.notes)
         self._looks.curve[:] = kept.curve
         self._watch.resume(kept.watch)

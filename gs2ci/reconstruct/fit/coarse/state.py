@@ -10,7 +10,7 @@ parts of a step (losses, optimiser, poses, density rules: one file each).
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,15 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import ResourceError
 from gs2ci.reconstruct.fit.coarse.exposure import ExposureState, FittedExposure
-from gs2ci.reconstruct.fit.coarse.keeping import Keeper, KeptScene, KeptSearch, KeptState
+from gs2ci.reconstruct.fit.coarse.keeping import (
+    Keeper,
+    KeptScene,
+    KeptSearch,
+    KeptState,
+    Snapshot,
+    kept_scene,
+    scene_again,
+)
 from gs2ci.reconstruct.fit.coarse.looks import LookedAt
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import change_among
@@ -34,24 +42,12 @@ from gs2ci.reconstruct.fit.scene.raster_order import raster_order
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSource, margin
-from gs2ci.reconstruct.fit.surfaces.surfaces import Search, Surfaces, pixel_rays
+from gs2ci.reconstruct.fit.surfaces.surfaces import Search, pixel_rays
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians, joined
 from gs2ci.render.screen import ScreenStatistics
 
 _ORDER_STREAM: Final = 0xE0  # makes the order of exposures independent of all other draws of the same seed
-
-
-@dataclass
-class Snapshot:
-    """A state to go back to; twists and surfaces are those of each exposure."""
-
-    scene: Gaussians
-    twists: tuple[Tensor, ...]
-    iteration: int
-    surfaces: tuple[Surfaces | None, ...]
-    outside: Tensor | None
-    searches: tuple[Search, ...]
 
 
 class FitState:
@@ -320,42 +316,26 @@ class FitState:
         surfaces = tuple(one.surfaces for one in self.exposures)
         return Snapshot(copy, twists, iteration, surfaces, self._outside, tuple(self._searches))
 
-    def kept_scene(self, state: Snapshot) -> KeptScene:
-        """Return a copy of a state for the disk, on the host."""
-        searches = () if self.settings.surfaces is None else self.settings.surfaces.searches
-        found = tuple(None if one is None else searches.index(one.search) for one in state.surfaces)
-        scene = state.scene.map(Tensor.cpu)
-        return KeptScene(scene, state.twists, state.iteration, found, state.outside, len(state.searches))
+    def kept(self, state: Snapshot) -> KeptScene:
+        """Return a state for the disk."""
+        return kept_scene(state, self._all_searches)
 
-    def scene_again(self, kept: KeptScene, keeper: Keeper) -> Snapshot:
-        """Return the state of which that is the copy."""
-        searches = () if self.settings.surfaces is None else self.settings.surfaces.searches
-        surfaces: list[Surfaces | None] = []
-        for exposure, number in enumerate(kept.surfaces):
-            found = None if number is None else keeper.kept_search(number, exposure)
-            if found is None or found.surfaces is None:
-                surfaces.append(None)
-            else:
-                surfaces.append(found.surfaces.with_masks(self.exposures[exposure].renderer))
-        left = searches[len(searches) - kept.searches :]
-        scene = self._there(kept.scene)
-        return Snapshot(scene, kept.twists, kept.iteration, tuple(surfaces), kept.outside, left)
+    def again(self, kept: KeptScene, keeper: Keeper) -> Snapshot:
+        """Return the state that was kept."""
+        renderers = [one.renderer for one in self.exposures]
+        return replace(scene_again(kept, self._all_searches, renderers, keeper), scene=self._there(kept.scene))
+
+    @property
+    def _all_searches(self) -> tuple[Search, ...]:
+        return () if self.settings.surfaces is None else self.settings.surfaces.searches
 
     def state(self) -> KeptState:
         """Return all that iterations change, on the host."""
-        scene, moments = self.optimiser.state()
-        now = Snapshot(
-            scene,
-            tuple(one.poses.snapshot() for one in self.exposures),
-            0,
-            tuple(one.surfaces for one in self.exposures),
-            self._outside,
-            tuple(self._searches),
-        )
+        now = self.snapshot(0)
         screen = self._gathering.screen
         return KeptState(
-            self.kept_scene(now),
-            moments,
+            self.kept(now),
+            self.optimiser.state(),
             tuple(one.poses.state() for one in self.exposures),
             not self.awaits_moments,
             (screen.gradient_sum, screen.sightings, screen.radius_px),
@@ -367,7 +347,7 @@ class FitState:
         """Go on from the state of another fit of the same exposures."""
         if kept.split:
             self.split_masks(1.0)
-        self.restore(self.scene_again(kept.now, keeper))
+        self.restore(self.again(kept.now, keeper))
         self.optimiser.resume(self._there(kept.now.scene), kept.moments)
         for one, poses in zip(self.exposures, kept.poses, strict=True):
             one.poses.resume(poses)

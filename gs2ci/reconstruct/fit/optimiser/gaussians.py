@@ -201,9 +201,9 @@ class GaussianOptimiser:
             adam.follow(source, forget=name in forget)
         self.scene = _leaves(scene)
 
-    def state(self) -> tuple[Gaussians, dict[str, AdamState]]:
-        """Return the Gaussians, and the moments of each parameter; the next step changes their numbers."""
-        return self.scene.detach(), {name: adam.state() for name, adam in self._adam.items()}
+    def state(self) -> dict[str, AdamState]:
+        """Return the moments of each parameter; the next step changes their numbers."""
+        return {name: adam.state() for name, adam in self._adam.items()}
 
     def resume(self, scene: Gaussians, moments: Mapping[str, AdamState]) -> None:
         """Go on from the state of another."""
