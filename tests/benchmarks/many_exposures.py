@@ -1,14 +1,15 @@
 """Memory and time of one scene from many exposures, against their number; and what is foreseen of the memory.
 
     python -m tests.benchmarks many_exposures
-    GS2CI_SIZE=264x353 GS2CI_COUNTS="1 32" GS2CI_PRESET=standard NUMBA_NUM_THREADS=2 python -m tests.benchmarks many_exposures
+    GS2CI_SIZE=264x353 GS2CI_COUNTS="1 32" GS2CI_PRESET=standard NUMBA_NUM_THREADS=2 python -m tests.benchmarks \\
+        many_exposures
 
 Paths on a lattice before a room, eight views an exposure, random masks, a quarter open, 1 % noise, poses by a stage
-(`tests/exposed_rooms.py`). As `gs2ci reconstruct --together` does it: what is done is kept on a disk, and the run folder is
-written at the end. Every number of exposures is a process of its own, which has compiled and imported before it counts;
-printed are processor seconds, seconds of the clock, the largest memory (`environment.peak_mib`) and what of it was there
-before, by stage; then how memory and seconds grow with an exposure, by least squares over numbers from four on, and
-what that makes for 32.
+(`tests/exposed_rooms.py`). As `gs2ci reconstruct --together` does it: what is done is kept on a disk, and the run
+folder is written at the end. Every number of exposures is a process of its own, which has compiled and imported before
+it counts; printed are processor seconds, seconds of the clock, the largest memory (`environment.peak_mib`) and what of
+it was there before, by stage; then how memory and seconds grow with an exposure, by least squares over numbers from
+four on, and what that makes for 32.
 
 | variable | what it sets | default |
 |---|---|---|
