@@ -3,7 +3,8 @@
     python -m tests.benchmarks leave_one_out
 
 Adjacent paths and repeats in rooms, 72 × 96 px, eight views an exposure, masks a quarter open, 1 % and 5 % noise, poses
-by a stage (`tests/exposed_rooms.py`), preset draft, masks not registered. `GS2CI_ROOMS=2:3` takes other rooms.
+by a stage (`tests/exposed_rooms.py`), preset draft, masks not registered. `GS2CI_ROOMS=2:3` takes other rooms,
+`GS2CI_PRESET=standard` another preset.
 
 For each exposure: the share that it alone sees; how many times as large errors of depth and of the scene's colours at
 the others' pixels that it shows as well would be without it, foreseen (`exposures/without_one.py`) and found, root mean
@@ -45,7 +46,7 @@ def run() -> None:
 
 
 def _rows(number: int, kind: str, shots: list[Shot]) -> list[tuple[float, float, float, float]]:
-    settings = preset("draft")
+    settings = preset(os.environ.get("GS2CI_PRESET", "draft"))  # type: ignore[arg-type]
     settings = replace(settings, registration=replace(settings.registration, mode="off"))
     whole = reconstruct_together(shots, settings).result
     found = []

@@ -26,7 +26,7 @@ from torch import Tensor
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 MARK: Final = b"gs2ci.unfinished/1"
-_LONGEST_HEADER: Final = 200
+LONGEST_HEADER: Final = 200
 _OURS: Final = "gs2ci."
 _LISTS: Final[dict[str, Any]] = {"list": list, "tuple": tuple, "frozenset": frozenset}
 
@@ -61,7 +61,7 @@ def key_of(content: bytes) -> str:
     Raises:
         UnreadableError: It is none of these files.
     """
-    parts = content[:_LONGEST_HEADER].partition(b"\n")[0].split(b" ")
+    parts = content[:LONGEST_HEADER].partition(b"\n")[0].split(b" ")
     if len(parts) != 3 or parts[0] != MARK:
         raise UnreadableError("it is no file of an unfinished run")
     return parts[1].decode("ascii", "replace")
@@ -138,7 +138,7 @@ class _Unpacker:
     def value(self, tree: Any) -> Any:
         if not isinstance(tree, dict):
             return tree
-        kind = next(iter(tree))
+        kind = next(iter(tree), None)
         match kind:
             case "enum":
                 return _kind(tree["enum"], Enum)[tree["member"]]

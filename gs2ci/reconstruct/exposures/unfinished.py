@@ -32,7 +32,7 @@ from gs2ci.core.json_text import as_json
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place, write_whole
-from gs2ci.reconstruct.exposures.packing import UnreadableError, key_of, packed, unpacked
+from gs2ci.reconstruct.exposures.packing import LONGEST_HEADER, UnreadableError, key_of, packed, unpacked
 from gs2ci.reconstruct.fit.coarse.keeping import KeptFit, KeptSearch
 from gs2ci.reconstruct.settings import Settings
 
@@ -40,7 +40,6 @@ T = TypeVar("T")
 
 _EVERY_S: Final = 30.0
 _NAMES: Final = re.compile(r"\.?(exposure|places|fit|surfaces|part|clock)[-0-9]*\.kept(\.[0-9a-f]+\.partial)?")
-_BYTES_OF_HEADER: Final = 200
 
 
 def key_of_run(shots: Sequence[Shot], settings: Settings) -> str:
@@ -120,7 +119,7 @@ class Unfinished:
     def _is_ours(self, path: Path) -> bool:
         try:
             with path.open("rb") as file:
-                return path.suffix == ".kept" and key_of(file.read(_BYTES_OF_HEADER)) == self._key
+                return path.suffix == ".kept" and key_of(file.read(LONGEST_HEADER)) == self._key
         except (OSError, UnreadableError):
             return False
 

@@ -123,7 +123,7 @@ def test_what_is_no_record_of_ours_cannot_be_kept(value):
         {},
     ],
 )
-def test_a_file_that_names_anything_else_is_refused_and_runs_nothing(tree, monkeypatch):
+def test_a_file_that_names_anything_else_is_refused_and_runs_nothing(tree):
     content = io.BytesIO()
     np.savez(content, tree=np.frombuffer(json.dumps(tree).encode(), np.uint8))
     digest = packing.hashlib.sha256(content.getvalue()).hexdigest()
