@@ -43,11 +43,11 @@ place, orientation, harmonics = turned("z", 30, times=12)
 print("Open3D", open3d.__version__, "after twelve turns by 30 degrees about z: place", place.round(3), "orientation",
       orientation.round(3), "first degree", harmonics[:3, 0].round(3), "second", harmonics[3:, 0].round(3), "(was 1 0 0 0 0)")
 assert np.allclose(place, [0, 1, 0], atol=1e-4) and np.allclose(np.abs(orientation), [1, 0, 0, 0], atol=1e-4)
-assert np.linalg.norm(harmonics[3:, 0]) > 10, "the second degree is kept now"
+assert np.linalg.norm(harmonics[3:, 0]) > 10, "the behaviour has changed: the second degree is kept"
 
 place, _, harmonics = turned("x", 90)
 brightest = np.array([-harmonics[2, 0], -harmonics[0, 0], harmonics[1, 0]])  # x, y, z of the first degree
 print("a quarter turn about x: +y goes to", place.round(3), "and the brightest direction from +y to", brightest.round(3))
 assert np.allclose(place, [0, 0, 1], atol=1e-4)
-assert np.allclose(brightest, [0, 0, -1], atol=1e-4), "the first degree turns otherwise now"
+assert np.allclose(brightest, [0, 0, -1], atol=1e-4), "the behaviour has changed: the first degree turns otherwise"
 PY
