@@ -63,7 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.option.skips is not None and not hasattr(config, "workerinput"):  # xdist's workers report to this process
         config.pluginmanager.register(Skips(load(config.option.skips, config.option.lacking)))
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    threads = max(1, machine()["usable_cores"] // processes)
+    threads = max(1, machine().usable_cores // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     with suppress(ModuleNotFoundError):  # `python -m tests.newest` goes without
         import torch  # noqa: PLC0415
