@@ -63,11 +63,10 @@ def _rows(number: int, kind: str, shots: list[Shot]) -> list[tuple[float, float,
                 strict=True,
             )
         )
-        foreseen = said["without"]
-        row = (foreseen["depth_times"] or np.nan, depth, foreseen["colour_times"] or np.nan, colour)
-        print(
-            f"{number} {kind} {left_out:<20} {foreseen['alone']:6.2f}" + "".join(f"{v:12.2f}" for v in row), flush=True
-        )
+        foreseen = said.without
+        assert foreseen is not None
+        row = (foreseen.depth_times or np.nan, depth, foreseen.colour_times or np.nan, colour)
+        print(f"{number} {kind} {left_out:<20} {foreseen.alone:6.2f}" + "".join(f"{v:12.2f}" for v in row), flush=True)
         found.append(row)
     return found
 

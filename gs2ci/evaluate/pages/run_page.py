@@ -5,12 +5,14 @@ Here: its sections and their contents. Not here: the parts of sections (`pieces.
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
+from gs2ci.core.run_figures import ExposureSection
 from gs2ci.core.whole_file import check_earlier, write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
@@ -22,7 +24,7 @@ from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
-from gs2ci.evaluate.report import ExposureSection, Report, Scores, Simulation
+from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.summary import summary_rows
 from gs2ci.evaluate.sureness import ORDER_OPEN, SURE_OF_DEPTH, SURE_OF_VIEWS
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
@@ -414,8 +416,8 @@ def _exposures(report: Report) -> Markup:
     if not any(one.without for one in report.exposures):
         return table
     said_of_it = (
-        "Without an exposure, what it alone sees would be lost; where others see as well, standard errors of depth and "
-        "colours would be so many times as large. Foreseen from the masks, paths and depths, not by a fit without it."
+        "Without an exposure, what it alone sees would be lost; where others see as well, what noise adds to errors of "
+        "depth and colours would be so many times as large. Foreseen from masks, paths and depths, not by a fit."
     )
     return table + pieces.paragraph(said_of_it)
 
@@ -531,6 +533,6 @@ def _measurement(report: Report) -> Markup:
 
 def _environment(report: Report) -> Markup:
     return pieces.columns(
-        pieces.facts([*spoken_rows(report.machine.model_dump()), ("rendered on", report.device)]),
+        pieces.facts([*spoken_rows(asdict(report.machine)), ("rendered on", report.device)]),
         pieces.facts(flat_rows(report.versions)),
     )

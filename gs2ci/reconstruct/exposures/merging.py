@@ -7,7 +7,7 @@ exposures (`reconstruct.record`), the sum of the measurements (`core.summed`).
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
-from gs2ci.core.run_records import VERDICTS, RunResult, Verdict
+from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
+from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import joined
 from gs2ci.reconstruct.exposures.without_one import ViewsTogether, without_each
 
@@ -76,7 +77,7 @@ def merged(
         seed=first.seed,
         verdict=_verdict(parts),
         heldout_rms={verdict: _rms([one.heldout_rms[verdict] for one in parts]) for verdict in VERDICTS},
-        geometry=next((one.geometry for one in parts if one.geometry.get("unit_of")), first.geometry),
+        geometry=next((one.geometry for one in parts if one.geometry and one.geometry.unit_of), first.geometry),
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
@@ -85,19 +86,17 @@ def merged(
     ).check()
 
 
-def _summary(parts: Sequence[RunResult], number: int, name: str) -> dict[str, object]:
-    """Return what is kept of one exposure, as plain values."""
+def _summary(parts: Sequence[RunResult], number: int, name: str) -> ExposureSection:
     one = parts[number]
-    before = sum(len(part.views) for part in parts[:number])
-    return {
-        "name": name,
-        "first_view": before,
-        "views": len(one.views),
-        "verdict": one.verdict,
-        "heldout_rms": dict(one.heldout_rms),
-        "path": one.geometry.get("method", ""),
-        "moved": one.geometry.get("moved"),
-    }
+    return ExposureSection(
+        name=name,
+        first_view=sum(len(part.views) for part in parts[:number]),
+        views=len(one.views),
+        verdict=one.verdict,
+        heldout_rms=HeldOut(**{verdict: one.heldout_rms[verdict] for verdict in VERDICTS}),
+        path="" if one.geometry is None else one.geometry.method,
+        moved=None if one.geometry is None else one.geometry.moved,
+    )
 
 
 def with_what_each_gave(result: RunResult, shots: Sequence[Shot]) -> RunResult:
@@ -119,13 +118,13 @@ def with_what_each_gave(result: RunResult, shots: Sequence[Shot]) -> RunResult:
         np.repeat(np.arange(len(told)), [len(one) for one in told]),
     )
     each = zip(result.exposures, without_each(views), strict=True)
-    return replace(result, exposures=tuple({**one, "without": asdict(without)} for one, without in each))
+    return replace(result, exposures=tuple(replace(one, without=without) for one, without in each))
 
 
-def _about_colours(shot: Shot, summary: Mapping[str, Any]) -> F64:
+def _about_colours(shot: Shot, summary: ExposureSection) -> F64:
     """Return the information of each view about a colour, [N]: mean square of its mask's light over that of errors."""
     light = np.square(shot.weights.astype(np.float64)) * np.square(shot.masks).mean(axis=(1, 2), dtype=np.float64)
-    rms = summary["heldout_rms"][summary["verdict"]]
+    rms = summary.heldout_rms.of(summary.verdict)
     found: F64 = light / rms**2 if rms else light
     return found
 

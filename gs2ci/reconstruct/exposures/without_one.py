@@ -21,27 +21,12 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
+from gs2ci.core.run_figures import WithoutExposure
 
 # Points of each exposure's middle view, on a lattice.
 _POINTS: Final = 800
 # A view sees a point if its own depth there differs by no more than this share.
 _SAME_SURFACE: Final = 0.05
-
-
-@dataclass(frozen=True)
-class WithoutOne:
-    """What leaving one exposure out would change.
-
-    Args:
-        alone: Share of what its middle view shows that no other exposure shows, and that would be lost.
-        depth_times: How many times as large standard errors of depth would be, in the median of the points that it and
-            others see; None if there are none.
-        colour_times: Likewise of colours.
-    """
-
-    alone: float
-    depth_times: float | None
-    colour_times: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +93,7 @@ class _Told:
         return found
 
 
-def without_each(views: ViewsTogether) -> tuple[WithoutOne, ...]:
+def without_each(views: ViewsTogether) -> tuple[WithoutExposure, ...]:
     """Return what leaving out each exposure in its turn would change."""
     count = int(views.exposure.max()) + 1
     points, rays, owner = _points(views, count)
@@ -119,7 +104,9 @@ def without_each(views: ViewsTogether) -> tuple[WithoutOne, ...]:
         others = np.any([other.weight > 0 for k, other in enumerate(own) if k != number], axis=0)
         rest, mine, both = whole.less(one, others), owner == number, (one.weight > 0) & others
         alone = float((~others)[mine].mean()) if mine.any() else 0.0
-        found.append(WithoutOne(alone, _times(whole.depth(), rest.depth(), both), _times(weight, rest.weight, both)))
+        found.append(
+            WithoutExposure(alone, _times(whole.depth(), rest.depth(), both), _times(weight, rest.weight, both))
+        )
     return tuple(found)
 
 
