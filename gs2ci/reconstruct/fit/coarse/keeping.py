@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Finding
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.optimiser.adam import AdamState
 from gs2ci.reconstruct.fit.optimiser.poses import PosesState
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
