@@ -23,8 +23,8 @@ from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
 from gs2ci.render.warp.coding import OpenBlocks, code
-from gs2ci.render.warp.lists import WarpReuse
 from gs2ci.render.warp.rendering import Blended, Rendering, SceneInputs
+from gs2ci.render.warp.reuse import WarpReuse
 
 _FULL_CODINGS_KEPT: Final = 4
 
@@ -125,9 +125,7 @@ class WarpBackend:
             nonlocal rendering
             if rendering is None:
                 raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
-            padded = image.new_zeros((job.coding.outputs, 4))
-            padded[:, :3] = torch.as_tensor(gradient).reshape(-1, 3)
-            found, rendering = rendering.differentiate(padded), None
+            found, rendering = rendering.differentiate(torch.as_tensor(gradient).reshape(-1, 3)), None
             job.saw(found.sightings)
             named = ("means", "log_scales", "quaternions", "colours")
             of_scene = {name: getattr(found, name) for name in named} | {"opacity_logits": found.logits}

@@ -118,6 +118,9 @@ def blend_backward(
     count = end[block] - start
     longest = wp.tile_max(wp.tile(mine))
     batches = (longest[0] + B - 1) // B
+    # What lies behind the last batch has no light; its rows are written too, so that none keeps what it held before.
+    for at in range(start + batches * B + lane, start + count, B):
+        sums[rows[at]] = Row()
     for back in range(batches):
         batch = (batches - 1 - back) * B
         index = wp.int32(-1)
