@@ -91,13 +91,22 @@ def counting(counted: Counted) -> Iterator[None]:
     plain = {name: getattr(wp, name) for name in ("launch", "launch_tiled", "zeros")}
     scan, sort = wp.utils.array_scan, wp.utils.radix_sort_pairs
 
-    def launch(kernel: Any, dim: Any, inputs: Any, outputs: Any, device: Any) -> None:
+    def launch(kernel: Any, dim: Any, inputs: Any, outputs: Any = (), **rest: Any) -> Any:
+        if rest.get("record_cmd"):  # it counts when it is made
+            return plain["launch"](kernel, dim=dim, inputs=inputs, outputs=list(outputs), **rest)
         counted.add(f"warp {kernel.key}", size([*inputs, *outputs]))
         if kernel.key in _LISTING:
-            plain["launch"](kernel, dim=dim, inputs=inputs, outputs=outputs, device=device)
+            plain["launch"](kernel, dim=dim, inputs=inputs, outputs=outputs, **rest)
+        return None
 
-    def launch_tiled(kernel: Any, dim: Any, block_dim: int, inputs: Any, outputs: Any, device: Any) -> None:
+    def launch_tiled(kernel: Any, dim: Any, inputs: Any, outputs: Any = (), **rest: Any) -> Any:
+        if rest.get("record_cmd"):
+            return plain["launch_tiled"](kernel, dim=dim, inputs=inputs, outputs=list(outputs), **rest)
         counted.add(f"warp {kernel.key}", size([*inputs, *outputs]))
+        return None
+
+    def launched(kept: Any, stream: Any = None) -> None:
+        counted.add(f"warp {kept.kernel.key}", size(kept.fwd_args))
 
     def zeros(*args: Any, **kwargs: Any) -> Any:
         made = plain["zeros"](*args, **kwargs)
@@ -120,6 +129,7 @@ def counting(counted: Counted) -> Iterator[None]:
         for owner, name, new in (
             *((wp, "launch", launch), (wp, "launch_tiled", launch_tiled), (wp, "zeros", zeros)),
             *((wp.utils, "array_scan", scanned), (wp.utils, "radix_sort_pairs", sorted_pairs)),
+            (wp.Launch, "launch", launched),
         ):
             stack.enter_context(patch.object(owner, name, new))
         stack.enter_context(_Torch(counted))
