@@ -52,7 +52,8 @@ class Adam:
         if values.dtype == torch.float32:
             call(adam_step, *numbers, np.array(constants, np.float32))
         else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
-            _adam_step(*(one.numpy() for one in numbers), np.array(constants))
+            value, slope, first, second = (one.numpy() for one in numbers)
+            _adam_step(value, slope, first, second, np.array(constants))
 
     def counted(self, values: Tensor, rate: float) -> tuple[Tensor, Tensor, tuple[float, ...]]:
         """Count one more step, which the caller makes; return the moments, which it updates, and `adam_step`'s numbers.

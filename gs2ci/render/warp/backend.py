@@ -89,7 +89,8 @@ class WarpBackend:
 
     def reuse(self) -> WarpReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
-        return WarpReuse(self._settings.relist_every, self._settings.list_margin_px)
+        every = self._settings.relist_every
+        return WarpReuse(every, self._settings.list_margin_px if every > 1 else 0.0)
 
     def coded(
         self,
@@ -152,8 +153,7 @@ class WarpBackend:
         coded, kept = own_masks(mask_set, WarpMaskSet, self.name), own_reuse(reuse, WarpReuse, self.name)
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        shared = kept if self._settings.relist_every > 1 else None
-        return self._job(coded.coding, intrinsics, coded.sampling, screen, shared)
+        return self._job(coded.coding, intrinsics, coded.sampling, screen, kept)
 
     def views(
         self,

@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from gs2ci.render.warp.types import ALPHA_MAX, LN_ALPHA_MIN, TILED, B, H, Held, Monomials, Record, Row, ln_alpha
+from gs2ci.render.recording import TILED
+from gs2ci.render.warp.types import ALPHA_MAX, LN_ALPHA_MIN, B, H, Held, Monomials, Record, Row, ln_alpha
 
 wp.set_module_options({"enable_backward": False})
 

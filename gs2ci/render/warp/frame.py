@@ -13,11 +13,11 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from gs2ci.render.recording import Launcher, Recording
 from gs2ci.render.warp.blend import blend, blend_backward, gather
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.lists import BlockLists
 from gs2ci.render.warp.project import project, project_backward, sum_poses
-from gs2ci.render.warp.recording import Launcher, Recording
 from gs2ci.render.warp.types import BLOCK, Pose, Record, Row
 
 _POSE_THREADS: Final = 256

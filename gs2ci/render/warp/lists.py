@@ -88,7 +88,10 @@ class Projected(Protocol):
     boxes: Any
     depths: Any
     counts: Any
-    camera: Any
+
+    @property
+    def camera(self) -> Any:
+        """Get the camera and the tiles."""
 
 
 def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: float = 0.0) -> BlockLists:

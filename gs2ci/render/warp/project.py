@@ -2,11 +2,11 @@
 
 import warp as wp
 
+from gs2ci.render.recording import TILED
 from gs2ci.render.warp.types import (
     DILATION,
     INERT,
     LOG_SCALE_MAX,
-    TILED,
     Pose,
     PosePart,
     Record,

@@ -7,10 +7,10 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from gs2ci.render.recording import Launcher
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.frame import Frame, FrameKey, copied
 from gs2ci.render.warp.lists import list_gaussians
-from gs2ci.render.warp.recording import Launcher
 from gs2ci.render.warp.reuse import WarpReuse
 from gs2ci.render.warp.stopping import depth_fields, stop_light
 from gs2ci.render.warp.types import LEAST_TRANSMITTANCE

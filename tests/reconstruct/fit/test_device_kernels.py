@@ -22,10 +22,9 @@ from gs2ci.reconstruct.fit.device.losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.view_steps import ReferenceView
-from gs2ci.render import places
+from gs2ci.render import places, recording
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.se3 import exp
-from gs2ci.render.warp import recording
 from tests.reconstruct.fit.reading_back import reads
 
 GAUSSIANS = 500

@@ -9,7 +9,7 @@ from typing import Any, Final
 import warp as wp
 
 from gs2ci.reconstruct.fit import distances
-from gs2ci.render.warp.types import TILED
+from gs2ci.render.recording import TILED
 
 wp.set_module_options({"enable_backward": False})
 

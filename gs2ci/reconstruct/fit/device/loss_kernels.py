@@ -11,7 +11,7 @@ import warp as wp
 from gs2ci.reconstruct.fit.device.kernels import CHUNK, PER_THREAD, SUMMED
 from gs2ci.reconstruct.fit.ssim import C1 as SSIM_C1
 from gs2ci.reconstruct.fit.ssim import C2 as SSIM_C2
-from gs2ci.render.warp.types import TILED
+from gs2ci.render.recording import TILED
 
 wp.set_module_options({"enable_backward": False})
 

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from torch import Tensor
 
-from gs2ci.render.warp.recording import one_at_a_time
+from gs2ci.render.recording import one_at_a_time
 
 
 class Prepared:
@@ -81,6 +81,9 @@ def _mark(argument: Any) -> Any:
 
 
 def _as_warp(argument: Any, kind: Any) -> Any:
-    if isinstance(argument, Tensor):
-        return wp.from_torch(argument.detach(), dtype=kind.dtype)
+    if isinstance(argument, Tensor):  # as `from_torch`, in half the time
+        inner = len(getattr(kind.dtype, "_shape_", ()))
+        shape = tuple(argument.shape)[: argument.ndim - inner]
+        device = "cpu" if argument.is_cpu else f"cuda:{argument.get_device()}"
+        return wp.array(ptr=argument.data_ptr(), dtype=kind.dtype, shape=shape, device=device, copy=False)
     return kind(*argument.ravel().tolist()) if isinstance(argument, np.ndarray) else argument

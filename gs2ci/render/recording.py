@@ -6,7 +6,8 @@ then on; the one function is all there is, so that what is replayed is what was 
 function is called on, and the reason is kept (`refusal`). The host's graphs (Warp replays launches there too) serve
 tests and counts alone: a capture on the host would take in what other threads launch meanwhile. Never run on a GPU.
 
-Here: this, and the stream for it. Not here: what is launched (`frame.py`), nor what has to stay where it is.
+Here: this, the stream for it, and what all kernels in Warp share. Not here: what is launched (`warp/frame.py` and
+`reconstruct.fit.device`), nor what has to stay where it is.
 """
 
 import threading
@@ -19,6 +20,12 @@ import warp as wp
 
 from gs2ci.render.places import is_apart
 
+wp.config.log_level = wp.LOG_ERROR
+# On the CPU, blocks have so many logical threads (fibers), as on CUDA; otherwise each would have one, without a word.
+wp.config.enable_cpu_blocks = True
+
+TILED: Final[dict[str, Any]] = {"enable_backward": False, "max_unroll": 32, "enable_mathdx_gemm": False}
+"""Options of kernels that use tiles; these need a module of their own (warp 1.19)."""
 _FIBERS: Final = threading.RLock()
 _CAPTURING: Final = threading.Lock()
 
@@ -138,7 +145,8 @@ def _capture(device: str, launches: Launches) -> Any:
 
 
 def _aside(device: str) -> Any:
-    """Return a stream for captures: torch's usual one cannot be captured, and its others wait for nobody."""
+    """Return a stream for captures: Warp's, or, since torch's usual one cannot be captured, another one of torch's."""
     if torch.cuda.is_available():
-        return wp.stream_from_torch(torch.cuda.Stream(device))
-    return wp.Stream(device)
+        another: Any = torch.cuda.Stream
+        return wp.stream_from_torch(another(device))
+    return wp.get_stream(device)
