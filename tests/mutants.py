@@ -29,7 +29,7 @@ FILES = (
     "drivers/gs2ci_drivers/dlpc900/erle.py",
     "gs2ci/evaluate/cameras.py",
     "gs2ci/reconstruct/decode/patches/heldout_noise.py",
-    "gs2ci/reconstruct/fit/smear.py",
+    "gs2ci/reconstruct/fit/scene/smear.py",
     "gs2ci/reconstruct/geometry/sources/wide.py",
     "gs2ci/reconstruct/registration/field.py",
     "gs2ci/reconstruct/registration/sharpen.py",

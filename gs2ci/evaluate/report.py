@@ -219,7 +219,7 @@ class LightSection(ReportSection):
 
 
 class MaskMomentsSection(ReportSection):
-    """Motion while one mask was shown (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
+    """Motion while one mask was shown (`gs2ci.reconstruct.fit.scene.mask_moments`), for each mask.
 
     The number of `moments` with which it was fitted; the image's motion meanwhile, `motion_px`, rms; and a bound on the
     blur that a single pose per mask would cause in its view, `bounds`, in full scales.

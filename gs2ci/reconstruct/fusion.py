@@ -12,7 +12,7 @@ Polishing is a decode by groups of similar patches that starts from the refined 
 lacks, and follows moving things.
 
 Here: the candidates, the name of the result, and how long polishing takes. Not here: their weights
-(`fit/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
+(`fit/combining/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
 """
 
 import math
@@ -32,10 +32,10 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, shares
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings

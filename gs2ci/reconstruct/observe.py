@@ -16,10 +16,10 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.extensions import LastStage
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, needed
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.hypotheses.fitting import Fits

@@ -13,10 +13,10 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.metric import in_given_unit
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.hypotheses.moving import speeds
 from gs2ci.reconstruct.hypotheses.plan import RacePlan, planned

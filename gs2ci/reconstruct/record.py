@@ -14,10 +14,10 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import CurvePoint, RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
-from gs2ci.reconstruct.fit.smear import smeared_views
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.scene.mask_moments import LEAST_POSES, MaskMoments, motion_px
+from gs2ci.reconstruct.fit.scene.smear import smeared_views
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry

@@ -7,7 +7,7 @@ function is called on, and the reason is kept (`refusal`). The host's graphs (Wa
 tests and counts alone: a capture on the host would take in what other threads launch meanwhile. Never run on a GPU.
 
 Here: this, the stream for it, and what all kernels in Warp share. Not here: what is launched (`warp/frame.py` and
-`reconstruct.fit.device`), nor what has to stay where it is.
+`reconstruct.fit`), nor what has to stay where it is.
 """
 
 import threading

@@ -22,7 +22,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import look_closer
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks

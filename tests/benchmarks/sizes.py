@@ -43,8 +43,9 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, exposure
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse import exposure
+from gs2ci.reconstruct.fit.coarse import stage as coarse
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
 from tests.benchmarks.photographs import expose

@@ -11,7 +11,7 @@ from gs2ci.evaluate.noise import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians

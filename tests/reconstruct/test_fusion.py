@@ -13,8 +13,8 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.combining.combination import Candidate
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fusion import _decodes, _polished, hand_over, polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings

@@ -13,7 +13,7 @@ brightness of the still scene's views surely errs over time in places where that
 unless its path was given. The held-out pixels choose; a moving scene has more freedom than a still one, and has to be
 clearly better.
 
-Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fitting`), the
+Here: when, from which start, and the record of it. Not here: the motion (`fit.scene.motion`), the fits (`fitting`), the
 choice (`race`).
 """
 
@@ -29,9 +29,9 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.mask_moments import mask_times
-from gs2ci.reconstruct.fit.motion import moving_share
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
+from gs2ci.reconstruct.fit.scene.motion import moving_share
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.depth.view_depths import largest_turn_deg, turns_far
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.hypotheses.rest import from_rest

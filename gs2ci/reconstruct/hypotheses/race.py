@@ -23,8 +23,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look

@@ -4,8 +4,8 @@
 
 Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest
 preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its schedule to its measured
-pace (`fit/pace.py`), which corrects errors of this estimate. Polishing by similar patches knows no deadline: its time,
-foreseen from one step, is reserved, unless it is too large a part of what is left.
+pace (`fit/coarse/pace.py`), which corrects errors of this estimate. Polishing by similar patches knows no deadline: its
+time, foreseen from one step, is reserved, unless it is too large a part of what is left.
 
 Here: the presets to choose from, the choice, and the sentence about it. Not here: the timing and the fits (`fits`),
 reading `60s` (`gs2ci.core.durations`).
@@ -22,7 +22,7 @@ import numba
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
-from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
+from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
 

@@ -8,12 +8,12 @@ import torch
 
 pytest.importorskip("warp", reason="Warp is not installed")
 
-from gs2ci.reconstruct.fit.coarse import fit_coarse
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Monitoring
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
+from gs2ci.reconstruct.fit.coarse.state import FitState
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render import places
 from gs2ci.render.backend import load_backend

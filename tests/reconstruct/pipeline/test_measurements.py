@@ -10,8 +10,8 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import observe
-from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import Registered
 from tests.reconstruct.pipeline.boards import HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board

@@ -1,7 +1,7 @@
 """Camera poses as the stage reported them, their errors, the points of tracks under them, and how far a fit moved them.
 
 Here: the triangulation under known poses, and their standard errors. Not here: their refinement in the fit
-(`fit/poses.py`); the steps from tracks to depth, which are the same for every source of poses (`initialise`).
+(`fit/optimiser/poses.py`); the steps from tracks to depth, which are the same for every source of poses (`initialise`).
 """
 
 from dataclasses import dataclass, replace
