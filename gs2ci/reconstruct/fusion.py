@@ -25,7 +25,7 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.run_records import Verdict
+from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -228,7 +229,7 @@ def test_an_interruption_leaves_page_and_csv_of_what_there_is(file, tmp_path):
 
 
 def test_a_machine_bears_at_least_one_process_and_no_more_than_its_memory_holds(monkeypatch):
-    monkeypatch.setattr("gs2ci.batch.reconstruct.machine", lambda: {"usable_cores": 64})
+    monkeypatch.setattr("gs2ci.batch.reconstruct.machine", lambda: SimpleNamespace(usable_cores=64))
     assert bearable_processes(10**12) == 1
     assert 1 <= bearable_processes(8 * 96 * 128) <= 64
 

@@ -59,7 +59,7 @@ def answer(asked: Asked) -> Found:
     found = reconstruct(shot, replace(settings, seed=settings.seed + asked["seed"]))
     seconds = time.process_time() - began_s
     report = build_report(shot, found.result)
-    errors = None if report.depth is None else report.depth.errors()
+    errors = report.depth
     if errors is None and asked["name"].endswith("antinous") and size is None:
         # Its true disparity is that of a place between two cameras.
         errors = between(found)

@@ -204,7 +204,7 @@ def one() -> None:
         found = pipeline.reconstruct(shot, settings)
     wall_s = time.monotonic() - began_s
     report = build_report(shot, found.result)
-    errors = None if report.depth is None else report.depth.errors()
+    errors = report.depth
     print(
         json.dumps(
             {

@@ -23,14 +23,14 @@ def test_a_package_that_is_not_installed_is_said_to_be_missing(monkeypatch):
 
 def test_the_machine_is_described_by_what_decides_the_seconds():
     machine = environment.machine()
-    assert machine["processor"]
-    assert machine["usable_cores"] >= 1
-    assert machine["memory_mib"] > 100
+    assert machine.processor
+    assert machine.usable_cores >= 1
+    assert machine.memory_mib > 100
 
 
 def test_the_processor_is_named_where_there_is_no_cpuinfo(monkeypatch, tmp_path):
     monkeypatch.setattr(environment, "CPU_LISTING", tmp_path / "absent")
-    assert environment.machine()["processor"]
+    assert environment.machine().processor
 
 
 def test_peak_memory_is_read_in_the_systems_own_unit(monkeypatch, tmp_path):

@@ -259,7 +259,7 @@ def unfounded(result: RunResult, order: str, order_open: str, depth: DepthScore 
     """
     if order:
         return [f"{order}, without a warning"]
-    told = result.geometry.get("method") in TELL_ORDER
+    told = result.geometry is not None and result.geometry.method in TELL_ORDER
     claimed = result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2])
     if order_open and claimed and not told:
         return [f"{order_open}, and an order of depth is handed over without a warning"]

@@ -26,6 +26,7 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.run_figures import MotionSection
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook
@@ -151,28 +152,28 @@ class MotionReport:
         """Get the dense schedules by which the patch decode may continue from the refined views."""
         return (PatchSettings.polish(), PatchSettings.from_scene()) if self.tried else ()
 
-    def summary(self, speeds: "Speeds | None") -> dict[str, object]:
-        """Return it as plain values."""
+    def summary(self, speeds: "Speeds | None") -> MotionSection:
+        """Return the figures for the report."""
         left = self.question.left
-        return {
-            "asked": self.asked,
-            "tried": self.tried,
-            "moves": self.moves,
-            "explained": None if left is None else left.explained,
-            "blocks": None if left is None else left.surely,
-            "patch_gain": self.question.gain,
-            "behind_decode": self.question.behind_decode,
-            "got_worse": self.question.got_worse,
-            "no_path": self.question.no_path,
-            "known_at_rest": self.question.known_at_rest,
-            "unfollowed": self.question.unfollowed,
-            "heldout_rms": dict(self.heldout_rms),
-            "chosen": self.chosen,
-            "gaussians_share": None if speeds is None else speeds.gaussians_share,
-            "pixels_share": None if speeds is None else speeds.pixels_share,
-            "median_px": None if speeds is None else speeds.median_px,
-            "most_px": None if speeds is None else speeds.most_px,
-        }
+        return MotionSection(
+            asked=self.asked,
+            tried=self.tried,
+            moves=self.moves,
+            explained=None if left is None else left.explained,
+            blocks=None if left is None else left.surely,
+            patch_gain=self.question.gain,
+            behind_decode=self.question.behind_decode,
+            got_worse=self.question.got_worse,
+            no_path=self.question.no_path,
+            known_at_rest=self.question.known_at_rest,
+            unfollowed=self.question.unfollowed,
+            heldout_rms=dict(self.heldout_rms),
+            chosen=self.chosen,
+            gaussians_share=None if speeds is None else speeds.gaussians_share,
+            pixels_share=None if speeds is None else speeds.pixels_share,
+            median_px=None if speeds is None else speeds.median_px,
+            most_px=None if speeds is None else speeds.most_px,
+        )
 
     def notes(self, speeds: "Speeds | None", path: F64 | None) -> tuple[Finding, ...]:
         """Report what moves, or that moving scenes were tried and not confirmed.

@@ -14,7 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 Score = Callable[[F32], float]

@@ -17,7 +17,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Looks, Monitoring
 from gs2ci.reconstruct.fit.coarse.pace import Fixed, Pace

@@ -27,6 +27,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.run_figures import EnsembleSection
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.measurement.holdout import Holdout, surely_larger
@@ -231,10 +232,10 @@ class Ensemble:
         doubt = (finding(Code.MEAN_REFUSED),) if refused else ()
         return (*self.best.notes, *beside, *doubt)
 
-    def summary(self) -> dict[str, float | int | None]:
-        """Return the figures for the report; `spread` is the root-mean-square disagreement."""
+    def summary(self) -> EnsembleSection:
+        """Return the figures for the report."""
         spread = None if self.disagreement is None else float(np.sqrt(np.mean(self.disagreement**2, dtype=np.float64)))
-        return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": spread}
+        return EnsembleSection(1 + len(self.others), self.averaged, spread)
 
 
 def combined(fits: tuple[CoarseFit, ...], holdout: Holdout, refine: Refine) -> Ensemble:

@@ -13,7 +13,7 @@ Here: when masks are open, their moments and poses, the bound. Not here: renderi
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final, get_args
+from typing import Annotated, Final, get_args
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ from gs2ci.core.cameras import in_world
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
+from gs2ci.core.run_figures import MaskMomentsSection
 from gs2ci.reconstruct.choices import WithinMask
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render import se3
@@ -176,9 +177,9 @@ class MaskMoments:
         code = Code.MASKS_BLUR if motion_px >= _BLURS_PX else Code.MASKS_HAVE_MOMENTS
         return finding(code, motion_px=motion_px, most=max(self.moments))
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> MaskMomentsSection:
         """Return the figures for the report."""
-        return {"moments": list(self.moments), "motion_px": list(self.motion_px), "bounds": list(self.bounds)}
+        return MaskMomentsSection(list(self.moments), list(self.motion_px), list(self.bounds))
 
 
 def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Tensor:

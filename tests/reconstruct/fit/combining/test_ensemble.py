@@ -229,8 +229,8 @@ def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
     assert together.averaged == 4
     assert np.abs(together.views - truth).std() < 0.06
     summary = together.summary()
-    assert summary.pop("spread") == pytest.approx(0.1 * np.sqrt(3 / 4), rel=0.05)
-    assert summary == {"fits": 4, "averaged": 4}
+    assert summary.spread == pytest.approx(0.1 * np.sqrt(3 / 4), rel=0.05)
+    assert (summary.fits, summary.averaged) == (4, 4)
     np.testing.assert_allclose(together.views, np.mean([fit.views for fit in fits], axis=0), atol=1e-6)
 
 

@@ -126,7 +126,7 @@ def test_masks_get_as_many_moments_as_their_bound_calls_for(moving_plane):
     settings = MaskMomentSettings("moving", tolerance=found[0] / 3.5)
     mask_moments = needed(geometry, views, share, settings)
     assert mask_moments.moments == (4, 4, 2, 1)
-    assert mask_moments.summary()["motion_px"] == pytest.approx([4, 4, 2, 0], abs=1e-6)
+    assert mask_moments.summary().motion_px == pytest.approx([4, 4, 2, 0], abs=1e-6)
     assert needed(geometry, views, share, replace(settings, most=2)).moments == (2, 2, 2, 1)
     assert mask_moments.note.sentence.startswith("The image moved by up to 4.0 px")
 
