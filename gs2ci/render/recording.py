@@ -6,7 +6,7 @@ then on; the one function is all there is, so that what is replayed is what was 
 function is called on, and the reason is kept (`refusal`). The host's graphs (Warp replays launches there too) serve
 tests and counts alone: a capture on the host would take in what other threads launch meanwhile. Never run on a GPU.
 
-Here: this, the stream for it, and what all kernels in Warp share. Not here: what is launched (`warp/frame.py` and
+Here: this, the stream for it, and what all kernels in Warp share. Not here: what is launched (`warp/arrays.py` and
 `reconstruct.fit`), nor what has to stay where it is.
 """
 

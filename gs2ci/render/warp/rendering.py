@@ -8,8 +8,8 @@ import warp as wp
 from torch import Tensor
 
 from gs2ci.render.recording import Launcher
+from gs2ci.render.warp.arrays import DeviceArrays, DeviceArraysKey, copied
 from gs2ci.render.warp.coding import OpenBlocks
-from gs2ci.render.warp.frame import Frame, FrameKey, copied
 from gs2ci.render.warp.lists import list_gaussians
 from gs2ci.render.warp.reuse import WarpReuse
 from gs2ci.render.warp.stopping import depth_fields, stop_light
@@ -80,7 +80,7 @@ class Rendering:
     ) -> None:
         self._coding, self._home, self._reuse = coding, inputs.means.device, reuse
         self._shapes = (inputs.means.shape, inputs.colours.shape)
-        key = FrameKey(
+        key = DeviceArraysKey(
             coding,
             len(inputs.logits),
             inputs.means.ndim == 3,
@@ -89,22 +89,22 @@ class Rendering:
             max(float(termination), LEAST_TRANSMITTANCE),
             0.0 if reuse is None else reuse.margin_px,
         )
-        self._frame = Frame(key) if reuse is None else reuse.frame(key)
-        self._frame.project(inputs.in_order())
+        self._arrays = DeviceArrays(key) if reuse is None else reuse.arrays(key)
+        self._arrays.project(inputs.in_order())
         if reuse is None:
-            lists = list_gaussians(self._frame)
+            lists = list_gaussians(self._arrays)
         else:
-            lists = reuse.lists(self._frame)
+            lists = reuse.lists(self._arrays)
             reuse.used_by(self)
-        self._frame.blend(lists)
+        self._arrays.blend(lists)
 
     def gathered(self) -> Tensor:
         """Return the outputs beside the inputs, [outputs, 4]: weighted colours and light that passes."""
-        return self._frame.image(self._home)
+        return self._arrays.image(self._home)
 
     def differentiate(self, gradient: Tensor) -> SceneGradients:
         """Return the gradients of an objective, given that by the outputs, [outputs, 4], or by their colours."""
-        found = self._frame.pull(gradient.detach().to(torch.float32), self._home)
+        found = self._arrays.pull(gradient.detach().to(torch.float32), self._home)
         if self._reuse is not None:
             self._reuse.left_by(self)
         means, log_scales, quaternions, logits, colours, sightings, poses = found
@@ -120,13 +120,13 @@ class Rendering:
 
     def stopped(self) -> Tensor:
         """Return depth, spread, stopped and nearby light of each output, [outputs, 4]."""
-        coding, frame = self._coding, self._frame
+        coding, arrays = self._coding, self._arrays
         launch = Launcher(coding.device)
-        fields = wp.empty(len(frame.depths), dtype=wp.vec4, device=coding.device)
-        launch(depth_fields, (coding.views, frame.key.gaussians), frame.shapes(), [fields])
+        fields = wp.empty(len(arrays.depths), dtype=wp.vec4, device=coding.device)
+        launch(depth_fields, (coding.views, arrays.key.gaussians), arrays.shapes(), [fields])
         maps = wp.zeros(coding.outputs, dtype=wp.vec4, device=coding.device)
-        _, *lists = frame.listed()
-        inputs = [coding.block_of, *lists, fields, coding.x, coding.y, frame.key.termination, coding.into]
+        _, *lists = arrays.listed()
+        inputs = [coding.block_of, *lists, fields, coding.x, coding.y, arrays.key.termination, coding.into]
         launch(stop_light, len(coding.x), inputs, [maps])
         return copied(maps, self._home)
 

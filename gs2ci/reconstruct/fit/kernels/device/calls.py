@@ -15,27 +15,27 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.fit.kernels.device import kernels
-from gs2ci.reconstruct.fit.kernels.device.prepared import Prepared
+from gs2ci.reconstruct.fit.kernels.device.prepared import KeptLaunch
 
 _SUMMED, _TOGETHER = int(kernels.SUMMED), int(kernels.CHUNK)
 
-_adam_step = Prepared(kernels.adam_step)
-_gradient_in_view = Prepared(kernels.gradient_in_view)
-_move_in_view = Prepared(kernels.move_in_view)
-_step_together = Prepared(kernels.step_together)
-_sum_opacities = Prepared(kernels.sum_opacities, _SUMMED)
-_sum_sizes = Prepared(kernels.sum_sizes, _SUMMED)
-_sum_products = Prepared(kernels.sum_products, _SUMMED)
-_find_distances = Prepared(kernels.find_distances)
-_differentiate_step = Prepared(kernels.differentiate_step)
-_take_step = Prepared(kernels.take_step)
-_move_gaussians = Prepared(kernels.move_gaussians)
-_find_changes = Prepared(kernels.find_changes)
-_sum_at_knots = Prepared(kernels.sum_at_knots, _SUMMED)
-_parallax_moments = Prepared(kernels.parallax_moments)
-_add_mean_gradient = Prepared(kernels.add_mean_gradient)
-_sum_trust = Prepared(kernels.sum_trust, _SUMMED)
-_sum_distances = Prepared(kernels.sum_distances, _SUMMED)
+_adam_step = KeptLaunch(kernels.adam_step)
+_gradient_in_view = KeptLaunch(kernels.gradient_in_view)
+_move_in_view = KeptLaunch(kernels.move_in_view)
+_step_together = KeptLaunch(kernels.step_together)
+_sum_opacities = KeptLaunch(kernels.sum_opacities, _SUMMED)
+_sum_sizes = KeptLaunch(kernels.sum_sizes, _SUMMED)
+_sum_products = KeptLaunch(kernels.sum_products, _SUMMED)
+_find_distances = KeptLaunch(kernels.find_distances)
+_differentiate_step = KeptLaunch(kernels.differentiate_step)
+_take_step = KeptLaunch(kernels.take_step)
+_move_gaussians = KeptLaunch(kernels.move_gaussians)
+_find_changes = KeptLaunch(kernels.find_changes)
+_sum_at_knots = KeptLaunch(kernels.sum_at_knots, _SUMMED)
+_parallax_moments = KeptLaunch(kernels.parallax_moments)
+_add_mean_gradient = KeptLaunch(kernels.add_mean_gradient)
+_sum_trust = KeptLaunch(kernels.sum_trust, _SUMMED)
+_sum_distances = KeptLaunch(kernels.sum_distances, _SUMMED)
 
 
 def _sums(count: int, like: Tensor) -> Tensor:
@@ -84,7 +84,7 @@ def add_size_gradient(log_scales: Tensor, weight: float, gradient: Tensor) -> Te
     return _mean(_sum_sizes, log_scales, weight, gradient)
 
 
-def _mean(summing: Prepared, values: Tensor, weight: float, gradient: Tensor) -> Tensor:
+def _mean(summing: KeptLaunch, values: Tensor, weight: float, gradient: Tensor) -> Tensor:
     count = len(values)
     if not count:
         return values.new_zeros(())

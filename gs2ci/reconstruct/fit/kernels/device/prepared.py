@@ -16,7 +16,7 @@ from torch import Tensor
 from gs2ci.render.recording import one_at_a_time
 
 
-class Prepared:
+class KeptLaunch:
     """Launches one kernel.
 
     Args:

@@ -1,7 +1,7 @@
 """The memory of a rendering and the launches on it, which serve again as long as population and masks stay.
 
 Gaussians that lie on the rendering device are shared with torch; those of the host are copied in. Here: the arrays, and
-in which order kernels run on them. Not here: for how long a frame serves (`lists.py`), what a caller gets
+in which order kernels run on them. Not here: for how long they serve (`reuse.py`), what a caller gets
 (`rendering.py`), the kernels.
 """
 
@@ -24,7 +24,7 @@ _POSE_THREADS: Final = 256
 
 
 @dataclass(frozen=True)
-class FrameKey:
+class DeviceArraysKey:
     """What decides how much memory a rendering takes, and what its kernels are given beside arrays.
 
     Args:
@@ -46,14 +46,14 @@ class FrameKey:
     margin_px: float
 
 
-class Frame:
+class DeviceArrays:
     """Arrays of a rendering, and its kernels in their order.
 
     Args:
         key: Sizes and constants.
     """
 
-    def __init__(self, key: FrameKey) -> None:
+    def __init__(self, key: DeviceArraysKey) -> None:
         self.key, coding = key, key.coding
         self._device, self._coding = coding.device, coding
         self._camera = coding.camera(np.array(key.intrinsics).reshape(3, 3))
