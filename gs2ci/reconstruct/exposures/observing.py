@@ -126,7 +126,7 @@ def observe_all(
     """
 
     def in_memory(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
-        found = observe(shot, settings, tools, progress, score, Halt(), None, hurried=False)
+        found = observe(shot, settings, tools, progress, score, Halt(), None)
         return lambda: found
 
     intrinsics = shots[0].intrinsics

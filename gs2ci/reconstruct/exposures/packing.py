@@ -39,7 +39,7 @@ def packed(value: Any, key: str, known: Mapping[str, NDArray[Any]] | None = None
     """Return a value as the content of a file.
 
     Args:
-        value: Records, enumerations, arrays, tensors on the host, plain values, and lists, tuples and maps of these.
+        value: Records, enumerations, arrays, tensors, plain values, and lists, tuples and maps of these.
         key: What it is of.
         known: Arrays that whoever reads it has, by name; they are not written.
 
@@ -104,8 +104,7 @@ class _Packer:
                 name = self._known.get(id(value))
                 return {"array": self._array(value)} if name is None else {"known": name}
             case Tensor():
-                leaf = value.detach()
-                return {"tensor": self._array(leaf.numpy(), of=value)}
+                return {"tensor": self._array(value.detach().cpu().numpy(), of=value)}
             case list() | tuple() | frozenset():
                 return {type(value).__name__: [self.tree(one) for one in value]}
             case dict():

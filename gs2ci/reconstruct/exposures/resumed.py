@@ -26,7 +26,7 @@ def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Ke
 
     def kept(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
         def see() -> Seen:
-            return Seen.of(observe(shot, settings, tools, progress, score, Halt(), None, hurried=False))
+            return Seen.of(observe(shot, settings, tools, progress, score, Halt(), None))
 
         read = unfinished.done(f"exposure-{number:03}", see, arrays_of(shot))
         return lambda: read().observed(shot, settings, progress, score)

@@ -351,7 +351,7 @@ class FitState:
         self.optimiser.resume(self._there(kept.now.scene), kept.moments)
         for one, poses in zip(self.exposures, kept.poses, strict=True):
             one.poses.resume(poses)
-        self._gathering.screen = ScreenStatistics(*kept.screen)
+        self._gathering.screen = ScreenStatistics(*(one.to(self._device) for one in kept.screen))
         self.generator.set_state(kept.generator)
         if kept.bound is not None:
             self.cap, self._bounded = kept.bound, True
