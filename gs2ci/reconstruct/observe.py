@@ -80,7 +80,7 @@ class Observed:
 
 
 @dataclass(frozen=True)
-class Seen:
+class KeptObservation:
     """What an observation has found, without what was given to it.
 
     Args:

@@ -35,6 +35,7 @@ import numpy as np
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.environment import peak_mib, restart_peak
+from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.exposures import joint, resumed
@@ -100,9 +101,7 @@ def _done(shots: list[Shot], settings: Settings, folder: Path) -> float:
     write_run(folder / "run", shot, result, scene)
     truth = shot.truth.views
     assert truth is not None
-    return float(
-        -10 * np.log10(np.mean([np.square(a - b).mean() for a, b in zip(found.result.views, truth, strict=True)]))
-    )
+    return float(np.mean(psnr_per_view(result.views, truth)))
 
 
 def run() -> None:

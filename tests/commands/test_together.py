@@ -70,7 +70,7 @@ def test_a_command_that_fails_in_the_end_goes_on_from_there(folder, files, tmp_p
     assert [path.name for path in tmp_path.iterdir()] == [".run.unfinished"]
     capsys.readouterr()
     reconstruct.run(files[0], output, more=(files[1],), together=True, **QUICK)
-    assert "An unfinished run in" in capsys.readouterr().err
+    assert "An unfinished run in" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert np.array_equal(gs2ci.open_run(output).views, gs2ci.open_run(folder).views)
 

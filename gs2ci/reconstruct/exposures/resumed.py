@@ -16,7 +16,7 @@ from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of
 from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.observe import Observed, Seen, Tools, observe
+from gs2ci.reconstruct.observe import KeptObservation, Observed, Tools, observe
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.gaussians import Gaussians
 
@@ -25,8 +25,8 @@ def observations(unfinished: Unfinished, tools: Tools, progress: Progress) -> Ke
     """Return what observes exposures that are not observed yet, and keeps what they show on the disk."""
 
     def kept(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
-        def see() -> Seen:
-            return Seen.of(observe(shot, settings, tools, progress, score, Halt(), None))
+        def see() -> KeptObservation:
+            return KeptObservation.of(observe(shot, settings, tools, progress, score, Halt(), None))
 
         read = unfinished.done(f"exposure-{number:03}", see, arrays_of(shot))
         return lambda: read().observed(shot, settings, progress, score)
