@@ -9,8 +9,8 @@ from typing import Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.optimiser import StepSizes
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.optimiser.gaussians import StepSizes
 from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.settings import Settings

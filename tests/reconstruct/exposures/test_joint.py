@@ -51,10 +51,10 @@ def test_the_record_of_all_is_that_of_the_sum_of_the_readings(shots, together):
     left = whole.measurement - together.result.predicted_measurement
     assert np.sqrt(np.mean(left**2)) < 0.1
     told = together.result.exposures
-    assert [(one["name"], one["first_view"], one["views"]) for one in told] == [
+    assert [(one.name, one.first_view, one.views) for one in told] == [
         (shot.name, 8 * number, 8) for number, shot in enumerate(shots)
     ]
-    assert all(one["path"] == "stage" for one in told)
+    assert all(one.path == "stage" for one in told)
 
 
 @pytest.mark.slow

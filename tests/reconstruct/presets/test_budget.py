@@ -10,7 +10,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.pace import Timed, slower_beside
+from gs2ci.reconstruct.fit.coarse.pace import Timed, slower_beside
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.budget import KEPT_BACK, LADDER, Budget
 from gs2ci.reconstruct.presets.named import PRESETS
