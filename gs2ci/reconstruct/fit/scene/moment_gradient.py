@@ -9,7 +9,7 @@ ad(rho, phi) = [[phi]x, [rho]x; 0, [phi]x] (Sola, Deray, Atchuthan 2018, eqs. 83
 
 Their upper left blocks are the rotation exp(phi) and the matrix V of its translation, V rho. The same by torch's graph
 took a sixth of a fit of small pictures; tests hold the two to each other. Here: that. Not here: the moments
-(`mask_moments.py`), steps of poses (`poses.py`).
+(`mask_moments.py`), steps of poses (`optimiser.poses`).
 """
 
 import math
