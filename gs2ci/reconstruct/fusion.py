@@ -111,8 +111,6 @@ def hand_over(
     refine: Refinement,
     settings: Settings,
     polishing: tuple[PatchSettings, ...],
-    *,
-    hurried: bool = False,
 ) -> Recovered:
     """Combine the fits' mean, with and without its residual, the best scene's views and the decode's.
 
@@ -126,7 +124,6 @@ def hand_over(
         polishing: Schedules of a decode by similar patches that starts from the refined views, for scenes in which
             things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
             at the held-out pixels.
-        hurried: Whether the measurement is decoded once more at most, from all pixels, and not in other ways.
     """
     holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
@@ -162,8 +159,7 @@ def hand_over(
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        again = _decoded_from_all_pixels(first, settings) if hurried else _decodes(first, settings, noise_by_reading)
-        candidates.update(again)
+        candidates.update(_decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
@@ -252,15 +248,6 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
-def _decoded_from_all_pixels(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
-    """Decode from all pixels as the first look was decoded."""
-    if first.sigma is not None:
-        full = seen_to_the_end(first.holdout, first.decoded, first.sigma)
-    else:
-        full = gap_tv(first.holdout.shot, settings.decode)
-    return {"decode": Candidate(first.decoded, full)}
-
-
 def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
     """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
 
@@ -274,7 +261,7 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return _decoded_from_all_pixels(first, settings)
+        return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
     decoded: F32 = first.decoded
     known: F32 | None = None
     if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:

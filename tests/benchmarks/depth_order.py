@@ -118,7 +118,7 @@ def _settled(trial: Trial) -> Geometry:
     fitted = Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels)
     refine = Refinement(first.holdout, settings.residual)
     fits = Fits(first.holdout, fitted, None, settings, refine, silent, Stopwatch())
-    settled, order = fits.order_of(first, hurried=False)
+    settled, order = fits.order_of(first)
     geometry = settled.geometry
     return replace(geometry, notes=(*geometry.notes, *order_findings(order, geometry)))
 

@@ -106,7 +106,7 @@ def observe_all(
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
         own = replace(settings, seed=_seed(settings.seed, number))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
-        observed = observe(given, own, tools, progress, score, Halt(), None, hurried=False)
+        observed = observe(given, own, tools, progress, score, Halt(), None)
         if intrinsics is None:
             intrinsics = observed.first.geometry.intrinsics
         yield ObservedExposure(number, shot.name, observed)

@@ -107,10 +107,10 @@ class Fits:
     mask_moments: MaskMoments | None = None
     pace: Pace | None = None
 
-    def order_of(self, first: FirstLook, *, hurried: bool) -> tuple[FirstLook, OrderFound]:
+    def order_of(self, first: FirstLook) -> tuple[FirstLook, OrderFound]:
         """Settle the order of depth by short fits if a first look leaves it open.
 
-        If hurried, or if the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
+        If the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
         stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported. Short fits never
         reverse a path that no tracks confirm.
         """
@@ -119,7 +119,7 @@ class Fits:
             return first, OrderFound()
         if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
             return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
-        if hurried or not self.tries_orders:
+        if not self.tries_orders:
             return first, OrderFound(DepthOrder.UNTRIED if geometry.is_estimated else DepthOrder.SETTLED)
         if geometry.is_uniform:
             return first, OrderFound(DepthOrder.OPEN, 0.0)

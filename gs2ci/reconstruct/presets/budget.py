@@ -2,10 +2,10 @@
 
     registration, decode, geometry ─► a few iterations, timed ─► how many fits, how large ─► fits that watch the clock
 
-Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest
-preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its schedule to its measured
-pace (`fit/coarse/pace.py`), which corrects errors of this estimate. Polishing by similar patches knows no deadline: its
-time, foreseen from one step, is reserved, unless it is too large a part of what is left.
+Nothing is tried beside the first path, by settings that any run may have. A few iterations of the real fit are then
+timed, and the costliest preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its
+schedule to its measured pace (`fit/coarse/pace.py`), which corrects errors of this estimate. Polishing by similar
+patches knows no deadline: its time, foreseen from one step, is reserved, unless it is too large a part of what is left.
 
 Here: the presets to choose from, the choice, and the sentence about it. Not here: the timing and the fits (`fits`),
 reading `60s` (`gs2ci.core.durations`).
@@ -21,7 +21,7 @@ import numba
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import PresetName
+from gs2ci.reconstruct.choices import LeftOut, PresetName
 from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -70,6 +70,18 @@ class Budget:
     began_s: float
     adapt: Callable[[Settings], Settings] = lambda settings: settings
     clock: Callable[[], float] = time.monotonic
+
+    @staticmethod
+    def beforehand(settings: Settings) -> Settings:
+        """Return settings by which the first path is fitted alone, from one decode: all the time goes to its fits."""
+        return replace(
+            settings,
+            try_orders=False,
+            look_again=False,
+            long_decode=None,
+            motion="off" if settings.motion == "auto" else settings.motion,
+            left_out=(*settings.left_out, LeftOut.COUPLED_DECODE, LeftOut.DECODE_WEIGHS_NOISE),
+        )
 
     def fit(
         self, settings: Settings, timed: Timed, decode_s: float = 0.0, polish_s: float = 0.0

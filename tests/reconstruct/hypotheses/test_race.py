@@ -22,6 +22,7 @@ from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findin
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, RaceOutcome
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 LONG = 400
@@ -103,7 +104,7 @@ class Fits:
             one.run.advance(share)
         return tuple(field)
 
-    def order_of(self, look, *, hurried):
+    def order_of(self, look):
         return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
 
     def occlusion(self, fit, views):
@@ -272,3 +273,15 @@ def test_the_course_tells_when_each_entered_and_what_it_left(monkeypatch, first)
     assert (second.hypothesis, second.began, second.iterations) == (SECOND, 200, 100)
     assert second.heldout == ((50, 0.03), (100, 0.03))
     assert second.outcome == RaceOutcome.BEHIND
+
+
+@pytest.mark.parametrize(
+    ("motion", "fitted"), [("off", "first look"), ("auto", "first look"), ("on", "moving from the first")]
+)
+def test_within_a_budget_the_first_path_is_fitted_alone(monkeypatch, first, motion, fitted):
+    settings = Budget.beforehand(Settings(motion=motion))
+    leaves = {FIRST: 0.02, SECOND: 0.01, "wide": 0.01, "moving from the first": 0.02}
+    doubtful = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
+    raced, entered = run(monkeypatch, doubtful, leaves, OrderFound(DepthOrder.UNTRIED), settings=settings, left=LOUD)
+    assert entered == [(fitted, LONG), (COMPANION, LONG)]
+    assert raced.motion.moves == (motion == "on")
