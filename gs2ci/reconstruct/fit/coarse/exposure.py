@@ -12,7 +12,6 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.fit.coarse.looks import Decode, LookedAt, Score, nothing
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
-from gs2ci.reconstruct.fit.losses.device_losses import DataTermOnDevice
 from gs2ci.reconstruct.fit.losses.objective import DataTerm, Term
 from gs2ci.reconstruct.fit.optimiser.poses import PoseCorrections
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
@@ -61,9 +60,8 @@ class ExposureState:
         refined = replace(settings.poses, refine=settings.poses.refine and not geometry.known_at_rest)
         self.poses = PoseCorrections(geometry.world_to_camera, refined, geometry.pose_errors)
         shot, seen = holdout.shot, ~holdout.pixels
-        given = (shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
-        apart = is_apart(renderer.device)
-        self._data_term: Term = DataTermOnDevice(*given, renderer.device) if apart else DataTerm(*given)
+        term = DataTerm(shot.measurement, seen, shot.saturated, settings.loss, renderer.exposure)
+        self._data_term: Term = _where_scenes_lie(term, renderer.device)
 
     @property
     def awaits_moments(self) -> bool:
@@ -124,3 +122,11 @@ class ExposureState:
         found = find_surfaces(self.renderer, scene, poses, views, settings.surfaces, seed, search)
         self.surfaces = found or self.surfaces
         return None if found is None else views
+
+
+def _where_scenes_lie(term: DataTerm, device: torch.device) -> Term:
+    if not is_apart(device):
+        return term
+    from gs2ci.reconstruct.fit.losses.device_losses import DataTermOnDevice  # noqa: PLC0415  an extra
+
+    return DataTermOnDevice(term, device)

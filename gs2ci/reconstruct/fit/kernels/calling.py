@@ -1,8 +1,8 @@
-"""A fit's kernels called where its tensors lie: Numba's on the CPU, their counterparts in torch on a device.
+"""A fit's kernels called where its tensors lie: Numba's on the CPU, their counterparts in Warp on a device.
 
 The steps of a fit are written once, and call their kernels through `call`; what a kernel does is declared twice, and
 `tests/reconstruct/fit/kernels/test_device_kernels.py` holds the two to each other. Here: the call. Not here: the
-kernels (`*_kernels.py`, `optimiser/view_steps.py`), their counterparts (`device_kernels.py`).
+kernels (`*_kernels.py`, `optimiser/view_steps.py`), their counterparts (`device/calls.py`).
 """
 
 from typing import Any
@@ -24,8 +24,8 @@ def call(kernel: Any, *arguments: Any) -> Any:
     """
     first = next(one for one in arguments if isinstance(one, Tensor))
     if on_device(first):
-        from gs2ci.reconstruct.fit.kernels import device_kernels  # noqa: PLC0415  no reconstruction on the CPU needs it
+        from gs2ci.reconstruct.fit.kernels.device import calls  # noqa: PLC0415  an extra
 
-        counterpart = getattr(device_kernels, kernel.__name__)
+        counterpart = getattr(calls, kernel.__name__)
         return counterpart(*arguments)
     return kernel(*(one.detach().numpy() if isinstance(one, Tensor) else one for one in arguments))

@@ -66,44 +66,45 @@ class DataTerm:
     def __init__(
         self, measurement: F32, fitted: Bool, saturated: Bool | None, weights: LossWeights, exposure: float = 1.0
     ) -> None:
-        self._fitted = fitted[..., None].astype(np.float32)
-        self._per_exposure = np.float32(1 / exposure)
-        self._target = measurement * (self._per_exposure * self._fitted)
-        self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
-        self._similarity_weight = weights.similarity
-        self._similarity = SimilarityTo(self._target, weights.window_px)
+        self.shape = measurement.shape
+        self.fitted = fitted[..., None].astype(np.float32)
+        self.per_exposure = np.float32(1 / exposure)
+        self.target = measurement * (self.per_exposure * self.fitted)
+        self.saturated = None if saturated is None or not saturated.any() else saturated[..., None]
+        self.similarity_weight = weights.similarity
+        self.similarity = SimilarityTo(self.target, weights.window_px)
         # This mean is over the pixels that count. That of the similarity is over all, and those that do not count are
         # alike in both pictures there: the larger their share, the less the similarity weighs beside this term.
-        self._per_value = 1.0 / max(1.0, float(self._fitted.sum()) * measurement.shape[2])
+        self.per_value = 1.0 / max(1.0, float(self.fitted.sum()) * measurement.shape[2])
 
     def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:
         """Return the loss of a prediction [H, W, C] and its gradient."""
         error, counted = self._error(predicted)
-        similarity, similarity_gradient = self._similarity.of_error(error)
-        weight = self._similarity_weight
+        similarity, similarity_gradient = self.similarity.of_error(error)
+        weight = self.similarity_weight
         similarity_gradient *= counted
         similarity_gradient *= np.float32(weight)
         gradient = np.sign(error)
-        gradient *= np.float32((1 - weight) * self._per_value)
+        gradient *= np.float32((1 - weight) * self.per_value)
         gradient -= similarity_gradient
-        gradient *= self._per_exposure
-        l1 = float(np.abs(error, out=error).sum(dtype=np.float64)) * self._per_value
+        gradient *= self.per_exposure
+        l1 = float(np.abs(error, out=error).sum(dtype=np.float64)) * self.per_value
         return (1 - weight) * l1 + weight * (1 - similarity), gradient
 
     def _error(self, predicted: F32) -> tuple[F32, NDArray[Any]]:
         """Return the error of a prediction at the pixels that count, and which pixels count, [H, W, 1 or C]."""
-        counted = self._fitted
-        predicted = predicted * self._per_exposure
-        if self._saturated is not None:
-            counted = counted * ~(self._saturated & (predicted > self._target))
-        error = predicted - self._target
+        counted = self.fitted
+        predicted = predicted * self.per_exposure
+        if self.saturated is not None:
+            counted = counted * ~(self.saturated & (predicted > self.target))
+        error = predicted - self.target
         error *= counted
         return error, counted
 
     def dissimilarity(self, predicted: F32) -> F32:
         """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero at pixels that do not count."""
         error, counted = self._error(predicted)
-        result: F32 = self._similarity.dissimilarity(self._target + error) * counted.any(axis=2)
+        result: F32 = self.similarity.dissimilarity(self.target + error) * counted.any(axis=2)
         return result
 
     def __call__(self, predicted: Tensor) -> Tensor:

@@ -235,6 +235,19 @@ class SimilarityTo:
         self._partial = np.empty((3, *self._target.shape), np.float32)
         self._apart, self._gradient = np.empty_like(self._target), np.empty_like(self._target)
 
+    @property
+    def of_target(self) -> tuple[F32, F32, F32, F32]:
+        """Get the target's filtered values, the same less their channel's mean, variances, and values less that mean.
+
+        Each is [H, W * C].
+        """
+        return self._mean, self._centred_mean, self._variance, self._centred
+
+    @property
+    def taps(self) -> F32:
+        """Get the window from its middle outwards, then zeros."""
+        return self._taps
+
     def dissimilarity(self, image: F32) -> F32:
         """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
         self._compare(self._error(image))

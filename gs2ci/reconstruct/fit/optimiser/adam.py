@@ -47,20 +47,33 @@ class Adam:
             gradient: By them.
             rate: The step size.
         """
+        mean, square, constants = self.counted(values, rate)
+        numbers = [one.view(-1) for one in (values, gradient, mean, square)]
+        if values.dtype == torch.float32:
+            call(adam_step, *numbers, np.array(constants, np.float32))
+        else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
+            value, slope, first, second = (one.numpy() for one in numbers)
+            _adam_step(value, slope, first, second, np.array(constants))
+
+    def counted(self, values: Tensor, rate: float) -> tuple[Tensor, Tensor, tuple[float, ...]]:
+        """Count one more step, which the caller makes; return the moments, which it updates, and `adam_step`'s numbers.
+
+        Args:
+            values: As for `move`.
+            rate: As for `move`.
+        """
         if self._mean is None or self._square is None:
             zeros = torch.zeros_like(values)
             self._mean, self._square = zeros, zeros.clone()
         self._steps += 1
-        constants = (
-            *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
-            *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
+        return (
+            self._mean,
+            self._square,
+            (
+                *(1 - _DECAY, _SQUARE_DECAY, 1 - _SQUARE_DECAY),
+                *((1 - _SQUARE_DECAY**self._steps) ** -0.5, _EPSILON, rate / (1 - _DECAY**self._steps)),
+            ),
         )
-        numbers = [one.view(-1) for one in (values, gradient, self._mean, self._square)]
-        if values.dtype == torch.float32:
-            call(adam_step, *numbers, np.array(constants, np.float32))
-        else:  # the Gaussians' are many, and in float32; what is in float64 has a few hundred numbers, on the host
-            value, slope, mean, square = (one.numpy() for one in numbers)
-            _adam_step(value, slope, mean, square, np.array(constants))
 
     def widen(self, columns: int) -> None:
         """Continue with so many columns of a parameter [G, columns, ...]; the moments of new ones start at zero."""

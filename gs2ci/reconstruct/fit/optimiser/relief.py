@@ -177,7 +177,10 @@ class Exchange:
 def _gradient(scene: Gaussians, twist_gradient: Tensor, along: ReliefStep) -> Tensor:
     """Return the derivative of the objective by beta."""
     total = float((twist_gradient * along.twists).sum(dtype=torch.float64))
-    for parameter, step in ((scene.means, along.means), (scene.log_scales, along.log_sizes[:, None])):
-        if parameter.grad is not None:
-            total += float(call(derivative_along, parameter.grad, step))
+    moved = ((scene.means, along.means), (scene.log_scales, along.log_sizes[:, None]))
+    parts = [call(derivative_along, one.grad, step) for one, step in moved if one.grad is not None]
+    if parts and isinstance(parts[0], Tensor):  # read back at once
+        parts = torch.stack(parts).tolist()
+    for part in parts:
+        total += part
     return torch.tensor(total, dtype=torch.float64)

@@ -104,7 +104,11 @@ class ViewAdam:
         gradient, moved = torch.empty_like(places), torch.zeros_like(places)
         call(gradient_in_view, places, means.grad.contiguous(), by_sizes, self._view.pose, NEAR, gradient)
         self._moments.move(moved, gradient, damping)
-        call(move_in_view, places, sizes, moved, self._view.pose, NEAR, *self._view.units(self._steps, progress))
+        call(move_in_view, places, sizes, moved, *self.coordinates(progress))
+
+    def coordinates(self, progress: float) -> tuple[F64, float, float, float]:
+        """Return the view's pose, the least depth and the units, as `move_in_view` takes them."""
+        return self._view.pose, NEAR, *self._view.units(self._steps, progress)
 
 
 @kernel(f32_2, f32_2, f32_2, f64_2, f64, f32_2)
