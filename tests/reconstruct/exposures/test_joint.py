@@ -14,6 +14,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
+from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room
@@ -158,7 +159,7 @@ def test_exposures_of_different_cameras_are_refused(shots):
 
 @pytest.mark.parametrize(
     ("changes", "said"),
-    [({"motion": "on"}, "things move"), ({"fine": preset("fine").fine}, "fine stage")],
+    [({"motion": "on"}, "things move"), ({"fine": FineSettings()}, "fine stage")],
 )
 def test_what_several_exposures_cannot_have_is_refused(shots, changes, said):
     with pytest.raises(InputError, match=said):
