@@ -1,6 +1,7 @@
 """One scene from several exposures.
 
-    observe each ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─► each one's views ─► record
+    observe each ─► decode repeats together ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─►
+    each one's views ─► record
 
 Here: the order of these, and the record of the whole. Not here: a single exposure's stages (`observe`, `fusion`), where
 exposures lie (`places`), the fit (`fit.coarse.stage`).
@@ -26,9 +27,10 @@ from gs2ci.reconstruct.exposures.merging import merged, side_by_side, with_what_
 from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
+from gs2ci.reconstruct.exposures.repeats import decoded_together
 from gs2ci.reconstruct.exposures.resumed import kept_places, observations
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
-from gs2ci.reconstruct.exposures.unfinished import Unfinished, key_of_run
+from gs2ci.reconstruct.exposures.unfinished import Unfinished, arrays_of, key_of_run
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
 from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
@@ -52,7 +54,7 @@ class Joint:
     """The result for several exposures.
 
     Args:
-        shot: Their sum (`core.summed`), with registered masks.
+        shot: Their sum (`core.summed`), as they were given; the record has that of the registered ones.
         result: The record of all their views, those of one exposure after the other.
         scene: The Gaussians, which all share.
         parts: The record of each exposure, its path in the coordinates of the scene.
@@ -120,9 +122,10 @@ def reconstruct_together(
         kept = Unfinished(unfinished, key_of_run(shots, settings))
         kept.begin(progress)
         clock = Stopwatch.after({"total": kept.before_s})
-    keeping = None if kept is None else observations(kept, Tools.load(settings), progress)
-    scores = scores or [None] * len(shots)
-    observed = list(observe_all(shots, settings, Tools.load(settings), progress, scores, keeping))
+    tools = Tools.load(settings)
+    keeping = None if kept is None else observations(kept, tools, progress)
+    alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
+    observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
     where = places(observed) if kept is None else kept_places(kept, observed)
     for note in (*where.left_out, *where.notes):
         progress.say(note.sentence)
@@ -131,7 +134,7 @@ def reconstruct_together(
     fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept)
     clock.lap("fit")
     joint = _handed_over(where, fit, settings, progress, clock, None if halt.asked else kept)
-    notes = (*where_rendered.notes, *joint.result.notes)
+    notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 
@@ -172,7 +175,7 @@ def _handed_over(
     def made() -> Iterator[RunResult]:
         for number, one in enumerate(placed):
             make = partial(_part, one, fit, number, given[number], settings, clock)
-            yield make() if kept is None else kept.done(f"part-{number:03}", make)()
+            yield make() if kept is None else kept.done(f"part-{number:03}", make, arrays_of(one.of.given))()
             progress.step(number + 1)
 
     parts = side_by_side(made(), sum(len(one.geometry.world_to_camera) for one in placed))
@@ -183,7 +186,14 @@ def _handed_over(
     seconds = {**clock.seconds(), "decode": sum(one.seconds["decode"] for one in parts)}
     result = merged(parts, names, (*left_out, *where.notes, *together), seconds)
     result = with_what_each_gave(result, shots)
-    return Joint(summed(shots, name), result, given[0][1].scene, tuple(parts), left_out)
+    if any(part.registered is not None for part in parts):
+        # A camera matrix that was estimated is in the record, and belongs to no measurement.
+        registered = [
+            replace(shot, intrinsics=one.of.given.intrinsics) for shot, one in zip(shots, placed, strict=True)
+        ]
+        result = replace(result, registered=summed(registered, name))
+    whole = summed([one.of.given for one in placed], name)
+    return Joint(whole, result, given[0][1].scene, tuple(parts), left_out)
 
 
 def _part(

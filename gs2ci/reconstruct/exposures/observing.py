@@ -37,11 +37,15 @@ class ObservedExposure:
         name: Its name.
         again: Returns the measurement, its decoded views, path and depth, in its own coordinates; from memory, or from
             a disk that keeps them, so that only those in work take memory.
+        given: The measurement as it was given.
+        repeats: The number of the exposure whose path it repeats, its own for the first of such a group; None: of none.
     """
 
     number: int
     name: str
     again: Callable[[], Observed]
+    given: Shot
+    repeats: int | None = None
 
     @property
     def observed(self) -> Observed:
@@ -103,6 +107,11 @@ class PlacedExposure:
         return FittedExposure(fits.fitted, self.renderer(fits), self.geometry, fits.refine.decode, fits.score)
 
 
+def held(observed: Observed) -> Callable[[], Observed]:
+    """Return what returns an observation from memory."""
+    return lambda: observed
+
+
 class Keeping(Protocol):
     """Keeps observations."""
 
@@ -126,8 +135,7 @@ def observe_all(
     """
 
     def in_memory(number: int, shot: Shot, settings: Settings, score: Score | None) -> Callable[[], Observed]:
-        found = observe(shot, settings, tools, progress, score, Halt(), None)
-        return lambda: found
+        return held(observe(shot, settings, tools, progress, score, Halt(), None))
 
     intrinsics = shots[0].intrinsics
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
@@ -136,7 +144,7 @@ def observe_all(
         observed = (keeping or in_memory)(number, given, own, score)
         if intrinsics is None:
             intrinsics = observed().first.geometry.intrinsics
-        yield ObservedExposure(number, shot.name, observed)
+        yield ObservedExposure(number, shot.name, observed, shot)
 
 
 def _seed(seed: int, number: int) -> int:

@@ -110,7 +110,7 @@ class _Packer:
             case dict():
                 return {"map": [[self.tree(key), self.tree(one)] for key, one in value.items()]}
             case Holdout():
-                return {"holdout": [self.tree(value.shot), self.tree(value.pixels)]}
+                return {"holdout": [self.tree(value.shot), self.tree(value.pixels), self.tree(value.beside)]}
             case _ if is_dataclass(value) and type(value).__module__.startswith(_OURS):
                 own = {one.name: self.tree(getattr(value, one.name)) for one in fields(value)}
                 return {"record": _name_of(type(value)), "fields": own}
