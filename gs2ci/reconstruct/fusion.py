@@ -142,6 +142,7 @@ def hand_over(
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
     refined_views, notes = _polished_densely(holdout, by_share, dense)
     polished_so_far = by_share if refined_views is None else refined_views.blind
+    del by_share  # here and below, what is as large as the views goes when it has done its part
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
     cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
@@ -158,11 +159,15 @@ def hand_over(
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
+    del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
+    candidates = {name: one for name, one in candidates.items() if wanted[name] > 0}
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
+    doubts = _doubts(holdout, blind)
+    del refined_views, decode, blind
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
@@ -175,17 +180,18 @@ def hand_over(
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
-    if wanted.get("polished", 0) > 0:
-        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
-    if unfollowed.any():
-        notes = (*notes, finding(Code.SCENE_NOT_FOLLOWING, share=float(unfollowed.mean())))
+    notes = (*notes, *_of_patches_and_decode(wanted.get("polished", 0.0), float(unfollowed.mean())))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
-    return Recovered(
-        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, least_noise), *notes)
-    )
+    return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+
+
+def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+    """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
+    of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
+    return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
 def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
@@ -272,9 +278,12 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
     if LeftOut.COUPLED_DECODE in settings.left_out:
         return found
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
-    left = [holdout.residual_rms(views) or 0.0 for views in blind]
-    best = int(np.argmin(left))
-    if left[best] < (holdout.residual_rms(decoded) or 0.0):
-        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best], noise=known))
+    least, best = holdout.residual_rms(decoded) or 0.0, None
+    for one in others:
+        blind = gap_tv(holdout.seen, one, noise=known)
+        left = holdout.residual_rms(blind) or 0.0
+        if left < least:
+            least, best = left, (one, blind)
+    if best is not None:
+        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.shot, best[0], noise=known))
     return found
