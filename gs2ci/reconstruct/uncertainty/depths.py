@@ -1,9 +1,9 @@
 """Standard errors of depths, pixel by pixel.
 
-A depth errs with the path, by which all depths shift together; by the error of a point's place in each view, the more
-the less the point moves through the views; by the thickness of the light that it is the median of; and where near and
-far meet, because an edge may lie a pixel off. Here: these together. Not here: the covariance
-(`information`), the factors (`factors`).
+A depth errs with the path, by which all depths shift together, not least as far as a turn in step with the travel may
+take the travel's place; by the error of a point's place in each view, the more the less the point moves through the
+views; by the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a
+pixel off. Here: these together. Not here: the covariance (`information`), that turn (`poses`), the factors (`factors`).
 """
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen
+from gs2ci.reconstruct.uncertainty.poses import relief, travel_across
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 
@@ -33,11 +34,13 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
     logarithm = np.log(np.where(there, depth, np.nan).astype(np.float64))
     jump = np.hypot(*slopes(logarithm))
     jump = np.minimum(np.nan_to_num(jump, nan=factors.MOST_OF_JUMP), factors.MOST_OF_JUMP)
-    off_middle = np.abs(depth / float(np.median(depth[there])) - 1)
+    middle = float(np.median(depth[there]))
+    off_middle = np.abs(depth / middle - 1)
+    shift = 0.0 if given else relief(travel_across(seen.world_to_camera, middle), seen.focal_px)
     by_path = factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + off_middle)
     by_place = factors.PLACE_PX / _movements(seen)
     by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread, factors.DEPTH_BY_JUMP * jump)
-    relative = np.sqrt(by_poses + by_place**2 + by_light**2 + by_path**2)
+    relative = np.sqrt(by_poses + by_place**2 + by_light**2 + by_path**2 + np.square(shift * off_middle))
     relative = np.minimum(relative, factors.MOST_OF_DEPTH)
     return np.where(there, relative * depth, 0).astype(np.float32)
 
