@@ -5,13 +5,13 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Generator
 from contextlib import suppress
 from pathlib import Path
 
 import hypothesis
 import numba
 import numpy as np
-import psutil
 import pytest
 
 from gs2ci import cli
@@ -26,9 +26,6 @@ _UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.t
 hypothesis.settings.register_profile("suite", derandomize=True, database=None, **_UNTIMED)
 hypothesis.settings.register_profile("explore", **_UNTIMED)
 hypothesis.settings.load_profile("suite")
-
-# A process of the suite that holds more at the end of a file looks for what nobody holds any more.
-_LARGE_BYTES = 9e8
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -66,7 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.option.skips is not None and not hasattr(config, "workerinput"):  # xdist's workers report to this process
         config.pluginmanager.register(Skips(load(config.option.skips, config.option.lacking)))
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    threads = max(1, machine()["usable_cores"] // processes)
+    threads = max(1, machine().usable_cores // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     with suppress(ModuleNotFoundError):  # `python -m tests.newest` goes without
         import torch  # noqa: PLC0415
@@ -88,12 +85,23 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: item.path not in slow)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Spare the garbage collector what stays until the end: thousands of tests, and all that they import."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Give back, at the end of a file, what it has left behind: the C library keeps hundreds of megabytes otherwise."""
     if nextitem is None or nextitem.path != item.path:
-        if psutil.Process().memory_info().rss > _LARGE_BYTES:
-            gc.collect()  # takes half a second once torch and Numba are there
+        gc.collect()
         with suppress(AttributeError):  # another C library than glibc
             ctypes.CDLL(None).malloc_trim(0)
 

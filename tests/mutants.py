@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick import ROOT, imported, module_of
+from tests.quick import ROOT, imports_one, module_of
 
 FILES = (
     "calibration/gs2ci_calibration/dark_flat.py",
@@ -29,7 +29,7 @@ FILES = (
     "drivers/gs2ci_drivers/dlpc900/erle.py",
     "gs2ci/evaluate/cameras.py",
     "gs2ci/reconstruct/decode/patches/heldout_noise.py",
-    "gs2ci/reconstruct/fit/smear.py",
+    "gs2ci/reconstruct/fit/scene/smear.py",
     "gs2ci/reconstruct/geometry/sources/wide.py",
     "gs2ci/reconstruct/registration/field.py",
     "gs2ci/reconstruct/registration/sharpen.py",
@@ -92,7 +92,7 @@ def _applied(source: str, node: ast.AST) -> tuple[str, str]:
 def tests_of(file: str) -> list[str]:
     """Return the test files that import a file's module, the one that mirrors it first."""
     module, stem = module_of(file), Path(file).stem
-    found = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if module in imported(path)]
+    found = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if imports_one(path, {module})]
     return [str(path) for path in sorted(found, key=lambda path: path.name != f"test_{stem}.py")]
 
 

@@ -12,6 +12,7 @@ import gs2ci
 from gs2ci import cli
 
 ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.slow
 pytest.importorskip("mkdocs", reason="the extra docs is not installed")
 
 

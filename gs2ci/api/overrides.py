@@ -26,8 +26,8 @@ from gs2ci.reconstruct.choices import (
     RuleName,
     WithinMask,
 )
+from gs2ci.reconstruct.fit.coarse.looks import Score
 from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.paper import ablation
 from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset

@@ -77,9 +77,9 @@ def reconstruct(
         together: Recover one scene from several exposures of it: from all of a file, or of a list. Each keeps its own
             views and path; those that nothing ties to the others are left out by name. Not with a budget, and only of
             scenes that stand still.
-        preset: Speed or quality: "draft" is a first look, "standard" the default, "fine" takes several times as long
-            and ends with the fine stage, "paper" uses the constants of the GS2CI paper's system: 20,000 iterations
-            without held-out pixels, and the scene's own views. Each other option changes only what it names.
+        preset: Speed or quality: "draft" is a first look, "standard" the default, "paper" uses the
+            constants of the GS2CI paper's system: 20,000 iterations without held-out pixels, and the scene's own views.
+            Each other option changes only what it names.
         geometry: Source of the first poses: "tracks" estimates them from the decoded views, "stage" uses those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
             "vggt:FILE") those that your model predicts, "wide" matches points between all pairs of views, in any

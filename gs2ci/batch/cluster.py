@@ -135,7 +135,7 @@ def local_workers(processes: int) -> Iterator[Any]:
 
     # Workers get one task at a time, so that a death is attributed to the task that ran.
     settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
-    threads = max(1, int(machine()["usable_cores"]) // processes)
+    threads = max(1, machine().usable_cores // processes)
     key = _own_key(distributed)
     with (
         _hushed(),

@@ -116,7 +116,7 @@ def bearable_processes(exposure_pixels: int) -> int:
         exposure_pixels: Pixels of all views of the largest exposure.
     """
     each = BASE_MIB * 2**20 + BYTES_PER_VIEW_PIXEL * exposure_pixels
-    return max(1, min(int(machine()["usable_cores"]), int(psutil.virtual_memory().available // each)))
+    return max(1, min(machine().usable_cores, int(psutil.virtual_memory().available // each)))
 
 
 def _key(one: FiledShot, settings: Settings, depends_on: str) -> str:

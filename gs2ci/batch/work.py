@@ -134,7 +134,7 @@ def _take_share(workers: int) -> None:
     import numba  # noqa: PLC0415
     import torch  # noqa: PLC0415
 
-    threads = max(1, int(machine()["usable_cores"]) // workers)
+    threads = max(1, machine().usable_cores // workers)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     if torch.get_num_threads() != threads:
         torch.set_num_threads(threads)

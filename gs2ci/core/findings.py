@@ -100,6 +100,7 @@ class Code(StrEnum):
     GPU_MEMORY_SMALL = auto()
     GPU_FAILS = auto()
     GPU_DIFFERS = auto()
+    GPU_NOT_CAPTURED = auto()
 
     # Why a fit ended.
     FIT_STALLED = auto()

@@ -1,12 +1,13 @@
 """The result of a finished reconstruction, as plain numpy records.
 
-Here: `RunResult` with its curve, and the checks that keep incomplete results out of run folders. Not here: the run
-folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`), the measurement (`gs2ci.core.records`).
+Here: `RunResult`, and the checks that keep incomplete results out of run folders. Not here: the figures
+of its sections (`run_figures`), the run folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`),
+the measurement (`gs2ci.core.records`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +17,22 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Finding
 from gs2ci.core.lens import check_distortion
 from gs2ci.core.records import Shot, check_intrinsics
+from gs2ci.core.run_figures import (
+    VERDICTS,
+    CurvePoint,
+    EnsembleSection,
+    ExposureSection,
+    GeometrySection,
+    LightSection,
+    MaskMomentsSection,
+    MotionSection,
+    RaceEntry,
+    RegistrationSection,
+    Verdict,
+)
 from gs2ci.core.uncertainty import Uncertainty
 
-Verdict = Literal["refined", "scene", "decode"]
-VERDICTS: Final = get_args(Verdict)
 SECONDS_KEYS: Final = ("total", "decode", "geometry", "fit")
-
-
-@dataclass(frozen=True)
-class CurvePoint:
-    """State of a running fit at one time.
-
-    Args:
-        seconds: Time since the reconstruction began, decode and geometry included.
-        iteration: Iterations of the fit done so far.
-        loss: The fit's loss on the pixels that it uses.
-        heldout: Root-mean-square residual on the held-out pixels, in the measurement's unit; None without any.
-        psnr_db: Mean PSNR over the views, or None if the truth is not known.
-        gaussians: Size of the population.
-    """
-
-    seconds: float
-    iteration: int
-    loss: float
-    heldout: float | None
-    psnr_db: float | None
-    gaussians: int
 
 
 @dataclass(frozen=True)
@@ -71,28 +62,24 @@ class RunResult:
         verdict: `scene` or `decode` if the delivered views are almost entirely those, otherwise `refined`: a
             combination with the mean of the fits' views and their decoded residual.
         heldout_rms: The residual of each on the held-out pixels, in the measurement's unit; None if none were held out.
-        geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
-        ensemble: Number of fits, number of those that the refined views average, and the root-mean-square difference
-            of their views from the mean, in full scales.
-        disagreement: The same per pixel, [N, H, W] float32: larger where the views are less reliable; None with one
-            fit.
+        geometry: Of the first path.
+        ensemble: Of the fits.
+        disagreement: Root-mean-square difference of the fits' views from their mean per pixel, [N, H, W] float32, in
+            full scales: larger where the views are less reliable; None with one fit.
         brightness: Factors of the shot's weights for coding these views, N numbers; None if the weights are unchanged.
-        light: Estimated brightness of each view for its weight, with standard errors, whether the fit used it, and
-            whether the views are as bright as they were seen; None if it could not be estimated.
-        mask_moments: Number of moments with which each mask was fitted, the motion, and the bounds that required them;
-            None if one moment per mask was enough.
+        light: Of the views' brightness; None if it could not be estimated.
+        mask_moments: Of the moments with which each mask was fitted; None if one per mask was enough.
         exposed_views: The mean of what the camera saw while each mask was shown, if `views` show the middle of it;
             otherwise None.
-        registration: Estimates of masks, black level and unit: parameters, standard errors, what was tried.
+        registration: Of masks, black level and unit.
         registered: The corrected measurement, which all later steps used, if anything was corrected;
             `residual`, `heldout_rms` and `predicted_measurement` are in its unit.
-        motion: Whether things in the scene may move, the evidence, the residual of each attempt, and the speeds.
-        race: What became of each hypothesis of path, depth order and motion, in the order of entering.
+        motion: Of what moves.
+        race: What became of each hypothesis, in the order of entering.
         displacement: Displacement of the scene point at each pixel over the exposure, seen from the camera of the
             middle view, [H, W, 2] float32 as (x, y) in px; None if nothing moves.
         uncertainty: Standard errors of views, depth and poses; None if they were not asked for.
-        exposures: Of each of several exposures, whose views follow one another: its name, its first view and their
-            number, what its held-out pixels say, how its path was found; empty for one.
+        exposures: Of each of several exposures, whose views follow one another; empty for one.
         device: What rendered: "cpu", or a CUDA device with its model.
     """
 
@@ -112,23 +99,23 @@ class RunResult:
     seed: int
     verdict: Verdict
     heldout_rms: Mapping[Verdict, float | None]
-    geometry: Mapping[str, Any] = field(default_factory=dict)
-    ensemble: Mapping[str, float | int | None] = field(default_factory=dict)
+    geometry: GeometrySection | None = None
+    ensemble: EnsembleSection | None = None
     disagreement: F32 | None = None
     distortion: F64 | None = None
     brightness: Sequence[float] | None = None
-    light: Mapping[str, Any] | None = None
-    mask_moments: Mapping[str, Any] | None = None
+    light: LightSection | None = None
+    mask_moments: MaskMomentsSection | None = None
     exposed_views: F32 | None = None
-    registration: Mapping[str, Any] = field(default_factory=dict)
+    registration: RegistrationSection | None = None
     registered: Shot | None = None
     depth_spread: F32 | None = None
     depth_confidence: F32 | None = None
-    motion: Mapping[str, Any] = field(default_factory=dict)
-    race: Sequence[Mapping[str, Any]] = ()
+    motion: MotionSection | None = None
+    race: Sequence[RaceEntry] = ()
     displacement: F32 | None = None
     uncertainty: Uncertainty | None = None
-    exposures: Sequence[Mapping[str, Any]] = ()
+    exposures: Sequence[ExposureSection] = ()
     device: str = "cpu"
 
     def check(self) -> "RunResult":

@@ -94,7 +94,7 @@ def _report(decoded: Sequence[Decoded]) -> dict[str, Any]:
         "seconds": sum(one.seconds for one in decoded),
         "shots": shots,
         "versions": environment.versions(),
-        "machine": environment.machine(),
+        "machine": asdict(environment.machine()),
     }
 
 

@@ -12,6 +12,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.ranks import rank_correlation
+from gs2ci.core.run_figures import Number
 
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
 FAR_OFF_PX: Final = 0.25
@@ -41,15 +42,15 @@ class DepthErrors:
         far_off_share: Share of the pixels whose disparity error, after the same fit, exceeds `FAR_OFF_PX`.
     """
 
-    scale: float
-    abs_rel: float
-    median_rel: float
-    rms: float
-    close_share: float
-    known_share: float
-    rank: float | None
-    median_px: float | None
-    far_off_share: float | None
+    scale: Number
+    abs_rel: Number
+    median_rel: Number
+    rms: Number
+    close_share: Number
+    known_share: Number
+    rank: Number | None
+    median_px: Number | None
+    far_off_share: Number | None
 
     def in_words(self) -> tuple[str, str]:
         """Return the most important figure, and the others."""

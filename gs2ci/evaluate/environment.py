@@ -7,11 +7,14 @@ import os
 import platform
 import resource
 import sys
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Final
 
 import psutil
+
+from gs2ci.core.run_figures import Count
 
 CPU_LISTING: Final = Path("/proc/cpuinfo")
 PEAK_RESET: Final = Path("/proc/self/clear_refs")
@@ -28,6 +31,17 @@ REPORTED_PACKAGES: Final = (
 )
 
 
+@dataclass(frozen=True)
+class Machine:
+    """What determines the run time: `usable_cores` are those that a process may use."""
+
+    processor: str
+    architecture: str
+    usable_cores: Count
+    memory_mib: Count
+    system: str
+
+
 def versions() -> dict[str, str]:
     """Get the versions of Python and of the packages that affect the figures."""
     found = {"python": platform.python_version()}
@@ -39,15 +53,15 @@ def versions() -> dict[str, str]:
     return found
 
 
-def machine() -> dict[str, str | int]:
-    """Get what determines the run time: processor, cores that this process may use, memory in MiB, system."""
-    return {
-        "processor": _processor_name(),
-        "architecture": platform.machine(),
-        "usable_cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
-        "memory_mib": int(psutil.virtual_memory().total // 2**20),
-        "system": f"{platform.system()} {platform.release()}",
-    }
+def machine() -> Machine:
+    """Get what determines the run time of this process."""
+    return Machine(
+        processor=_processor_name(),
+        architecture=platform.machine(),
+        usable_cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        memory_mib=int(psutil.virtual_memory().total // 2**20),
+        system=f"{platform.system()} {platform.release()}",
+    )
 
 
 def restart_peak() -> bool:

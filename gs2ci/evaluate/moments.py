@@ -17,8 +17,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.choices import MOST_MOMENTS
-from gs2ci.reconstruct.fit.mask_moments import mask_times
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians

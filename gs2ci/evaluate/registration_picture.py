@@ -6,9 +6,9 @@ Here: that picture. Not here: the estimation (`gs2ci.reconstruct.registration`).
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ from matplotlib.patches import Circle
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
+from gs2ci.core.run_figures import RegistrationSection
 from gs2ci.reconstruct.registration.placement import Placement
 
 _DPI: Final = 120
@@ -25,7 +26,7 @@ _PIECE_PX: Final = 48
 _ARROWS: Final = (7, 9)
 
 
-def write_registration_picture(path: Path, given: Shot, registered: Shot, found: Mapping[str, Any]) -> None:
+def write_registration_picture(path: Path, given: Shot, registered: Shot, found: RegistrationSection) -> None:
     """Draw a registration and write it as PNG.
 
     Args:
@@ -51,14 +52,14 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
     figure.savefig(path, dpi=_DPI)
 
 
-def _draw_arrows(panel: Axes, size: tuple[int, int], found: Mapping[str, Any]) -> None:
+def _draw_arrows(panel: Axes, size: tuple[int, int], found: RegistrationSection) -> None:
     height, width = size
-    placement = Placement(**(found.get("placement") or {}))
+    placement = Placement(**asdict(found.placement))
     rows, columns = np.meshgrid(*(np.linspace(0, n - 1, k) for n, k in zip(size, _ARROWS, strict=True)), indexing="ij")
     places = np.stack([rows.ravel(), columns.ravel()], axis=1)
     from_middle = places - (np.array(size) - 1) / 2
     moved = placement.moved_px(from_middle)
-    errors = _errors_px(placement, found.get("standard_errors") or {}, from_middle)
+    errors = _errors_px(placement, found.standard_errors, from_middle)
     furthest = int(np.linalg.norm(moved, axis=1).argmax())
     longest = float(np.linalg.norm(moved[furthest]))
     magnified = 0.0 if longest == 0 else 0.1 * min(size) / longest

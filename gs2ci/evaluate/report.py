@@ -1,95 +1,68 @@
-"""The contents of `report.json`: one typed model, each of its sections a model of its own. Schema `gs2ci.report/2`.
+"""The contents of `report.json`: one typed model, each of its sections a record of its own. Schema `gs2ci.report/2`.
 
-A new section is a `ReportSection` and an optional field of `Report`; `gs2ci.evaluate.run_report` fills it in. The JSON
-schema is `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here: the
-sources of the figures (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`), the
-possible findings (`gs2ci.core.findings`).
+Each figure is declared once, in the record in which it is found: what a stage finds in `gs2ci.core.run_figures`, errors
+where they are measured, the rest here. Schema, JSON and reading follow from that; a figure of `Report` that a
+`RunResult` has by the same name is taken from it. The JSON schema is `docs/report.schema.json`; `python -m tests.docs`
+writes it. Here: the model and its reading. Not here: the sources of the figures (`gs2ci.evaluate.run_report`), the run
+folder's other files (`gs2ci.evaluate.run_folder`), the possible findings (`gs2ci.core.findings`).
 """
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Final, Literal, Self
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, Finding
 from gs2ci.core.json_text import first_fault
-from gs2ci.core.run_records import SECONDS_KEYS, Verdict
+from gs2ci.core.run_figures import (
+    Count,
+    CurvePoint,
+    EnsembleSection,
+    ExposureSection,
+    GeometrySection,
+    HeldOut,
+    LightSection,
+    MaskMomentsSection,
+    MotionSection,
+    Number,
+    RaceEntry,
+    RegistrationSection,
+    Verdict,
+)
+from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.depth import DepthErrors
+from gs2ci.evaluate.environment import Machine
+from gs2ci.evaluate.trajectory import TrajectoryErrors
 from gs2ci.evaluate.whole_folder import NO_RUN, REPORT_NAME, RUN_SCHEMA, schema_of
 
 REGISTERED_NAME: Final = "registered.h5"
 EXPOSED_NAME: Final = "exposed_views.npy"
 MOTION_PICTURE_NAME: Final = "motion.png"
 
-# Far beyond any real figure; within it, drawing and writing cannot overflow.
-Number = Annotated[float, Field(ge=-1e100, le=1e100)]
-Count = Annotated[int, Field(ge=0, le=10**15)]
+# No unknown keys, no value of another type, no number that is not finite: of a report, and of the records in it.
+_STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class ReportSection(BaseModel):
-    """Part of a report: no unknown keys, no value of another type, no number that is not finite."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class OfViews(ReportSection):
+@dataclass(frozen=True)
+class OfViews:
     """A figure for every view, and its mean over them."""
 
     mean: Number
     per_view: list[Number]
 
 
-class Scores(ReportSection):
+@dataclass(frozen=True)
+class Scores:
     """How close views are to the true ones; None if these are not known."""
 
     psnr_db: OfViews | None
     ssim: OfViews | None
 
 
-class Trajectory(ReportSection):
-    """Errors of the camera path (`gs2ci.evaluate.trajectory`); None if the path is too short or has no extent."""
-
-    ate: Number
-    nate: Number | None
-    translation_mean: Number
-    rotation_deg: Number
-    rpe_t: Number | None
-    rpe_r_deg: Number | None
-    reversed: bool = False
-
-
-class DepthSection(ReportSection):
-    """Errors of depth (`gs2ci.evaluate.depth`), over all views."""
-
-    scale: Number
-    abs_rel: Number
-    median_rel: Number
-    rms: Number
-    close_share: Number
-    known_share: Number
-    rank: Number | None
-    median_px: Number | None
-    far_off_share: Number | None
-
-    def errors(self) -> DepthErrors:
-        """Return the errors as a `DepthErrors`."""
-        return DepthErrors(**self.model_dump())
-
-
-class HeldOut(ReportSection):
-    """Residual of each candidate on the held-out pixels, rms in full scales; None if none were held out."""
-
-    refined: Number | None
-    scene: Number | None
-    decode: Number | None
-
-    def of(self, verdict: Verdict) -> float | None:
-        """Return the residual of one candidate."""
-        return {"refined": self.refined, "scene": self.scene, "decode": self.decode}[verdict]
-
-
-class ResidualSection(ReportSection):
+@dataclass(frozen=True)
+class ResidualSection:
     """Residual between the result's prediction and the measurement, in full scales of one view."""
 
     rms: Number
@@ -97,189 +70,8 @@ class ResidualSection(ReportSection):
     heldout_rms: HeldOut
 
 
-class FitLook(ReportSection):
-    """One evaluation of a running fit (`gs2ci.core.run_records.CurvePoint`)."""
-
-    seconds: Number
-    iteration: Count
-    loss: Number | None
-    heldout: Number | None
-    psnr_db: Number | None
-    gaussians: Count
-
-
-class Moved(ReportSection):
-    """How far the fit moved the initial poses, rms over the views."""
-
-    rotation_deg: Number
-    share_of_path: Number
-
-
-class GeometrySection(ReportSection):
-    """The first camera path, and how reliable it is (`gs2ci.reconstruct.geometry`).
-
-    `method` found it, `asked_for` was requested; `path_error_expected` is a share of the path's extent, `unit_of` names
-    the source of the unit of lengths, None for the scene's own. `order_errors`: the number of standard errors by which
-    the depth order is decided, by tracks and, below 6, by short fits or by what hides what in whole ones; None if there
-    was no evidence.
-    """
-
-    method: str
-    asked_for: str
-    proxy: str
-    verdict: Literal["full", "rotation_only", "static", "unsupported"]
-    focal_px: Number
-    focal_source: Literal["file", "estimated", "default"]
-    tracks: Count
-    reprojection_rms_px: Number
-    parallax_px: Number
-    path_error_expected: Number | None
-    order_errors: Number | None = None
-    reference: Count
-    unit_of: str | None
-    moved: Moved
-
-
-class EnsembleSection(ReportSection):
-    """The number of fits, how many of them the views average, and the difference between their views, full scale 1."""
-
-    fits: Count
-    averaged: Count
-    spread: Number | None
-
-
-class PlacementSection(ReportSection):
-    """Displacement of the masks from their calibration, about the middle of the picture.
-
-    The fields from `radial_px` on are a smooth field beyond the affine part, stated at 100 px from the middle: radial
-    with the cube of the distance, then down and right with the squares of the distances below and to the right and with
-    their product, and radial with the fifth power (`gs2ci.reconstruct.registration.placement`).
-    """
-
-    down_px: Number
-    right_px: Number
-    rotation_deg: Number
-    scale: Number
-    stretch: Number
-    shear: Number
-    radial_px: Number = 0.0
-    down_dd_px: Number = 0.0
-    down_dr_px: Number = 0.0
-    down_rr_px: Number = 0.0
-    right_dd_px: Number = 0.0
-    right_dr_px: Number = 0.0
-    right_rr_px: Number = 0.0
-    radial5_px: Number = 0.0
-
-
-class RegistrationSection(ReportSection):
-    """The masks' position, blur and transmission as estimated from the measurement (`gs2ci.reconstruct.registration`).
-
-    `bent_px` is the largest displacement of masks by a smooth field beyond the best affine map. `first_mask` is the
-    index, from 0, in the given list of the mask that was shown first. `widening_px` is how far open elements extend
-    beyond their stated edges. `not_let_in` holds parameters that were estimated and not corrected: value and standard
-    error, which is null where the measurement does not determine the value at all.
-    """
-
-    changed: bool
-    orientation: str
-    peak_ratio: Number
-    placement: PlacementSection
-    largest_displacement_px: Number
-    bent_px: Number = 0.0
-    blur_sigma_px: Number
-    blur_px2: Number
-    leak: Number
-    widening_px: Number = 0.0
-    black: Number
-    unit: Number
-    open_level: Number
-    clipped_share: Number
-    first_mask: int
-    standard_errors: dict[str, Number]
-    not_let_in: dict[str, list[Number | None]]
-
-
-class LightSection(ReportSection):
-    """Brightness of the views relative to their weights (`gs2ci.reconstruct.measurement.brightness`).
-
-    `estimated` for each view with its `standard_errors`; the largest deviation is `errors_away` of its own standard
-    errors, and the estimate `explains` this share of the residual on pixels that were not used for it. `used` holds
-    the values that the fit uses after its rounds; None if the given weights are used. `views` says whether the returned
-    views have the brightness that was seen, or that of constant light.
-    """
-
-    estimated: list[Number]
-    standard_errors: list[Number]
-    errors_away: Number
-    explains: Number
-    # Runs of before were written with a name that did not say whose it was.
-    used: list[Number] | None = Field(validation_alias=AliasChoices("used", "believed"))
-    views: Literal["as-seen", "even"]
-
-
-class MaskMomentsSection(ReportSection):
-    """Motion while one mask was shown (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
-
-    The number of `moments` with which it was fitted; the image's motion meanwhile, `motion_px`, rms; and a bound on the
-    blur that a single pose per mask would cause in its view, `bounds`, in full scales.
-    """
-
-    moments: list[Count]
-    motion_px: list[Number]
-    bounds: list[Number]
-
-
-class RaceEntry(ReportSection):
-    """What became of one hypothesis of path, depth order and motion (`gs2ci.reconstruct.hypotheses`).
-
-    `hypothesis` says where it comes from, `path` where its camera path does. It entered when all fits together had made
-    `began` iterations, and made `iterations` of the `schedule` of a whole fit. `heldout` holds pairs of iteration and
-    residual on the held-out pixels, `refined_rms` that of its refined views if the jury compared them.
-    """
-
-    hypothesis: str
-    path: str
-    began: Count
-    iterations: Count
-    schedule: Count
-    heldout: list[tuple[Count, Number]]
-    refined_rms: Number | None
-    outcome: str
-
-
-class MotionSection(ReportSection):
-    """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.hypotheses.moving`).
-
-    Velocities of the picture's blocks would explain the share `explained` of the power of the static scene's residual,
-    significantly in the share `blocks` of them; None if this was not tested. If moving scenes were `tried`,
-    `heldout_rms` is each attempt's residual on the held-out pixels, and `chosen` the one that was taken. If it `moves`,
-    the share `pixels_share` of the picture moves by half a pixel or more over the exposure, by `median_px` in the
-    median, the fastest percent by `most_px`; `gaussians_share` is the share of the Gaussians' opacity that moves. In
-    the share `unfollowed` of the picture the best still scene erred over time and the decode did not. `known_at_rest`:
-    the camera was known to be at rest.
-    """
-
-    asked: Literal["auto", "off", "on"]
-    tried: bool
-    moves: bool
-    explained: Number | None
-    blocks: Number | None
-    patch_gain: Number | None = None
-    behind_decode: bool | None = None
-    got_worse: bool | None = None
-    no_path: bool | None = None
-    known_at_rest: bool | None = None
-    unfollowed: Number | None = None
-    heldout_rms: dict[str, Number | None]
-    chosen: str
-    gaussians_share: Number | None
-    pixels_share: Number | None
-    median_px: Number | None
-    most_px: Number | None
-
-
-class SurenessSection(ReportSection):
+@dataclass(frozen=True)
+class SurenessSection:
     """Standard errors (`gs2ci.reconstruct.uncertainty`): 68 % of the errors lie within one, 95 % within two.
 
     `views_mean` of the views' values, full scale 1, and the share of them with at most 0.05; `depth_median` as a share
@@ -298,7 +90,8 @@ class SurenessSection(ReportSection):
     other_order: bool = False
 
 
-class MeasurementSection(ReportSection):
+@dataclass(frozen=True)
+class MeasurementSection:
     """Properties of the measurement and its masks, before the reconstruction; shares are of pixels."""
 
     mean: Number
@@ -311,8 +104,10 @@ class MeasurementSection(ReportSection):
     telemetry: bool
 
 
-class SimulatedEffect(ReportSection):
+class SimulatedEffect(BaseModel):
     """The simulator's decision about one effect; the bound is the change if it were left out, DN rms."""
+
+    model_config = _STRICT
 
     bound_rms_dn: Number | Literal["unavoidable"]
     simulated: bool
@@ -320,8 +115,10 @@ class SimulatedEffect(ReportSection):
     sampling: str
 
 
-class Simulation(ReportSection):
+class Simulation(BaseModel):
     """How a simulated exposure was made (`gs2ci_sims.planner`)."""
+
+    model_config = _STRICT
 
     tolerance_dn: Number
     error_dn: Number
@@ -329,37 +126,14 @@ class Simulation(ReportSection):
     effects: dict[str, SimulatedEffect]
 
 
-class Machine(ReportSection):
-    """What determines the run time (`gs2ci.evaluate.environment`)."""
-
-    processor: str
-    architecture: str
-    usable_cores: Count
-    memory_mib: Count
-    system: str
-
-
-class ExposureSection(ReportSection):
-    """One of several exposures that share a scene; its views follow those of the exposures before it.
-
-    `first_view` counts from 0; `path` says how its first path was found, `moved` how far the fit moved it.
-    """
-
-    name: str
-    first_view: Count
-    views: Count
-    verdict: Verdict
-    heldout_rms: HeldOut
-    path: str
-    moved: Moved | None
-
-
-class Report(ReportSection):
+class Report(BaseModel):
     """One run.
 
     `psnr_db`, `ssim` and `residual` refer to the recovered views, `verdict` says from which stage they are; `scene` and
     `decode` refer to the views of these two alone. Figures that need an unknown truth are None.
     """
+
+    model_config = _STRICT
 
     schema_name: Literal["gs2ci.report/2"] = Field(RUN_SCHEMA, alias="schema")
     name: str
@@ -373,11 +147,11 @@ class Report(ReportSection):
     ssim: OfViews | None
     scene: Scores
     decode: Scores
-    trajectory: Trajectory | None
-    depth: DepthSection | None = None
+    trajectory: TrajectoryErrors | None
+    depth: DepthErrors | None = None
     residual: ResidualSection
     seconds: dict[str, Number]
-    curve: list[FitLook]
+    curve: list[CurvePoint]
     gaussians: Count
     stopped: Finding
     ensemble: EnsembleSection | None = None

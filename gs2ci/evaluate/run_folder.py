@@ -109,6 +109,7 @@ def write_run(
         write_given(partial / GIVEN_NAME, shot)
         if result.registered is not None:
             write_shots(partial / REGISTERED_NAME, [result.registered])
+        if result.registered is not None and result.registration is not None:
             write_registration_picture(partial / "registration.png", shot, result.registered, result.registration)
         write_run_page(partial)
     return folder

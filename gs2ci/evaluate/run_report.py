@@ -5,7 +5,7 @@ Here: the source of each section of `gs2ci.evaluate.report`. Not here: what the 
 """
 
 import hashlib
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any, Final
 
 import numpy as np
@@ -16,11 +16,11 @@ from gs2ci.core.json_text import as_json, plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import environment
-from gs2ci.evaluate.depth import depth_errors, parallax_of
+from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.report import Report, Simulation
+from gs2ci.evaluate.report import MeasurementSection, Report, Simulation
 from gs2ci.evaluate.sureness import figures_of_errors
-from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.evaluate.trajectory import TrajectoryErrors, trajectory_errors
 from gs2ci.evaluate.whole_folder import RUN_SCHEMA
 
 _FREE: Final = {"roll": Code.TRUE_PATH_STRAIGHT, "rotation": Code.TRUE_PATH_STILL}
@@ -34,6 +34,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         result: The result of its reconstruction.
     """
     n, height, width, channels = result.views.shape
+    found = {one.name: getattr(result, one.name) for one in fields(result) if one.name in Report.model_fields}
     recovered, scene, decode = (
         image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
     )
@@ -42,43 +43,27 @@ def build_report(shot: Shot, result: RunResult) -> Report:
     residual = measurement_residual(result.predicted_measurement, seen.measurement, seen.saturated)
     decode_kept = (finding(Code.DECODE_KEPT),) if result.verdict == "decode" else ()
     simulation, provenance = _simulation(plain_json(shot.provenance))
-    report = {
+    # What a report has by the name of something else in the result comes after what it takes from there.
+    report = found | {
         "schema": RUN_SCHEMA,
         "name": shot.name,
         "views": n,
         "size": [height, width],
         "channels": channels,
         "cfa": shot.cfa,
-        "verdict": result.verdict,
-        "notes": [asdict(note) for note in (*decode_kept, *result.notes, *about_truth)],
+        "notes": [*decode_kept, *result.notes, *about_truth],
         **recovered,
         "scene": scene,
         "decode": decode,
         "trajectory": trajectory,
         "depth": _depth(shot, result),
-        "residual": {**asdict(residual), "heldout_rms": dict(result.heldout_rms)},
-        "seconds": dict(result.seconds),
-        "curve": [asdict(point) for point in result.curve],
-        "gaussians": result.gaussians,
-        "stopped": asdict(result.stopped),
-        "ensemble": dict(result.ensemble) or None,
-        "geometry": dict(result.geometry) or None,
-        "brightness": result.brightness,
-        "light": result.light,
-        "mask_moments": result.mask_moments,
-        "registration": dict(result.registration) or None,
-        "motion": dict(result.motion) or None,
+        "residual": {**asdict(residual), "heldout_rms": result.heldout_rms},
         "sureness": figures_of_errors(result),
-        "race": [dict(entry) for entry in result.race],
-        "exposures": [dict(one) for one in result.exposures],
         "measured": _measured(shot),
         "simulation": simulation,
         "peak_mib": round(environment.peak_mib(), 1),
-        "settings": dict(result.settings),
-        "seed": result.seed,
         "versions": environment.versions(),
         "machine": environment.machine(),
-        "device": result.device,
         "provenance": provenance,
     }
     # Converted through JSON, so that it is the same as when it is read back.
@@ -100,36 +85,33 @@ def _simulation(provenance: dict[str, Any]) -> tuple[dict[str, Any] | None, dict
     return plan, {key: value for key, value in provenance.items() if key != "plan"}
 
 
-def _measured(shot: Shot) -> dict[str, Any]:
-    """Return the properties of the measurement and its masks, before the reconstruction."""
-    return {
-        "mean": float(shot.measurement.mean(dtype=np.float64)),
-        "masks_sha256": masks_digest(shot),
-        "open_share": float(shot.masks.mean(dtype=np.float64)),
-        "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
-        "closed_share": float(np.mean(~shot.lit)),
-        "saturated_share": None if shot.saturated is None else float(shot.saturated.mean()),
-        "weights": [float(shot.weights.min()), float(shot.weights.max())],
-        "telemetry": shot.telemetry_world_to_camera is not None,
-    }
+def _measured(shot: Shot) -> MeasurementSection:
+    return MeasurementSection(
+        mean=float(shot.measurement.mean(dtype=np.float64)),
+        masks_sha256=masks_digest(shot),
+        open_share=float(shot.masks.mean(dtype=np.float64)),
+        grey_share=float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
+        closed_share=float(np.mean(~shot.lit)),
+        saturated_share=None if shot.saturated is None else float(shot.saturated.mean()),
+        weights=(float(shot.weights.min()), float(shot.weights.max())),
+        telemetry=shot.telemetry_world_to_camera is not None,
+    )
 
 
-def _depth(shot: Shot, result: RunResult) -> dict[str, float | None] | None:
+def _depth(shot: Shot, result: RunResult) -> DepthErrors | None:
     if shot.truth.depth is None or result.depth is None:
         return None
     path = shot.truth.world_to_camera
     parallax = None if path is None else parallax_of(path, result.intrinsics)
-    errors = depth_errors(result.depth, shot.truth.depth, parallax)
-    return None if errors is None else asdict(errors)
+    return depth_errors(result.depth, shot.truth.depth, parallax)
 
 
-def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | bool | None] | None, tuple[Finding, ...]]:
+def _trajectory(shot: Shot, result: RunResult) -> tuple[TrajectoryErrors | None, tuple[Finding, ...]]:
     truth = shot.truth.world_to_camera
     if truth is None:
         return None, ()
-    errors = asdict(trajectory_errors(result.world_to_camera, truth))
-    free = errors.pop("free")
-    said = [_FREE[free]] if free in _FREE else []
-    if errors["reversed"]:
+    errors = trajectory_errors(result.world_to_camera, truth)
+    said = [_FREE[errors.free]] if errors.free in _FREE else []
+    if errors.reversed:
         said.append(Code.TRUE_PATH_REVERSED)
     return errors, tuple(finding(code) for code in said)

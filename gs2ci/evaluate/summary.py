@@ -3,8 +3,11 @@
 Not here: any figure's computation.
 """
 
+from dataclasses import asdict
+
 from gs2ci.core.durations import spoken_duration
-from gs2ci.evaluate.report import Report, Trajectory
+from gs2ci.evaluate.report import Report
+from gs2ci.evaluate.trajectory import TrajectoryErrors
 from gs2ci.evaluate.wording import describe_number
 
 
@@ -21,11 +24,11 @@ def summary_rows(report: Report) -> list[tuple[str, str, str]]:
             rows.append((name, mean + unit, f"decode {of_decode}; views {low} to {high}"))
     rows += _trajectory_rows(report.trajectory)
     if report.depth is not None:
-        rows.append(("depth", *report.depth.errors().in_words()))
+        rows.append(("depth", *report.depth.in_words()))
     residual = report.residual
     rows.append(("residual", f"{residual.rms:.4f} rms", f"{residual.mean_abs:.4f} mean absolute"))
     if report.heldout_rms is not None:
-        others = [(name, rms) for name, rms in residual.heldout_rms if name != report.verdict]
+        others = [(name, rms) for name, rms in asdict(residual.heldout_rms).items() if name != report.verdict]
         remark = ", ".join(f"{name} {rms:.4f}" for name, rms in others if rms is not None)
         rows.append(("held-out", f"{report.heldout_rms:.4f} rms", remark))
     seconds = report.seconds
@@ -36,7 +39,7 @@ def summary_rows(report: Report) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _trajectory_rows(errors: Trajectory | None) -> list[tuple[str, str, str]]:
+def _trajectory_rows(errors: TrajectoryErrors | None) -> list[tuple[str, str, str]]:
     if errors is None:
         return []
     rows = []

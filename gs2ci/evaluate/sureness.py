@@ -3,8 +3,9 @@
 Here: that. Not here: the standard errors themselves (`gs2ci.reconstruct.uncertainty`), the page.
 """
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.points import SAME_SURFACE, Cameras
+from gs2ci.evaluate.report import SurenessSection
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
 from gs2ci.render.gaussians import Gaussians
 
@@ -76,22 +78,21 @@ def errors_at(points: F64, depth: F32, errors: F32, cameras: Cameras) -> F32:
     return stated
 
 
-def figures_of_errors(result: RunResult) -> dict[str, Any] | None:
+def figures_of_errors(result: RunResult) -> SurenessSection | None:
     """Return the section of the report; None if there are no standard errors."""
     errors = result.uncertainty
     if errors is None:
         return None
-    found: dict[str, Any] = {
-        "views_mean": float(errors.views.mean(dtype=np.float64)),
-        "views_sure_share": float(np.mean(errors.views <= SURE_OF_VIEWS)),
-        "other_order": errors.other_depth is not None,
-    }
+    found = SurenessSection(
+        views_mean=float(errors.views.mean(dtype=np.float64)),
+        views_sure_share=float(np.mean(errors.views <= SURE_OF_VIEWS)),
+        other_order=errors.other_depth is not None,
+    )
     if errors.depth is not None and result.depth is not None and (there := result.depth > 0).any():
         relative = errors.depth[there] / result.depth[there]
-        found |= {
-            "depth_median": float(np.median(relative)),
-            "depth_sure_share": float(np.mean(relative <= SURE_OF_DEPTH)),
-        }
+        close = float(np.mean(relative <= SURE_OF_DEPTH))
+        found = replace(found, depth_median=float(np.median(relative)), depth_sure_share=close)
     if errors.positions is not None and errors.rotations is not None:
-        found |= {"positions": errors.positions.tolist(), "rotations_deg": np.degrees(errors.rotations).tolist()}
+        rotations_deg = np.degrees(errors.rotations).tolist()
+        found = replace(found, positions=errors.positions.tolist(), rotations_deg=rotations_deg)
     return found

@@ -21,6 +21,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_rigid
+from gs2ci.core.run_figures import Number
 
 Free = Literal["nothing", "roll", "rotation"]
 
@@ -89,13 +90,13 @@ class TrajectoryErrors:
         reversed: Whether the path runs backwards, as in a scene that is inside out.
     """
 
-    ate: float
-    nate: float | None
-    translation_mean: float
-    rotation_deg: float
-    rpe_t: float | None
-    rpe_r_deg: float | None
-    free: Free
+    ate: Number
+    nate: Number | None
+    translation_mean: Number
+    rotation_deg: Number
+    rpe_t: Number | None
+    rpe_r_deg: Number | None
+    free: Free = "nothing"
     reversed: bool = False
 
 

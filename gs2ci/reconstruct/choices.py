@@ -7,7 +7,7 @@ stands for (`presets`, `paper.proxies.routing`, `fit.rules`, `learned.onnx_model
 from enum import StrEnum
 from typing import Final, Literal, get_args
 
-PresetName = Literal["draft", "standard", "fine", "paper"]
+PresetName = Literal["draft", "standard", "paper"]
 
 PoseSource = str
 """auto, tracks, stage, wide, displacements, uniform, rest, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""

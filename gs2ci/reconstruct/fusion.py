@@ -12,7 +12,7 @@ Polishing is a decode by groups of similar patches that starts from the refined 
 lacks, and follows moving things.
 
 Here: the candidates, the name of the result, and how long polishing takes. Not here: their weights
-(`fit/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
+(`fit/combining/combination.py`), the fits (`hypotheses`), the order of the stages (`pipeline`).
 """
 
 import math
@@ -25,17 +25,17 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.run_records import Verdict
+from gs2ci.core.run_figures import Verdict
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, shares
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.combining.combination import Candidate, combined, expected_rms, shares
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import followed, mean_power, noise_of_readings
@@ -111,8 +111,6 @@ def hand_over(
     refine: Refinement,
     settings: Settings,
     polishing: tuple[PatchSettings, ...],
-    *,
-    hurried: bool = False,
 ) -> Recovered:
     """Combine the fits' mean, with and without its residual, the best scene's views and the decode's.
 
@@ -126,7 +124,6 @@ def hand_over(
         polishing: Schedules of a decode by similar patches that starts from the refined views, for scenes in which
             things move and which Gaussians explain in part only; the result of each is kept if it lowers the residual
             at the held-out pixels.
-        hurried: Whether the measurement is decoded once more at most, from all pixels, and not in other ways.
     """
     holdout, own, mean = first.holdout, ensemble.best.views, ensemble.views
     if settings.residual is None or not holdout.pixels.any():
@@ -145,6 +142,7 @@ def hand_over(
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
     refined_views, notes = _polished_densely(holdout, by_share, dense)
     polished_so_far = by_share if refined_views is None else refined_views.blind
+    del by_share  # here and below, what is as large as the views goes when it has done its part
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
     cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
@@ -161,12 +159,15 @@ def hand_over(
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
+    del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
-        again = _decoded_from_all_pixels(first, settings) if hurried else _decodes(first, settings, noise_by_reading)
-        candidates.update(again)
+        candidates.update(_decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
+    candidates = {name: one for name, one in candidates.items() if wanted[name] > 0}
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
+    doubts = _doubts(holdout, blind)
+    del refined_views, decode, blind
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
@@ -179,17 +180,18 @@ def hand_over(
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
-    if wanted.get("polished", 0) > 0:
-        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
-    if unfollowed.any():
-        notes = (*notes, finding(Code.SCENE_NOT_FOLLOWING, share=float(unfollowed.mean())))
+    notes = (*notes, *_of_patches_and_decode(wanted.get("polished", 0.0), float(unfollowed.mean())))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
-    return Recovered(
-        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, least_noise), *notes)
-    )
+    return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+
+
+def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+    """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
+    of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
+    return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
 def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
@@ -252,15 +254,6 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
-def _decoded_from_all_pixels(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
-    """Decode from all pixels as the first look was decoded."""
-    if first.sigma is not None:
-        full = seen_to_the_end(first.holdout, first.decoded, first.sigma)
-    else:
-        full = gap_tv(first.holdout.shot, settings.decode)
-    return {"decode": Candidate(first.decoded, full)}
-
-
 def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Candidate]:
     """Decode from all pixels; by GAP-TV once more with coupled views, if that lowers the held-out residual.
 
@@ -274,7 +267,7 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
         if (holdout.residual_rms(longer.decoded) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:
-        return _decoded_from_all_pixels(first, settings)
+        return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
     decoded: F32 = first.decoded
     known: F32 | None = None
     if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
@@ -285,9 +278,12 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
     if LeftOut.COUPLED_DECODE in settings.left_out:
         return found
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
-    left = [holdout.residual_rms(views) or 0.0 for views in blind]
-    best = int(np.argmin(left))
-    if left[best] < (holdout.residual_rms(decoded) or 0.0):
-        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best], noise=known))
+    least, best = holdout.residual_rms(decoded) or 0.0, None
+    for one in others:
+        blind = gap_tv(holdout.seen, one, noise=known)
+        left = holdout.residual_rms(blind) or 0.0
+        if left < least:
+            least, best = left, (one, blind)
+    if best is not None:
+        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.shot, best[0], noise=known))
     return found

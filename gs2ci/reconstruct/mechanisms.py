@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import LeftOut
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.surfaces.surfaces import SurfaceSettings
 from gs2ci.reconstruct.settings import Settings
 
 Switch = Callable[[Settings], Settings]

@@ -16,10 +16,10 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.extensions import LastStage
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, needed
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.hypotheses.fitting import Fits
@@ -86,10 +86,8 @@ def observe(
     score: Score | None,
     halt: Halt,
     registered: Registered | None,
-    *,
-    hurried: bool,
 ) -> Observed:
-    """Observe a measurement; arguments and errors as for `pipeline.reconstruct`, `hurried` if within a budget."""
+    """Observe a measurement; arguments and errors as for `pipeline.reconstruct`."""
     lens = Lens.of(shot.check())
     settings, clock = replace(settings, mask_moments=settings.mask_moments.of(shot)), Stopwatch()
     registered = registered or register(shot, settings.registration, progress, settings.seed)
@@ -97,12 +95,11 @@ def observe(
     sound, doubts = _examined(registered.shot, progress)
     holdout = Holdout.of(sound, settings.fit.hold_out.share, settings.seed, registered.averaged)
 
-    again = not hurried and settings.may_look_again
-    first = (look_closer if again else look)(
+    first = (look_closer if settings.may_look_again else look)(
         holdout, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     partly = joins_in_part(first)
-    matches = again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
+    matches = settings.may_look_again and LeftOut.MATCHES_IN_A_LONGER_DECODE not in settings.left_out
     if matches and (partly or (settings.poses == "auto" and needs_rest(first))):
         # A motion without tracks explains the measurement so far that weights corrected along it are better than those
         # given.
@@ -119,7 +116,7 @@ def observe(
         score=_as_shown(score, first.brightness),
         halt=halt,
     )
-    first, order = fits.order_of(first, hurried=hurried)
+    first, order = fits.order_of(first)
     fits = replace(fits, mask_moments=_mask_moments(first, lens, settings, progress))
     return Observed(registered, doubts, first, order, fits)
 

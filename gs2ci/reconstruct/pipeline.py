@@ -13,10 +13,10 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.metric import in_given_unit
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.hypotheses.moving import speeds
 from gs2ci.reconstruct.hypotheses.plan import RacePlan, planned
@@ -74,18 +74,18 @@ def reconstruct(
     """
     settings, progress, halt = (settings or Settings()).check(), progress or Silent(), halt or Halt()
     settings, placement = placed(shot, settings)
+    settings, tools = settings if budget is None else budget.beforehand(settings), Tools.load(settings)
     _said(placement.notes, progress)
-    hurried, tools = budget is not None, Tools.load(settings)
-    seen = observe(shot, settings, tools, progress, score, halt, registered, hurried=hurried)
+    seen = observe(shot, settings, tools, progress, score, halt, registered)
     halt.begin()
     fits = seen.fits.within(budget, seen.first)
-    raced = Race(fits).run(seen.first, seen.order, hurried=hurried)
+    raced = Race(fits).run(seen.first, seen.order)
     ensemble, geometry = raced.ensemble, raced.geometry
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = fits.fine(ensemble, renderer, tools.fine)
     progress.stage("views")
-    recovered = hand_over(raced.first, ensemble, fits.refine, fits.settings, raced.motion.polishing, hurried=hurried)
+    recovered = hand_over(raced.first, ensemble, fits.refine, fits.settings, raced.motion.polishing)
     recovered = recovered.in_the_middle(ensemble, renderer)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
@@ -109,7 +109,7 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     Arguments and errors as for `reconstruct`.
     """
     (settings, _), progress = placed(shot, (settings or Settings()).check()), progress or Silent()
-    seen = observe(shot, settings, Tools.load(settings), progress, None, Halt(), None, hurried=False)
+    seen = observe(shot, settings, Tools.load(settings), progress, None, Halt(), None)
     return planned(seen.fits, seen.first, seen.order)
 
 

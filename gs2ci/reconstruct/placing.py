@@ -64,7 +64,8 @@ def needed_mib(shot: Shot, settings: Settings) -> int:
     gaussians = max(most or 0, math.ceil(pixels / settings.stride_px**2))
     whole, coded = views * pixels, float((shot.masks > 0).sum())
     pairs = views * gaussians
-    lists = pairs * (_PAIR_BYTES + _ENTRY_BYTES * _BLOCKS)
+    # Those of a view that is looked at, beside those of the coded sum, whose memory a fit keeps.
+    lists = pairs * (2 * _PAIR_BYTES + _ENTRY_BYTES * (_BLOCKS + _BLOCKS // 2))
     rendering = (whole + coded) * _SLOT_BYTES + (whole + pixels) * _OUTPUT_BYTES + lists
     surfaces = settings.fit.surfaces
     swept = 0 if surfaces is None else min(pixels, surfaces.sweep.most_pixels) * surfaces.sweep.planes

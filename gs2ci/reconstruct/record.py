@@ -11,19 +11,20 @@ import torch
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.run_records import CurvePoint, RunResult
+from gs2ci.core.run_figures import CurvePoint, GeometrySection, Moved
+from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.mask_moments import LEAST_POSES, MaskMoments, motion_px
-from gs2ci.reconstruct.fit.smear import smeared_views
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.scene.mask_moments import LEAST_POSES, MaskMoments, motion_px
+from gs2ci.reconstruct.fit.scene.smear import smeared_views
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.kinds import PathSource
 from gs2ci.reconstruct.geometry.path.centre import doubts_about_centre
-from gs2ci.reconstruct.geometry.path.telemetry import Movement, movement
+from gs2ci.reconstruct.geometry.path.telemetry import movement
 from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findings, order_findings
 from gs2ci.reconstruct.hypotheses.moving import Speeds
 from gs2ci.reconstruct.hypotheses.race import Raced
@@ -102,7 +103,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, left.look.decoder, settings), "moved": asdict(moved)},
+        geometry=_summary(geometry, left.look.decoder, settings, moved),
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
         brightness=None if of_weights is None else of_weights.tolist(),
@@ -112,14 +113,14 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         registration=left.registered.summary(),
         motion=left.raced.motion.summary(left.speeds),
         uncertainty=left.uncertainty,
-        race=tuple(one.summary() for one in left.raced.course),
+        race=left.raced.course,
         displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
         device=left.placement.device,
     ).check()
 
 
-def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ...]:
+def _notes(left: Left, settings: Settings, moved: Moved) -> tuple[Finding, ...]:
     """Gather the findings of every stage, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     poses_known = geometry.has_path or geometry.known_at_rest
@@ -210,7 +211,7 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
-def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
+def _notes_on_poses(moved: Moved, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
     if source == PathSource.TRACKS or geometry.known_at_rest:
         return ()
@@ -222,19 +223,20 @@ def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
 
 
-def _summary(geometry: Geometry, decoder: str, settings: Settings) -> dict[str, object]:
-    return {
-        "method": str(geometry.source),
-        "asked_for": settings.poses,
-        "proxy": decoder if settings.proxy == "gap-tv" else settings.proxy,
-        "verdict": str(geometry.verdict),
-        "focal_px": float(geometry.intrinsics[0, 0]),
-        "focal_source": geometry.focal_source,
-        "tracks": geometry.tracks,
-        "reprojection_rms_px": geometry.reprojection_rms_px,
-        "parallax_px": geometry.parallax_px,
-        "path_error_expected": geometry.path_error_expected,
-        "order_errors": geometry.order_errors,
-        "reference": geometry.reference,
-        "unit_of": None if geometry.unit is None else str(geometry.source),
-    }
+def _summary(geometry: Geometry, decoder: str, settings: Settings, moved: Moved) -> GeometrySection:
+    return GeometrySection(
+        method=str(geometry.source),
+        asked_for=settings.poses,
+        proxy=decoder if settings.proxy == "gap-tv" else settings.proxy,
+        verdict=str(geometry.verdict),
+        focal_px=float(geometry.intrinsics[0, 0]),
+        focal_source=geometry.focal_source,
+        tracks=geometry.tracks,
+        reprojection_rms_px=geometry.reprojection_rms_px,
+        parallax_px=geometry.parallax_px,
+        path_error_expected=geometry.path_error_expected,
+        order_errors=geometry.order_errors,
+        reference=geometry.reference,
+        unit_of=None if geometry.unit is None else str(geometry.source),
+        moved=moved,
+    )

@@ -14,12 +14,12 @@ from gs2ci.reconstruct.choices import MOST_FITS, FirstLookName, LeftOut, MotionM
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.extensions import LastStageSettings, Withholding
-from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.rules import with_rule
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.registration.register import RegistrationSettings
@@ -48,8 +48,8 @@ class Settings(Bounded):
             delivered ones (`fusion`); None skips it.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
-        fits: How many coarse fits there are at least; the views are their mean (`fit/ensemble.py`). Fits along each of
-            two doubtful paths, and those of both orders of depth, count among them.
+        fits: How many coarse fits there are at least; the views are their mean (`fit/combining/ensemble.py`). Fits
+            along each of two doubtful paths, and those of both orders of depth, count among them.
         second_density: The density rule of every second of them; None: that of the first.
         fine: Of the stage after the coarse ones, the paper's fine stage; None skips it.
         fine_if_asked: Its settings if a user requests it and `fine` is None; None: its defaults.

@@ -1,7 +1,7 @@
 """Independent pieces of work in as many threads as kernels may take.
 
 For libraries that compute without the interpreter's lock (NumPy, OpenCV, pycolmap). Not here: the threads of kernels
-(Numba's), of fits (`gs2ci.reconstruct.fit.ensemble`), and why torch has one (`gs2ci.reconstruct.fit.one_thread`).
+(Numba's), of fits (`fit/combining/ensemble.py`), and why torch has one (`gs2ci.reconstruct.fit.one_thread`).
 """
 
 from collections.abc import Callable, Iterable, Iterator

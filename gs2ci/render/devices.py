@@ -6,6 +6,7 @@ much memory a shot takes (`gs2ci.reconstruct.placing`), the rendering (`warp/`),
 """
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +43,12 @@ def _error_on(device: str) -> float:
     return error_on(device)
 
 
+def _refusal() -> str | None:
+    # Imported by the trial of a card, if there was one.
+    recording = sys.modules.get("gs2ci.render.recording")
+    return None if recording is None else recording.refusal()
+
+
 @dataclass(frozen=True)
 class CudaProbe:
     """What is asked of a computer, cheapest first; tests give answers of their own.
@@ -51,11 +58,13 @@ class CudaProbe:
         cuda: Driver and cards; raises ModuleNotFoundError without the extra `gpu`.
         error_on: Renders a small scene on a device, and returns its largest error relative to the CPU's rendering;
             raises RuntimeError where the device fails.
+        refusal: Why the driver refused, in this trial, to capture launches; None if it did not.
     """
 
     has_driver: Callable[[], bool] = _has_driver
     cuda: Callable[[], Cuda] = _cuda_here
     error_on: Callable[[str], float] = _error_on
+    refusal: Callable[[], str | None] = _refusal
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,10 @@ def _tried(card: Card, wanted: str, probe: CudaProbe) -> RenderingPlace:
         return _refused(finding(Code.GPU_FAILS, card=named, reason=reason[0].rstrip(".")), wanted)
     if not error <= MOST_ERROR:
         return _refused(finding(Code.GPU_DIFFERS, card=named, error=error), wanted)
-    return RenderingPlace(f"warp:{card.device}", named, (finding(Code.GPU_USED, card=named, error=error),))
+    notes, refusal = [finding(Code.GPU_USED, card=named, error=error)], probe.refusal()
+    if refusal is not None:
+        notes.append(finding(Code.GPU_NOT_CAPTURED, card=named, reason=refusal))
+    return RenderingPlace(f"warp:{card.device}", named, tuple(notes))
 
 
 def _refused(lack: Finding, wanted: str) -> RenderingPlace:

@@ -19,6 +19,9 @@ from gs2ci.render.settings import RasterSettings
 _SIZE: Final = (24, 32)
 _VIEWS: Final = 3
 _GAUSSIANS: Final = 200
+# Launches are made one by one in the first rendering, captured in the second, and replayed in the third.
+_ONCE: Final = 1
+_REPLAYED: Final = 3
 # Neither renderer stops early, so that what differs is the arithmetic alone.
 _WHOLE: Final = RasterSettings(termination_transmittance=0.0)
 
@@ -62,21 +65,24 @@ def _capability(arch: int) -> tuple[int, int]:
 def error_on(device: str) -> float:
     """Return the largest error of a small coded sum and of its gradients on a device, relative to those of the CPU.
 
-    In the 2-norm of each. The first call on a device compiles its kernels, which Warp keeps on disk.
+    In the 2-norm of each, of a first rendering and of one that replays it. The first call on a device compiles its
+    kernels, which Warp keeps on disk.
 
     Raises:
         RuntimeError: The device fails.
         InputError: There is no such device.
     """
-    found, truth = _outcome(load_backend(f"warp:{device}", _WHOLE)), _outcome(load_backend("cpu", _WHOLE))
+    truth = _outcome(load_backend("cpu", _WHOLE), _ONCE)
     errors = [
-        float(torch.linalg.vector_norm(a - b) / torch.linalg.vector_norm(b)) for a, b in zip(found, truth, strict=True)
+        float(torch.linalg.vector_norm(a - b) / torch.linalg.vector_norm(b))
+        for renderings in (_ONCE, _REPLAYED)
+        for a, b in zip(_outcome(load_backend(f"warp:{device}", _WHOLE), renderings), truth, strict=True)
     ]
     return max(errors) if all(map(math.isfinite, errors)) else math.inf
 
 
-def _outcome(backend: Backend) -> list[Tensor]:
-    """Render the scene and differentiate it: the image, the gradients by the scene's parameters, that by the poses."""
+def _outcome(backend: Backend, renderings: int) -> list[Tensor]:
+    """Render the scene so often and differentiate it: the image, the gradients by its parameters, that by the poses."""
     draws = torch.Generator().manual_seed(0)
 
     def uniform(*shape: int) -> Tensor:
@@ -96,8 +102,12 @@ def _outcome(backend: Backend) -> list[Tensor]:
     poses[:, 0, 3] = torch.linspace(-0.05, 0.05, _VIEWS)
     masks = (uniform(_VIEWS, height, width) < 0.5).float()
     weights = uniform(height, width, 3) - 0.5
-    image, pull = coded_with_pull(backend, scene, poses, intrinsics, backend.code(masks))
-    by_poses = pull(weights.numpy())
+    reuse, mask_set = backend.reuse(), backend.code(masks)
+    for _ in range(renderings):
+        for one in scene.parameters().values():
+            one.grad = None
+        image, pull = coded_with_pull(backend, scene, poses, intrinsics, mask_set, reuse=reuse)
+        by_poses = pull(weights.numpy())
     gradients = [one.grad for one in scene.parameters().values() if one.grad is not None]
     # The last row of a pose is fixed; of the others the gradient is that of twelve numbers.
     return [torch.from_numpy(image), *gradients, torch.from_numpy(by_poses[:, :3].copy())]

@@ -27,12 +27,11 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate import points as points_module
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
-from gs2ci.evaluate.report import GeometrySection
 from gs2ci.evaluate.whole_folder import write_pictures
 from gs2ci.render.ply import read_ply, write_ply
 from tests.core.test_whole_file import small_files
 from tests.evaluate.pages.conftest import tab
-from tests.evaluate.reports import GEOMETRY
+from tests.evaluate.reports import a_geometry
 
 __all__ = ["tab"]
 
@@ -100,7 +99,7 @@ def test_gaussians_too_far_away_for_spz_are_brought_nearer_and_said_to_be(run):
 
 def test_a_known_unit_stands_in_a_glb_files_node(run):
     told = replace(run, _scene=run.scene)
-    geometry = GeometrySection.model_validate({**GEOMETRY, "unit_of": "stage"})
+    geometry = a_geometry(unit_of="stage")
     report = run.report.model_copy(update={"provenance": {"source": "rig"}, "geometry": geometry})
     told.__dict__["report"] = report
     whole = gs2ci.export(told, "glb", as_fitted=True).read_bytes()
@@ -196,7 +195,7 @@ def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
     """As a NeXus viewer goes: default, default, signal, axes (manual.nexusformat.org, "Find the plottable data")."""
     told = {"operator": "A. Name", "sample": "fern", "institution": "U", "experiment": 7, "humidity_percent": 41.5}
     provenance = {"metadata": told, "taken_at": "2026-11-23T01:02:03+00:00", "source": "rig"}
-    geometry = GeometrySection.model_validate({**GEOMETRY, "unit_of": "stage"})
+    geometry = a_geometry(unit_of="stage")
     report = run.report.model_copy(update={"provenance": provenance, "geometry": geometry})
     nexus.write_nexus(Path("told.nxs"), report, run.views, run.depth, exports._cameras(run))
     with h5py.File(gs2ci.export(run, "nexus")) as plain, h5py.File("told.nxs") as file:

@@ -70,7 +70,7 @@ def test_every_name_is_documented_and_typed_and_has_an_example(name):
 @pytest.mark.parametrize("name", CALLED)
 def test_its_examples_do_what_they_say(name, examples, monkeypatch):
     # It compiles for half a minute; tests/commands/test_compile.py has what it compiles by.
-    monkeypatch.setattr(preparing, "modules_with_kernels", lambda: ("gs2ci.reconstruct.fit.gaussian_kernels",))
+    monkeypatch.setattr(preparing, "modules_with_kernels", lambda: ("gs2ci.reconstruct.fit.kernels.gaussian_kernels",))
     finder = doctest.DocTestFinder(recurse=inspect.isclass(target(name)))
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     runner = doctest.DocTestRunner(optionflags=flags, verbose=False)

@@ -70,7 +70,7 @@ def judge(number: int | None) -> str:
     shot = case.shot(seed)
     report = build_report(shot, reconstruct(shot).result)
     assert report.depth is not None
-    return _line(case.name, seed, report, report.depth.errors())
+    return _line(case.name, seed, report, report.depth)
 
 
 def between(found: Reconstruction) -> DepthErrors:

@@ -22,7 +22,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import look_closer
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
@@ -119,7 +119,7 @@ def _settled(trial: Trial) -> Geometry:
     fitted = Holdout(fill_holes(first.holdout.shot, first.decoded), first.holdout.pixels)
     refine = Refinement(first.holdout, settings.residual)
     fits = Fits(first.holdout, fitted, None, settings, refine, silent, Stopwatch())
-    settled, order = fits.order_of(first, hurried=False)
+    settled, order = fits.order_of(first)
     geometry = settled.geometry
     return replace(geometry, notes=(*geometry.notes, *order_findings(order, geometry)))
 

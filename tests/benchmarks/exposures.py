@@ -40,10 +40,10 @@ from gs2ci.reconstruct.exposures.observing import observe_all
 from gs2ci.reconstruct.exposures.placing import moved
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.fit.coarse import CoarseRun
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Monitoring
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring
+from gs2ci.reconstruct.fit.coarse.stage import CoarseRun
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.observe import Tools
 from gs2ci.reconstruct.settings import Settings

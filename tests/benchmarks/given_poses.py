@@ -58,9 +58,9 @@ def judge(wanted: tuple[str, float]) -> str:
 
 
 def _moved(result: RunResult) -> float:
-    moved = result.geometry["moved"]
+    moved = result.geometry.moved
     assert isinstance(moved, dict)
-    return float(moved["share_of_path"]) if result.geometry["verdict"] == "full" else float("nan")
+    return float(moved.share_of_path) if result.geometry.verdict == "full" else float("nan")
 
 
 def _error(world_to_camera: F64, shot: Shot) -> float:

@@ -102,7 +102,7 @@ def _row(backend, count: int, size: tuple[int, int], views: int, rounds: int) ->
     def on_cpu() -> None:
         cpu.coded_with_pull(scene.map(torch.clone), poses, intrinsics, cpu_masks)[1](weights)
 
-    entries = Rendering(inputs, intrinsics, coding, 1e-4)._lists.total
+    entries = Rendering(inputs, intrinsics, coding, 1e-4)._arrays._lists.total
     kernels = _kernel_ms(backend.place, iterate, rounds)
     print(
         f"| {count} | {size[0]} × {size[1]} | {views} | {entries} | {kernels} | {_least_ms(iterate, rounds):.2f} | "

@@ -45,11 +45,16 @@ def compiled(arch: int) -> list[Kernel]:
     """Compile every kernel for an architecture, and read what it takes."""
     import warp as wp  # noqa: PLC0415  an extra
 
+    from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
+    from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
     from gs2ci.render.warp import blend, lists, project, stopping  # noqa: PLC0415
     from gs2ci.render.warp.types import BLOCK  # noqa: PLC0415
 
     tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
-    plain = [wp.get_module(one.__name__) for one in (blend, lists, project, stopping)]
+    whole = (blend, lists, project, stopping, kernels, device_loss_kernels)
+    plain = [wp.get_module(one.__name__) for one in whole]
+    own = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module not in plain]
+    tiled += [(one, int(kernels.SUMMED)) for one in own]
     found = []
     for module, threads in [(kernel.module, threads) for kernel, threads in tiled] + [(one, 256) for one in plain]:
         module.options["block_dim"] = threads

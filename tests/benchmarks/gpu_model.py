@@ -7,8 +7,8 @@ surfaces) is made with the renderer `warp` and the counterparts of the fit's ker
 device. Each launch is counted with the bytes of the arrays that it is given, each once; of Warp's kernels those that
 make the lists run, so that the lists have their true lengths, and the others are only counted. Operations are counted
 for the two kernels that have most of them: each pixel of a block with each Gaussian of its list, as if none ended
-early. A card cannot need less than the bytes at its memory's rate, nor than the operations at its arithmetic's; and
-Python cannot launch faster than it did here, with nothing computed.
+early. A card cannot need less than the bytes at its memory's rate, nor than the operations at its arithmetic's. Apart
+from it is measured what an iteration costs Python once its graphs are captured, with nothing computed.
 """
 
 import os
@@ -25,12 +25,13 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.coarse_state import FitState
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.state import FitState
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.holdout import Holdout
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import places
 from gs2ci.render.backend import load_backend
 from gs2ci.render.interface import Backend
@@ -43,6 +44,8 @@ CARDS = {"H100 SXM": (3350.0, 67.0), "RTX 4090": (1008.0, 82.6)}
 # and the pixel's part in two products of matrices.
 BLEND_OPERATIONS, GRADIENT_OPERATIONS = 26, 78
 BLOCK = 32
+SERVED = Settings().raster.relist_every
+"""Iterations that lists serve, over which figures are means."""
 _LISTING = ("project", "emit", "find_ranges")
 # What only looks at memory in another way.
 _VIEWS = (
@@ -82,7 +85,7 @@ class _Torch(TorchDispatchMode):
 
 @contextmanager
 def counting(counted: Counted) -> Iterator[None]:
-    """Count what is launched; of Warp's kernels only those of the lists run."""
+    """Count what is launched, a graph as one launch; of Warp's kernels only those of the lists run."""
     import warp as wp  # noqa: PLC0415  an extra
 
     def size(arrays: Any) -> int:
@@ -91,13 +94,25 @@ def counting(counted: Counted) -> Iterator[None]:
     plain = {name: getattr(wp, name) for name in ("launch", "launch_tiled", "zeros")}
     scan, sort = wp.utils.array_scan, wp.utils.radix_sort_pairs
 
-    def launch(kernel: Any, dim: Any, inputs: Any, outputs: Any, device: Any) -> None:
+    def launch(kernel: Any, dim: Any, inputs: Any, outputs: Any = (), **rest: Any) -> Any:
+        if rest.get("record_cmd"):  # it counts when it is made
+            return plain["launch"](kernel, dim=dim, inputs=inputs, outputs=list(outputs), **rest)
         counted.add(f"warp {kernel.key}", size([*inputs, *outputs]))
         if kernel.key in _LISTING:
-            plain["launch"](kernel, dim=dim, inputs=inputs, outputs=outputs, device=device)
+            plain["launch"](kernel, dim=dim, inputs=inputs, outputs=outputs, **rest)
+        return None
 
-    def launch_tiled(kernel: Any, dim: Any, block_dim: int, inputs: Any, outputs: Any, device: Any) -> None:
+    def launch_tiled(kernel: Any, dim: Any, inputs: Any, outputs: Any = (), **rest: Any) -> Any:
+        if rest.get("record_cmd"):
+            return plain["launch_tiled"](kernel, dim=dim, inputs=inputs, outputs=list(outputs), **rest)
         counted.add(f"warp {kernel.key}", size([*inputs, *outputs]))
+        return None
+
+    def launched(kept: Any, stream: Any = None) -> None:
+        counted.add(f"warp {kept.kernel.key}", size(kept.fwd_args))
+
+    def replayed(graph: Any, stream: Any = None) -> None:
+        counted.add("warp graph", 0)
 
     def zeros(*args: Any, **kwargs: Any) -> Any:
         made = plain["zeros"](*args, **kwargs)
@@ -120,6 +135,7 @@ def counting(counted: Counted) -> Iterator[None]:
         for owner, name, new in (
             *((wp, "launch", launch), (wp, "launch_tiled", launch_tiled), (wp, "zeros", zeros)),
             *((wp.utils, "array_scan", scanned), (wp.utils, "radix_sort_pairs", sorted_pairs)),
+            *((wp.Launch, "launch", launched), (wp, "capture_launch", replayed)),
         ):
             stack.enter_context(patch.object(owner, name, new))
         stack.enter_context(_Torch(counted))
@@ -144,7 +160,7 @@ def state(count: int, size: tuple[int, int], views: int, backend: Backend | None
         verdict="full",
         notes=(),
     )
-    renderer = ShotRenderer(shot, matrix, backend or load_backend("warp"))
+    renderer = ShotRenderer(shot, matrix, backend or load_backend("warp", Settings().raster))
     settings = replace(CoarseSettings(), surfaces=None, mask_moments_from=0.0)
     exposure = FittedExposure(Holdout(shot, np.zeros(size, bool)), renderer, geometry)
     return FitState([exposure], scene, settings, seed=0)
@@ -152,7 +168,7 @@ def state(count: int, size: tuple[int, int], views: int, backend: Backend | None
 
 def iteration(fit: FitState) -> None:
     """Make one iteration; nothing that it computes counts."""
-    fit.backward(0.5, 1)
+    fit.is_finite(fit.backward(0.5, 1))
     fit.step(0.5, 1.0)
 
 
@@ -162,35 +178,78 @@ def run() -> None:
     places.count_host_as_device(yes=True)
     try:
         print(
-            "| Gaussians | size | views | launches | MB | entries | GFLOP | host ms | "
+            "| Gaussians | size | views | launches | MB | entries | GFLOP | "
             + " | ".join(f"{card}: memory, arithmetic ms" for card in CARDS)
-            + " |\n|---:|---|---:|---:|---:|---:|---:|---:|"
+            + " |\n|---:|---|---:|---:|---:|---:|---:|"
             + "---:|" * len(CARDS)
         )
         for count, size, views in sizes:
-            counted = Counted()
-            fit = state(count, size, views)
-            with counting(counted):
-                iteration(fit)
+            counted = _counted(state(count, size, views))
             operations = counted.entries * BLOCK * (BLEND_OPERATIONS + GRADIENT_OPERATIONS)
             cells = " | ".join(
-                f"{counted.bytes / rate / 1e6:.2f}, {operations / flops / 1e9:.2f}" for rate, flops in CARDS.values()
+                f"{counted.bytes / SERVED / rate / 1e6:.2f}, {operations / flops / 1e9:.2f}"
+                for rate, flops in CARDS.values()
             )
             figures = (
-                f"{sum(counted.launches.values())} | {counted.bytes / 1e6:.0f} | {counted.entries} | "
-                f"{operations / 1e9:.1f} | {_host_ms():.1f}"
+                f"{sum(counted.launches.values()) / SERVED:.0f} | {counted.bytes / SERVED / 1e6:.0f} | "
+                f"{counted.entries} | {operations / 1e9:.1f}"
             )
             print(f"| {count} | {size[0]} × {size[1]} | {views} | {figures} | {cells} |", flush=True)
-        print("\nlaunches of the last:", ", ".join(f"{n} {name}" for name, n in counted.launches.most_common()))
+        print(f"\nlaunches of {SERVED}:", ", ".join(f"{n} {name}" for name, n in counted.launches.most_common()))
+        host_ms, calls = _host()
+        print(f"\nan iteration costs Python {host_ms:.2f} ms (processor time), for {calls:.1f} calls to the device")
     finally:
         places.count_host_as_device(yes=False)
 
 
-def _host_ms() -> float:
-    """Return the processor time of an iteration of a scene so small that Python is what takes it, ms."""
-    fit, times = state(20, (16, 16), 2), []
-    for _ in range(12):
-        began = time.process_time()
+def _counted(fit: FitState) -> Counted:
+    """Count as many iterations as lists serve, after the first, in which memory is made ready.
+
+    No graph is captured: whether launches come from Python or from a graph, the card makes them.
+    """
+    from gs2ci.render import recording  # noqa: PLC0415  an extra
+
+    counted = Counted()
+    with counting(Counted()):
         iteration(fit)
-        times.append(time.process_time() - began)
-    return 1e3 * min(times)
+    with patch.object(recording, "_may_capture", lambda _: False), counting(counted):
+        for _ in range(SERVED):
+            iteration(fit)
+    return counted
+
+
+def _host() -> tuple[float, float]:
+    """Return what an iteration costs Python, ms, and how many calls to the device it makes, graphs being captured.
+
+    The scene is so small, and its launches are left out, that Python is what takes the time; the least of several
+    rounds of as many iterations as lists serve.
+    """
+    fit = state(20, (16, 16), 2)
+    for _ in range(3 * SERVED):
+        iteration(fit)
+    calls, times = Counted(), []
+    with _nothing_computed():
+        for _ in range(12):
+            began = time.process_time()
+            for _ in range(SERVED):
+                iteration(fit)
+            times.append((time.process_time() - began) / SERVED)
+    with counting(calls):
+        for _ in range(SERVED):
+            iteration(fit)
+    return 1e3 * min(times), sum(calls.launches.values()) / SERVED
+
+
+@contextmanager
+def _nothing_computed() -> Iterator[None]:
+    """Let Warp launch nothing on the host, whatever it is told."""
+    import warp as wp  # noqa: PLC0415  an extra
+    from warp._src import context  # noqa: PLC0415  what a launch comes down to on the host
+
+    with ExitStack() as stack:
+        for owner, name in (
+            *((context, "invoke"), (context, "invoke_cpu_blocks"), (wp, "capture_launch")),
+            (wp.utils, "radix_sort_pairs"),
+        ):
+            stack.enter_context(patch.object(owner, name, lambda *_, **__: None))
+        yield

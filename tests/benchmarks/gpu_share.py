@@ -18,8 +18,8 @@ from unittest.mock import patch
 import numba
 
 from gs2ci.reconstruct import pipeline
-from gs2ci.reconstruct.fit import surfaces
-from gs2ci.reconstruct.fit.depth_field import DepthField, FieldStep
+from gs2ci.reconstruct.fit.surfaces import surfaces
+from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.geometry.depth import sweep
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.render.cpu import backend

@@ -200,8 +200,8 @@ def _reconstructed(one: Drawn) -> str:
     rank = depth_rank(depth, one.depth) or 0.0
     said = " ".join(note.code.value for note in result.notes)
     return (
-        f"views {psnr_db[0]:.2f}, scene {psnr_db[1]:.2f}, decode {psnr_db[2]:.2f} dB; {result.geometry['method']} "
-        f"{result.geometry['verdict']}, nATE {path.nate or np.nan:.3f}, order of depth {rank:+.2f}; {said}"
+        f"views {psnr_db[0]:.2f}, scene {psnr_db[1]:.2f}, decode {psnr_db[2]:.2f} dB; {result.geometry.method} "
+        f"{result.geometry.verdict}, nATE {path.nate or np.nan:.3f}, order of depth {rank:+.2f}; {said}"
     )
 
 

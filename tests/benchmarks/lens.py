@@ -14,8 +14,8 @@ import torch
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend

@@ -18,10 +18,10 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut, Watch
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings

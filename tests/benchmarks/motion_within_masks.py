@@ -23,7 +23,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.motion_blur import MotionBlur

@@ -73,7 +73,7 @@ def _report(name: str, shot: Shot, settings: Settings) -> None:
     )
     held = result.heldout_rms[result.verdict]
     left = "" if held is None else f"held-out {held:.4f} (decode {result.heldout_rms['decode']:.4f})"
-    chosen = result.motion.get("chosen", "")
+    chosen = result.motion.chosen
     print(f"{name:40} {quality} {left} {result.verdict}, {chosen}, {seconds:.0f} s of processor", flush=True)
 
 

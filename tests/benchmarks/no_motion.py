@@ -56,7 +56,7 @@ def _reconstructed(case: tuple[str, str, float | None]) -> tuple[str, str]:
     scene, path, photons = case
     result = reconstruct(Bench(scene=scene, path=PATHS[path], views=VIEWS[0], photons=photons).expose(SIZES[0])).result
     codes = {note.code for note in result.notes}
-    outcome = "found in a fit" if Code.PATH_FOUND_IN_FIT in codes else str(result.geometry["verdict"])
+    outcome = "found in a fit" if Code.PATH_FOUND_IN_FIT in codes else str(result.geometry.verdict)
     tried = ", another attempt was made" if Code.ATTEMPTS_RANKED in codes else ""
     return f"{scene}{'' if photons is None else ', dim'}, {path}: {outcome}{tried}", outcome
 

@@ -15,7 +15,7 @@ from typing import Final
 
 from gs2ci.core.errors import ResourceError
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.paper.density.adc import Adc

@@ -30,9 +30,16 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, coarse_state, exposure, gathering, losses, optimiser, poses, relief, surfaces
-from gs2ci.reconstruct.fit.looks import Looks
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse import exposure
+from gs2ci.reconstruct.fit.coarse import stage as coarse
+from gs2ci.reconstruct.fit.coarse import state as coarse_state
+from gs2ci.reconstruct.fit.coarse.looks import Looks
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.density import gathering
+from gs2ci.reconstruct.fit.losses import objective as losses
+from gs2ci.reconstruct.fit.optimiser import gaussians as optimiser
+from gs2ci.reconstruct.fit.optimiser import poses, relief
+from gs2ci.reconstruct.fit.surfaces import surfaces
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings

@@ -43,8 +43,9 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import observe, pipeline
-from gs2ci.reconstruct.fit import coarse, exposure
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse import exposure
+from gs2ci.reconstruct.fit.coarse import stage as coarse
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.hypotheses import fitting
 from gs2ci.reconstruct.presets.named import preset
 from tests.benchmarks.photographs import expose
@@ -203,7 +204,7 @@ def one() -> None:
         found = pipeline.reconstruct(shot, settings)
     wall_s = time.monotonic() - began_s
     report = build_report(shot, found.result)
-    errors = None if report.depth is None else report.depth.errors()
+    errors = report.depth
     print(
         json.dumps(
             {

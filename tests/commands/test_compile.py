@@ -9,7 +9,7 @@ from gs2ci.commands import compile as compiling
 from gs2ci.core import kernels
 from gs2ci.core.progress import Silent
 
-SMALL = "gs2ci.reconstruct.fit.gaussian_kernels"
+SMALL = "gs2ci.reconstruct.fit.kernels.gaussian_kernels"
 
 
 def test_all_modules_with_kernels_are_found_and_no_other():

@@ -10,7 +10,8 @@ from gs2ci.commands import evaluate
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
-from gs2ci.core.run_records import VERDICTS, RunResult
+from gs2ci.core.run_figures import VERDICTS
+from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.paper import perceptual

@@ -11,7 +11,8 @@ from gs2ci.commands import measure
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot
-from gs2ci.core.run_records import VERDICTS, RunResult
+from gs2ci.core.run_figures import VERDICTS
+from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.render.gaussians import Gaussians
 

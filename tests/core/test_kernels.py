@@ -130,7 +130,7 @@ def test_a_module_is_compiled_for_what_its_kernels_declare(monkeypatch, tmp_path
 
 def test_a_process_compiles_what_it_is_told(tmp_path):
     program = "from gs2ci.core.kernels import serve; serve()"
-    module = "gs2ci.reconstruct.fit.gaussian_kernels"
+    module = "gs2ci.reconstruct.fit.kernels.gaussian_kernels"
     environment = {**kernels.os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -9,10 +9,11 @@ import torch
 
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
-from gs2ci.core.run_records import CurvePoint, RunResult
+from gs2ci.core.run_figures import CurvePoint, EnsembleSection
+from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.render.gaussians import Gaussians
-from tests.evaluate.reports import GEOMETRY
+from tests.evaluate.reports import a_geometry
 
 
 def sureness(depth: np.ndarray) -> Uncertainty:
@@ -108,8 +109,8 @@ def make_run() -> MakeRun:
             seed=0,
             verdict="refined",
             heldout_rms={"refined": 0.021, "scene": 0.022, "decode": 0.058},
-            geometry={**GEOMETRY, "tracks": 812},
-            ensemble={"fits": 2, "averaged": 2, "spread": 0.011},
+            geometry=a_geometry(tracks=812),
+            ensemble=EnsembleSection(2, 2, 0.011),
             disagreement=np.full((count, *size), 0.011, np.float32),
             uncertainty=sureness(depth),
         )

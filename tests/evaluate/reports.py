@@ -6,9 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.run_figures import GeometrySection, Moved
 from gs2ci.evaluate.report import Report
 
-GEOMETRY = {
+GEOMETRY: dict[str, Any] = {
     "method": "tracks",
     "asked_for": "auto",
     "proxy": "gap-tv",
@@ -23,6 +24,13 @@ GEOMETRY = {
     "unit_of": None,
     "moved": {"rotation_deg": 0.01, "share_of_path": 0.001},
 }
+
+
+def a_geometry(**changes: Any) -> GeometrySection:
+    """Make the section of a good path, with changes."""
+    return GeometrySection(**{**GEOMETRY, "moved": Moved(**GEOMETRY["moved"]), **changes})
+
+
 # A measurement that nobody simulated, 8 views with a truth, and nothing to complain of.
 GOOD: dict[str, Any] = {
     "schema": "gs2ci.report/2",

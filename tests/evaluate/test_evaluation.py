@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from gs2ci.evaluate.noise import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -42,8 +42,8 @@ def test_what_is_read_back_is_what_was_found(finished):
 def test_figures_that_the_report_has_already_come_out_the_same(finished):
     shot, _, folder = finished
     found, report = evaluate(read_run(folder), ReferenceData(shot)), read_report(folder)
-    assert found["psnr_db"] == report.psnr_db.model_dump()
-    assert found["ssim"] == report.ssim.model_dump()
+    assert found["psnr_db"] == asdict(report.psnr_db)
+    assert found["ssim"] == asdict(report.ssim)
     assert found["trajectory"]["nate"] == pytest.approx(report.trajectory.nate)
     assert found["residual"]["rms"] == pytest.approx(report.residual.rms, rel=1e-5)
 
@@ -121,7 +121,7 @@ def test_a_perceptual_distance_sees_clamped_images_of_three_channels(make_run, t
 def test_a_mono_run_is_judged_in_one_channel(make_run, tmp_path):
     shot, result = make_run(count=3, size=(16, 20), channels=1)
     folder = write_run(tmp_path / "run", shot, result, one_gaussian())
-    assert evaluate(read_run(folder), ReferenceData(shot))["psnr_db"] == read_report(folder).psnr_db.model_dump()
+    assert evaluate(read_run(folder), ReferenceData(shot))["psnr_db"] == asdict(read_report(folder).psnr_db)
 
 
 def test_another_shot_and_novel_views_without_a_true_path_are_refused(finished, make_run):

@@ -40,7 +40,7 @@ class Inner(http.server.BaseHTTPRequestHandler):
 def gate():
     inner = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Inner)
     inner.daemon_threads = True
-    thread = threading.Thread(target=inner.serve_forever)
+    thread = threading.Thread(target=inner.serve_forever, args=(0.01,))
     thread.start()
     made = Gate("gs2ci view", socket.create_server(("127.0.0.1", 0)), "127.0.0.1", inner.server_address[1])
     yield made

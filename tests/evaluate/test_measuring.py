@@ -98,7 +98,7 @@ def along_a_line(wall, way, unit_of="stage", count=8):
     """The wall seen by cameras along a line, whose poses were given."""
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, 3] = np.linspace(-0.2, 0.2, count)[:, None] * way
-    geometry = wall.report.geometry.model_copy(update={"unit_of": unit_of})
+    geometry = replace(wall.report.geometry, unit_of=unit_of)
     report = wall.report.model_copy(update={"geometry": geometry})
     maps = {
         name: np.repeat(getattr(wall, name)[:1], count, axis=0)
@@ -140,7 +140,7 @@ def test_no_turn_looks_like_travel_along_the_line_of_sight(wall):
     away = np.median(np.hypot(columns - 32, rows - 24)) / 4
     # The middle view is a half step off the middle of the path: 1 % of the depth.
     assert of_all == pytest.approx(PLACE_PX / (away * np.sqrt(np.square(np.linspace(-0.2, 0.2, 8)).sum())), rel=0.05)
-    untracked = run.report.model_copy(update={"geometry": run.report.geometry.model_copy(update={"tracks": 0})})
+    untracked = run.report.model_copy(update={"geometry": replace(run.report.geometry, tracks=0)})
     unsure = measure(replace(run, report=untracked), *ends, 4).standard_error
     assert np.sqrt(unsure**2 - local.standard_error**2) / local.length == pytest.approx(4 * of_all)
 
@@ -205,7 +205,7 @@ def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
 def test_lengths_are_in_millimetres_only_if_the_stage_of_a_rig_reported_the_path(wall, unit_of, source, unit):
     told = wall.report.model_copy(
         update={
-            "geometry": wall.report.geometry.model_copy(update={"unit_of": unit_of}),
+            "geometry": replace(wall.report.geometry, unit_of=unit_of),
             "provenance": {} if source is None else {"source": source},
         }
     )
@@ -243,7 +243,7 @@ def test_what_cannot_be_measured_is_refused(wall):
 
 @pytest.mark.parametrize("verdict", ["rotation_only", "static", "unsupported"])
 def test_without_a_camera_path_there_is_no_length(wall, verdict):
-    geometry = wall.report.geometry.model_copy(update={"verdict": verdict})
+    geometry = replace(wall.report.geometry, verdict=verdict)
     told = replace(wall, report=wall.report.model_copy(update={"geometry": geometry}))
     with pytest.raises(InputError, match=r"no camera path was found.*sideways.*--geometry"):
         measure(told, (10, 20), (50, 20), 1)

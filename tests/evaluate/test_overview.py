@@ -59,7 +59,7 @@ def test_the_picture_is_written_in_its_colours(tmp_path, make_run):
 @pytest.mark.parametrize("note", [finding(Code.CAMERA_AT_REST, share=0.7), finding(Code.CAMERA_GIVEN_AT_REST)])
 def test_no_depth_is_drawn_of_a_camera_known_to_be_at_rest(make_run, note):
     shot, result = make_run(truth=False)
-    geometry = {**result.geometry, "method": "rest", "verdict": "static"}
+    geometry = replace(result.geometry, method="rest", verdict="static")
     assert "depth" not in tiles(shot, replace(result, geometry=geometry, notes=(note,)))
 
 

@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,8 @@ from pydantic import ValidationError
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Truth
-from gs2ci.evaluate.report import LightSection, Report, read_report
+from gs2ci.core.run_figures import LightSection
+from gs2ci.evaluate.report import Report, read_report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.whole_folder import REPORT_NAME
 from tests.evaluate.reports import GOOD, a_report
@@ -31,7 +32,7 @@ def test_what_is_written_reads_back_as_the_same(tmp_path, make_run):
 
 def test_brightness_is_read_by_the_name_that_it_had_before():
     section = {"estimated": [1.0], "standard_errors": [0.1], "errors_away": 1.0, "explains": 0.1, "views": "even"}
-    assert LightSection.model_validate({**section, "believed": [1.1]}) == LightSection(**section, used=[1.1])
+    assert a_report(light={**section, "believed": [1.1]}).light == LightSection(**section, used=[1.1])
 
 
 def test_means_are_those_of_the_views(make_run):
@@ -111,7 +112,7 @@ def test_numbers_that_are_not_finite_become_null(make_run):
 def test_the_report_names_versions_and_machine_but_nobody(make_run):
     report = build_report(*make_run())
     assert report.versions["numpy"] == np.__version__
-    assert set(report.machine.model_dump()) == {"processor", "architecture", "usable_cores", "memory_mib", "system"}
+    assert set(asdict(report.machine)) == {"processor", "architecture", "usable_cores", "memory_mib", "system"}
     assert report.peak_mib > 10
 
 
@@ -241,4 +242,4 @@ def test_a_plan_that_is_not_the_simulators_stays_where_it_is(make_run):
 def test_the_schema_describes_every_section():
     schema = Report.model_json_schema(by_alias=True)
     assert schema["properties"]["schema"]["const"] == "gs2ci.report/2"
-    assert {"MeasurementSection", "GeometrySection", "Simulation", "FitLook", "Finding"} <= set(schema["$defs"])
+    assert {"MeasurementSection", "GeometrySection", "Simulation", "CurvePoint", "Finding"} <= set(schema["$defs"])

@@ -189,7 +189,7 @@ def test_surface_points_are_of_one_moment_if_things_move_and_none_without_a_path
     assert points_seen(write_run(tmp_path / "moving", shot, shifted, moving)) == inner
     everywhere = replace(flat, displacement=np.zeros((48, 64, 2), np.float32))
     assert points_seen(write_run(tmp_path / "moving_too", shot, everywhere, moving)) == inner
-    at_rest = replace(flat, geometry={**flat.geometry, "verdict": "static"})
+    at_rest = replace(flat, geometry=replace(flat.geometry, verdict="static"))
     assert not (write_run(tmp_path / "rest", shot, at_rest, scene) / "points.ply").exists()
 
 

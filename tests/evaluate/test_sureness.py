@@ -8,7 +8,7 @@ import torch
 
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.evaluate.points import Cameras
-from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.report import SurenessSection, read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.evaluate.sureness import errors_at, errors_of_centres, figures_of_errors
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
@@ -44,8 +44,9 @@ def test_a_run_without_them_has_neither_files_nor_figures(make_run, scene, tmp_p
 def test_a_run_without_a_path_states_those_of_views_alone(make_run):
     _, result = make_run()
     alone = replace(result, uncertainty=Uncertainty(result.uncertainty.views))
-    assert set(figures_of_errors(alone)) == {"views_mean", "views_sure_share", "other_order"}
-    assert figures_of_errors(replace(result, depth=np.zeros_like(result.depth))).get("depth_median") is None
+    figures = figures_of_errors(alone)
+    assert figures == SurenessSection(figures.views_mean, figures.views_sure_share)
+    assert figures_of_errors(replace(result, depth=np.zeros_like(result.depth))).depth_median is None
 
 
 def test_points_err_as_the_depth_that_a_view_sees_there(make_run, scene):

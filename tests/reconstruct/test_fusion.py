@@ -13,11 +13,12 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate
-from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.combining.combination import Candidate
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fusion import _decodes, _polished, hand_over, polish_seconds
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 SIZE, VIEWS = (48, 64), 5
@@ -52,11 +53,11 @@ def look_at(truth, noise=0.0, share=0.05):
     return FirstLook(holdout, gap_tv(holdout.seen), geometry=None, brightness=None)
 
 
-def handed(first, mean, best=None, settings=SETTINGS, *, polish=False, hurried=False):
+def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
     ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
     polishing = (PatchSettings.from_scene(),) if polish else ()
     refine = Refinement(first.holdout, settings.residual)
-    return hand_over(first, ensemble, refine, settings, polishing, hurried=hurried)
+    return hand_over(first, ensemble, refine, settings, polishing)
 
 
 def psnr(views, truth):
@@ -99,7 +100,7 @@ def test_in_a_hurry_the_measurement_is_decoded_once_more_and_no_oftener(monkeypa
         return gap_tv(shot, *how, **more)
 
     monkeypatch.setattr("gs2ci.reconstruct.fusion.gap_tv", noted)
-    given = handed(first, astray(truth, by=0.3), settings=settings, hurried=True)
+    given = handed(first, astray(truth, by=0.3), settings=Budget.beforehand(settings))
     assert [shot is first.holdout.shot for shot in decoded] == [True]
     assert psnr(given.views, truth) > psnr(gap_tv(first.holdout.shot), truth) - 0.3
     decoded.clear()

@@ -35,6 +35,14 @@ def test_a_card_that_works_is_taken_and_said():
     assert "have never run on a GPU" in note.sentence
 
 
+def test_a_driver_that_captures_nothing_is_said_and_the_card_is_used():
+    asked = CudaProbe(lambda: True, lambda: Cuda((13, 0), (13, 0), (7, 5), (NEW,)), lambda _: 1e-6, lambda: "no stream")
+    found = place("auto", 4000, asked)
+    assert [note.code for note in found.notes] == [Code.GPU_USED, Code.GPU_NOT_CAPTURED]
+    assert "cannot be captured (no stream): each is made from Python" in found.notes[1].sentence
+    assert found.backend == "warp:cuda:0"
+
+
 def test_one_of_several_cards_can_be_named():
     assert place("cuda:1", 4000, computer(NEW, SECOND)).backend == "warp:cuda:1"
     assert place("cuda", 4000, computer(NEW, SECOND)).backend == "warp:cuda:0"

@@ -48,6 +48,7 @@ KEYS = set().union(*TABLES.values())
 NAMED = re.compile(r"\[([a-z_]+(?:\.[a-z_0-9]+)?)\]")
 QUOTED = re.compile(r"`([a-z][a-z0-9_]*)(?: = [^`]*)?`")
 SAID = re.compile(r"\b(?:set|raise|lower|change|or|and) ([a-z]+_[a-z0-9_]+)\b")
+PLACED = re.compile(r"((?:`?[a-z][a-z0-9_]*`?(?:, or |, | and | or )?)+) in \[([a-z_.]+)\]")
 ASSIGNED = re.compile(r"\b([a-z][a-z0-9_]+) = (?=['\"{\d]|true|false)")
 
 
@@ -69,7 +70,10 @@ def remedies() -> list[tuple[str, str]]:
     """Return every remedy in the sources, and every other text that names a table of a rig file."""
     found = []
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        source = path.read_text(encoding="utf-8")
+        if not re.search(r"\b(?:remedy|allowed|set)\b", source):
+            continue
+        for node in ast.walk(ast.parse(source)):
             where = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
             if isinstance(node, ast.keyword) and node.arg in ("remedy", "allowed"):
                 found.append((where, text_of(node.value)))
@@ -83,9 +87,10 @@ def remedies() -> list[tuple[str, str]]:
 def unknown_keys(text: str) -> set[str]:
     """Return what a remedy calls a key and is none: of the table that follows it, or of any."""
     said = {*QUOTED.findall(text), *SAID.findall(text), *ASSIGNED.findall(text)} - NOT_KEYS
+    # To look for keys before a table where none is named takes very long: their pattern fits in many ways.
     placed = {
         key
-        for keys, table in re.findall(r"((?:`?[a-z][a-z0-9_]*`?(?:, or |, | and | or )?)+) in \[([a-z_.]+)\]", text)
+        for keys, table in (PLACED.findall(text) if " in [" in text else ())
         if table in TABLES
         for key in re.findall(r"[a-z]+_[a-z0-9_]+", keys)
         if key not in TABLES[table]

@@ -10,7 +10,7 @@ import gs2ci
 from gs2ci import cli
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
-from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
+from gs2ci.reconstruct.fit.scene.mask_moments import stated_within_mask
 from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions

@@ -9,7 +9,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.lens import pixels_of, slopes_of, undistorted
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
-from gs2ci.reconstruct.fit.mask_moments import stated_within_mask
+from gs2ci.reconstruct.fit.scene.mask_moments import stated_within_mask
 from gs2ci_sims.effects.base import LightStage
 from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.ghost_reflection import GhostReflection

@@ -14,9 +14,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import torch
 
-from gs2ci.reconstruct.fit.losses import DataTerm
-from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
-from gs2ci.reconstruct.fit.poses import PoseCorrections
+from gs2ci.reconstruct.fit.losses.objective import DataTerm
+from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
+from gs2ci.reconstruct.fit.optimiser.poses import PoseCorrections
 
 Fault = Callable[[], AbstractContextManager[Any]]
 Strikes = Callable[[int], bool]

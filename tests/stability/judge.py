@@ -44,8 +44,8 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.sureness import ORDER_OPEN
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import FULL, Bench, Scale, build
@@ -57,8 +57,8 @@ BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.
 WORSE_DB = 0.5
 # Held-out pixels judge views that have not seen them, and those that are handed over have: what errs least then may
-# leave more before (`fit/combination.py`). Up to 1.06 times as much as the decode in the quick cases, 1.27 with one
-# coded view.
+# leave more before (`fit/combining/combination.py`). Up to 1.06 times as much as the decode in the quick cases, 1.27
+# with one coded view.
 AGAINST_HELDOUT = 1.5
 # More than an even grey of the right colour, by this much, counts as having seen something.
 SEEN_DB = 1.0
@@ -260,7 +260,7 @@ def unfounded(result: RunResult, order: str, order_open: str, depth: DepthScore 
     """
     if order:
         return [f"{order}, without a warning"]
-    told = result.geometry.get("method") in TELL_ORDER
+    told = result.geometry is not None and result.geometry.method in TELL_ORDER
     claimed = result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2])
     if order_open and claimed and not told:
         return [f"{order_open}, and an order of depth is handed over without a warning"]

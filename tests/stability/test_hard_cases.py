@@ -12,8 +12,8 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.judge import AGAINST_HELDOUT
@@ -207,7 +207,7 @@ def test_a_measurement_of_another_unit(scale):
 def test_no_motion_at_all():
     views = np.repeat(wall(1, step=0), 4, axis=0)
     result = recover(expose(views), "depth cannot be found")
-    assert result.geometry["verdict"] in ("static", "unsupported")
+    assert result.geometry.verdict in ("static", "unsupported")
     assert rms(result.views - views) < 0.15
 
 
@@ -216,7 +216,7 @@ def test_pure_rotation():
     camera = np.array([[focal_px, 0, size[1] / 2], [0, focal_px, size[0] / 2], [0, 0, 1]])
     views = turned(6, size, focal_px, step_rad=0.03)
     result = recover(expose(views, intrinsics=camera), "depth cannot be found")
-    assert result.geometry["verdict"] == "rotation_only"
+    assert result.geometry.verdict == "rotation_only"
     assert rms(result.views - views) < 0.15
 
 

@@ -97,7 +97,7 @@ def graded(moving, monkeypatch):
         if true_path is not None:
             truth = replace(truth, world_to_camera=true_path)
         stack = np.repeat(depth[None].astype(np.float32), shot.views, axis=0)
-        geometry = {**result.geometry, "method": method}
+        geometry = replace(result.geometry, method=method)
         changed = replace(result, depth=stack, notes=notes, world_to_camera=path, geometry=geometry)
         return appraise(case, replace(shot, truth=truth), changed, SMALL)
 

@@ -117,8 +117,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
 
 
 def _machine_sentence() -> str:
-    here = machine()
-    return f"{here.get('processor', 'unknown processor')}, gs2ci {versions().get('gs2ci', '')}".strip(", ")
+    return f"{machine().processor}, gs2ci {versions()['gs2ci']}"
 
 
 def best_of(measure: Measure, means: Sequence[float | None]) -> float | None:

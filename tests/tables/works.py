@@ -12,12 +12,11 @@ import torch
 
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.evaluate.depth import DepthErrors
-from gs2ci.evaluate.report import Trajectory
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.tradeoff.store import Row
-from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.evaluate.trajectory import TrajectoryErrors, trajectory_errors
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
@@ -77,7 +76,7 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "gaussians": report.gaussians,
         **_population(done.result.curve),
         "verdict": report.verdict,
-        "source": str(done.result.geometry["method"]),
+        "source": done.result.geometry.method,
         "codes": sorted({note.code.value for note in done.result.notes}),
         "stopped": report.stopped.code.value,
     }
@@ -126,7 +125,7 @@ def least_seconds(work: Callable[[], object], times: int) -> float:
     return min(seconds)
 
 
-def _path(errors: Trajectory | None) -> Row:
+def _path(errors: TrajectoryErrors | None) -> Row:
     """Return the errors of a path as the paper's Table VI has them; nRPE_t is RPE_t over the extent, as nATE is."""
     extent = errors.ate / errors.nate if errors is not None and errors.nate else None
     return {

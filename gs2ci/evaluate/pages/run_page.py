@@ -5,6 +5,7 @@ Here: its sections and their contents. Not here: the parts of sections (`pieces.
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -512,6 +513,6 @@ def _measurement(report: Report) -> Markup:
 
 def _environment(report: Report) -> Markup:
     return pieces.columns(
-        pieces.facts([*spoken_rows(report.machine.model_dump()), ("rendered on", report.device)]),
+        pieces.facts([*spoken_rows(asdict(report.machine)), ("rendered on", report.device)]),
         pieces.facts(flat_rows(report.versions)),
     )

@@ -123,8 +123,8 @@ def _table(record: TradeoffRecord) -> Markup:
 def _origin(record: TradeoffRecord) -> Markup:
     rows = [
         ("command", record.command),
-        ("processor", record.machine.get("processor")),
-        ("usable cores", record.machine.get("usable_cores")),
+        ("processor", record.machine.processor),
+        ("usable cores", record.machine.usable_cores),
         ("gs2ci", record.versions.get("gs2ci")),
     ]
     return pieces.facts([(name, value) for name, value in rows if value is not None])

@@ -89,7 +89,7 @@ def _tried(row: Row, *, unbeaten: bool) -> Tried:
 def markdown(found: Tradeoff) -> str:
     """Return the section: the costs in words, then the table with the front in bold."""
     record = record_of(found)
-    made = f"{record.machine['processor']}, {record.machine['usable_cores']} cores, gs2ci {record.versions['gs2ci']}"
+    made = f"{record.machine.processor}, {record.machine.usable_cores} cores, gs2ci {record.versions['gs2ci']}"
     parts = [f"## What accuracy costs: {record.name}", "", *record.sentences, "", f"`{record.command}`; {made}.", ""]
     parts += ["| " + " | ".join(HEADINGS) + " |", "|---|" + "---:|" * (len(HEADINGS) - 1)]
     for trial in record.trials:

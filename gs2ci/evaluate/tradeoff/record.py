@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import as_json, first_fault, parse_json
 from gs2ci.core.whole_file import write_whole
+from gs2ci.evaluate.environment import Machine
 from gs2ci.evaluate.wording import UNKNOWN
 
 Measure = Literal["psnr_db", "heldout_db"]
@@ -98,7 +99,7 @@ class TradeoffRecord:
     sentences: tuple[str, ...]
     trials: tuple[Tried, ...]
     command: str
-    machine: Mapping[str, str | _Count]
+    machine: Machine
     versions: Mapping[str, str]
 
 

@@ -3,7 +3,7 @@
 A Gaussian scene can show only what all views agree on. The rest (gloss, the grain of real surfaces, detail that the
 Gaussians have not resolved) remains in the measurement's residual, which is a coded measurement like any other: a few
 steps of GAP-TV decode it. Here: that decode. Not here: the share of it that is added to the views
-(`gs2ci.reconstruct.fit.refinement`).
+(`gs2ci.reconstruct.fit.combining.refinement`).
 """
 
 from dataclasses import dataclass, replace

@@ -3,7 +3,7 @@
     observe each ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─► each one's views ─► record
 
 Here: the order of these, and the record of the whole. Not here: a single exposure's stages (`observe`, `fusion`), where
-exposures lie (`places`), the fit (`fit.coarse`).
+exposures lie (`places`), the fit (`fit.coarse.stage`).
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.looks import Monitoring, Score
-from gs2ci.reconstruct.fit.metric import in_given_unit
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.combining.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fusion import hand_over
 from gs2ci.reconstruct.geometry.initialise import Geometry

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.run_records import VERDICTS, RunResult, Verdict
+from gs2ci.core.run_figures import VERDICTS, ExposureSection, HeldOut, Verdict
+from gs2ci.core.run_records import RunResult
 from gs2ci.core.uncertainty import joined
 
 _Number = TypeVar("_Number", np.float32, np.float64)
@@ -54,7 +55,7 @@ def merged(
         seed=first.seed,
         verdict=_verdict(parts),
         heldout_rms={verdict: _rms([one.heldout_rms[verdict] for one in parts]) for verdict in VERDICTS},
-        geometry=next((one.geometry for one in parts if one.geometry.get("unit_of")), first.geometry),
+        geometry=next((one.geometry for one in parts if one.geometry and one.geometry.unit_of), first.geometry),
         ensemble=first.ensemble,
         brightness=_brightness(parts),
         exposed_views=_exposed(parts),
@@ -63,19 +64,17 @@ def merged(
     ).check()
 
 
-def _summary(parts: Sequence[RunResult], number: int, name: str) -> dict[str, object]:
-    """Return what is kept of one exposure, as plain values."""
+def _summary(parts: Sequence[RunResult], number: int, name: str) -> ExposureSection:
     one = parts[number]
-    before = sum(len(part.views) for part in parts[:number])
-    return {
-        "name": name,
-        "first_view": before,
-        "views": len(one.views),
-        "verdict": one.verdict,
-        "heldout_rms": dict(one.heldout_rms),
-        "path": one.geometry.get("method", ""),
-        "moved": one.geometry.get("moved"),
-    }
+    return ExposureSection(
+        name=name,
+        first_view=sum(len(part.views) for part in parts[:number]),
+        views=len(one.views),
+        verdict=one.verdict,
+        heldout_rms=HeldOut(**{verdict: one.heldout_rms[verdict] for verdict in VERDICTS}),
+        path="" if one.geometry is None else one.geometry.method,
+        moved=None if one.geometry is None else one.geometry.moved,
+    )
 
 
 def _of_each(parts: Sequence[RunResult], names: Sequence[str]) -> tuple[Finding, ...]:

@@ -15,9 +15,9 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.exposures.placing import moved, placed
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Untied
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Score
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.lens import straightened
 from gs2ci.reconstruct.observe import Observed, Tools, observe
@@ -106,7 +106,7 @@ def observe_all(
     for number, (shot, score) in enumerate(zip(shots, scores, strict=True)):
         own = replace(settings, seed=_seed(settings.seed, number))
         given = shot if shot.intrinsics is not None or intrinsics is None else replace(shot, intrinsics=intrinsics)
-        observed = observe(given, own, tools, progress, score, Halt(), None, hurried=False)
+        observed = observe(given, own, tools, progress, score, Halt(), None)
         if intrinsics is None:
             intrinsics = observed.first.geometry.intrinsics
         yield ObservedExposure(number, shot.name, observed)

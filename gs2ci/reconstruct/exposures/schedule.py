@@ -1,13 +1,13 @@
 """The schedule of a fit to several exposures, from that of a fit to one.
 
-Here: how iterations, looks and density rules stretch. Not here: the schedule itself (`fit/coarse_settings.py`).
+Here: how iterations, looks and density rules stretch. Not here: the schedule itself (`fit/coarse/settings.py`).
 """
 
 import math
 from dataclasses import replace
 from typing import Final
 
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 
 # Iterations grow with this power of the number of exposures, of which each iteration sees one.
 _GROWTH: Final = 0.5

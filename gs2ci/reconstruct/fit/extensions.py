@@ -7,11 +7,11 @@ paper's (`gs2ci.reconstruct.paper.fine`, `.withheld`).
 from typing import Protocol, Self
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Decode, Monitoring, Score
-from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.looks import Decode, Monitoring, Score
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.losses.objective import LossWeights
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.reconstruct.measurement.holdout import Holdout

@@ -10,7 +10,7 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, allowed, load
 from gs2ci.reconstruct.choices import RULE_NAMES
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.paper_parts import PaperPart, paper_part

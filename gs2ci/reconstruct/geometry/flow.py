@@ -2,7 +2,7 @@
 
 Here: the flow from the reference view to the others, by OpenCV's dense inverse search (Kroeger et al. 2016), the part
 of it that a scene at rest would show, and the velocity that fits the rest. Not here: its use
-(`gs2ci.reconstruct.fit.motion`).
+(`gs2ci.reconstruct.fit.scene.motion`).
 """
 
 from typing import Final

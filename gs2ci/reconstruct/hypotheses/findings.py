@@ -50,7 +50,7 @@ def course_findings(course: tuple[RaceEvidence, ...], motion: Mapping[str, float
     left = {_name(one): one.refined_rms for one in course if one.refined_rms is not None}
     leaders = [one for one in course if one.outcome == RaceOutcome.LED]
     found = [ranking(left, _name(one)) for one in leaders]
-    found += [ranking(motion, one.origin.value if one.origin.value in motion else "still") for one in leaders]
+    found += [ranking(motion, one.hypothesis.value if one.hypothesis.value in motion else "still") for one in leaders]
     return tuple(note for notes in found for note in notes)
 
 
@@ -72,4 +72,4 @@ def ranking(left: Mapping[str, float | None], chosen: str) -> tuple[Finding, ...
 
 
 def _name(one: RaceEvidence) -> str:
-    return one.source if one.origin == Origin.FIRST else one.origin.value
+    return one.path if one.hypothesis == Origin.FIRST else one.hypothesis.value

@@ -2,7 +2,7 @@
 
 Here: `Fits`: where they start, a hypothesis entered as a fit that can be paused, several continued side by side, their
 mean, short fits that settle the order of depth, fits within a budget, the fine stage. Not here: the order of these
-steps (`pipeline`), which hypotheses there are and which go on (`race`), what a fit is (`fit/coarse.py`).
+steps (`pipeline`), which hypotheses there are and which go on (`race`), what a fit is (`fit/coarse/stage.py`).
 """
 
 import math
@@ -17,18 +17,18 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseRun
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, advance_together, combined, members
-from gs2ci.reconstruct.fit.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
+from gs2ci.reconstruct.fit.coarse.pace import Pace, Timed
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble, Member, advance_together, combined, members
+from gs2ci.reconstruct.fit.combining.refinement import Refinement
 from gs2ci.reconstruct.fit.extensions import LastStage
-from gs2ci.reconstruct.fit.looks import Monitoring, Score
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments
-from gs2ci.reconstruct.fit.motion import of_degree, set_moving
-from gs2ci.reconstruct.fit.pace import Pace, Timed
-from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
+from gs2ci.reconstruct.fit.scene.motion import of_degree, set_moving
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -107,10 +107,10 @@ class Fits:
     mask_moments: MaskMoments | None = None
     pace: Pace | None = None
 
-    def order_of(self, first: FirstLook, *, hurried: bool) -> tuple[FirstLook, OrderFound]:
+    def order_of(self, first: FirstLook) -> tuple[FirstLook, OrderFound]:
         """Settle the order of depth by short fits if a first look leaves it open.
 
-        If hurried, or if the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
+        If the settings say not to try both orders, an estimated path keeps its doubt. Poses given by a
         stage are not tested. Poses from a file settle the sign themselves, so no doubt is reported. Short fits never
         reverse a path that no tracks confirm.
         """
@@ -119,7 +119,7 @@ class Fits:
             return first, OrderFound()
         if LeftOut.SHORT_FITS_OF_BOTH_ORDERS in self.settings.left_out:
             return first, OrderFound(DepthOrder.OPEN, abs(geometry.order_errors or 0.0))
-        if hurried or not self.tries_orders:
+        if not self.tries_orders:
             return first, OrderFound(DepthOrder.UNTRIED if geometry.is_estimated else DepthOrder.SETTLED)
         if geometry.is_uniform:
             return first, OrderFound(DepthOrder.OPEN, 0.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.run_figures import RaceEntry
 from gs2ci.reconstruct.first_look import FirstLook
 
 
@@ -94,38 +95,8 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class RaceEvidence:
-    """What came of a hypothesis.
+class RaceEvidence(RaceEntry):
+    """What came of a hypothesis."""
 
-    Args:
-        origin: Where it comes from.
-        source: Of its path.
-        began: Iterations that all fits had made when it entered.
-        iterations: That its fit made.
-        schedule: Iterations that a whole fit of it has.
-        heldout: The held-out residual by iteration.
-        refined_rms: That of its refined views in the end; None if it was not judged.
-        outcome: What became of it.
-    """
-
-    origin: Origin
-    source: str
-    began: int
-    iterations: int
-    schedule: int
-    heldout: tuple[tuple[int, float], ...]
-    refined_rms: float | None
+    hypothesis: Origin
     outcome: RaceOutcome
-
-    def summary(self) -> dict[str, object]:
-        """Return it as plain values."""
-        return {
-            "hypothesis": self.origin.value,
-            "path": self.source,
-            "began": self.began,
-            "iterations": self.iterations,
-            "schedule": self.schedule,
-            "heldout": [[iteration, rms] for iteration, rms in self.heldout],
-            "refined_rms": self.refined_rms,
-            "outcome": self.outcome.value,
-        }

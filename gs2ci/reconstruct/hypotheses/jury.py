@@ -14,7 +14,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.stopping import has_clearly_risen
+from gs2ci.reconstruct.fit.coarse.stopping import has_clearly_risen
 from gs2ci.reconstruct.hypotheses.fitting import Entrant, Fits
 from gs2ci.reconstruct.hypotheses.hypothesis import Hypothesis, OrderFound, Origin
 from gs2ci.reconstruct.hypotheses.moving import (

@@ -13,7 +13,7 @@ brightness of the still scene's views surely errs over time in places where that
 unless its path was given. The held-out pixels choose; a moving scene has more freedom than a still one, and has to be
 clearly better.
 
-Here: when, from which start, and the record of it. Not here: the motion (`fit.motion`), the fits (`fitting`), the
+Here: when, from which start, and the record of it. Not here: the motion (`fit.scene.motion`), the fits (`fitting`), the
 choice (`race`).
 """
 
@@ -26,12 +26,13 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.run_figures import MotionSection
 from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.mask_moments import mask_times
-from gs2ci.reconstruct.fit.motion import moving_share
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
+from gs2ci.reconstruct.fit.scene.motion import moving_share
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.depth.view_depths import largest_turn_deg, turns_far
 from gs2ci.reconstruct.hypotheses.hypothesis import Origin
 from gs2ci.reconstruct.hypotheses.rest import from_rest
@@ -151,28 +152,28 @@ class MotionReport:
         """Get the dense schedules by which the patch decode may continue from the refined views."""
         return (PatchSettings.polish(), PatchSettings.from_scene()) if self.tried else ()
 
-    def summary(self, speeds: "Speeds | None") -> dict[str, object]:
-        """Return it as plain values."""
+    def summary(self, speeds: "Speeds | None") -> MotionSection:
+        """Return the figures for the report."""
         left = self.question.left
-        return {
-            "asked": self.asked,
-            "tried": self.tried,
-            "moves": self.moves,
-            "explained": None if left is None else left.explained,
-            "blocks": None if left is None else left.surely,
-            "patch_gain": self.question.gain,
-            "behind_decode": self.question.behind_decode,
-            "got_worse": self.question.got_worse,
-            "no_path": self.question.no_path,
-            "known_at_rest": self.question.known_at_rest,
-            "unfollowed": self.question.unfollowed,
-            "heldout_rms": dict(self.heldout_rms),
-            "chosen": self.chosen,
-            "gaussians_share": None if speeds is None else speeds.gaussians_share,
-            "pixels_share": None if speeds is None else speeds.pixels_share,
-            "median_px": None if speeds is None else speeds.median_px,
-            "most_px": None if speeds is None else speeds.most_px,
-        }
+        return MotionSection(
+            asked=self.asked,
+            tried=self.tried,
+            moves=self.moves,
+            explained=None if left is None else left.explained,
+            blocks=None if left is None else left.surely,
+            patch_gain=self.question.gain,
+            behind_decode=self.question.behind_decode,
+            got_worse=self.question.got_worse,
+            no_path=self.question.no_path,
+            known_at_rest=self.question.known_at_rest,
+            unfollowed=self.question.unfollowed,
+            heldout_rms=dict(self.heldout_rms),
+            chosen=self.chosen,
+            gaussians_share=None if speeds is None else speeds.gaussians_share,
+            pixels_share=None if speeds is None else speeds.pixels_share,
+            median_px=None if speeds is None else speeds.median_px,
+            most_px=None if speeds is None else speeds.most_px,
+        )
 
     def notes(self, speeds: "Speeds | None", path: F64 | None) -> tuple[Finding, ...]:
         """Report what moves, or that moving scenes were tried and not confirmed.

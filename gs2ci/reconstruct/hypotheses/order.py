@@ -23,7 +23,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry, share_with_travel, turned

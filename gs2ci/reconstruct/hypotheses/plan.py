@@ -15,7 +15,7 @@ import numpy as np
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
+from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fusion import polish_seconds
 from gs2ci.reconstruct.hypotheses.again import is_wanted
 from gs2ci.reconstruct.hypotheses.fitting import Fits

@@ -23,8 +23,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.reconstruct.choices import LeftOut
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
 from gs2ci.reconstruct.geometry.depth.view_depths import turns_far
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses.again import is_wanted, second_look
@@ -101,11 +101,11 @@ class Race:
         self._entered: list[Entrant] = []
         self._outcomes: dict[int, RaceOutcome] = {}
 
-    def run(self, first: FirstLook, order: OrderFound, *, hurried: bool = False) -> Raced:
-        """Let all hypotheses compete that are worth their time; if hurried, fit the first and its companions alone."""
-        if hurried:
-            return self._hurried(first, order)
+    def run(self, first: FirstLook, order: OrderFound) -> Raced:
+        """Let all hypotheses compete that the settings allow and that are worth their time."""
         field = self._begun(first, order)
+        if field[0].hypothesis.moves:
+            return self._delivered(first, self._to(1.0, field), order, MotionQuestion(), {})
         waiting = len(field) if not self._may_wait(field[0]) else 1
         field = (*self._to(1.0, field[:waiting]), *field[waiting:])
         first, field = self._matched(first, field)
@@ -134,17 +134,14 @@ class Race:
         field, order = self._jury.taken(field, asked)
         return self._delivered(first, field, order, asked, residuals)
 
-    def _hurried(self, first: FirstLook, order: OrderFound) -> Raced:
-        moves = self._wants_motion
-        origin = Origin.MOVING if moves else Origin.FIRST
-        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
-        return self._delivered(first, self._to(1.0, [leader, *self._companions(leader)]), order, MotionQuestion(), {})
-
     # Who enters.
 
     def _begun(self, first: FirstLook, order: OrderFound) -> tuple[Entrant, ...]:
         """Return those that may reach the end, after half of their schedule; the leader first."""
-        leader = self._enter(Hypothesis(Origin.FIRST, first, first.decoded, order))
+        # Moving scenes start from the views of a still one if that has a use beside it: to look again.
+        moves = self._wants_motion and not self._settings.may_look_again
+        origin = Origin.MOVING if moves else Origin.FIRST
+        leader = self._enter(Hypothesis(origin, rested(first) if moves else first, first.decoded, order, moves))
         if not self._may_look_again(first.geometry):
             return self._to(HALF, (leader, *self._second(leader)))
         self._to(HALF, [leader])
@@ -160,7 +157,7 @@ class Race:
         if again is not None and not self.fits.halt.asked:
             order = leader.hypothesis.order
             if first.geometry.lacks_path:
-                settled, order = self.fits.order_of(replace(again, decoded=views), hurried=False)
+                settled, order = self.fits.order_of(replace(again, decoded=views))
                 again = replace(again, geometry=settled.geometry)
             found.append(Hypothesis(Origin.AGAIN, again, views, order))
         if needs_rest(first) and LeftOut.REST_AS_RIVAL not in self._settings.left_out:
@@ -250,7 +247,7 @@ class Race:
             return True
         if self._may_move and speaks_for_motion(ask(holdout, views), known_at_rest=leader.geometry.known_at_rest):
             return True
-        return self._jury.is_behind_decode(leader.hypothesis.look, views)
+        return self._settings.may_look_again and self._jury.is_behind_decode(leader.hypothesis.look, views)
 
     # Features matched again.
 
@@ -277,7 +274,7 @@ class Race:
         found = look_far_apart(first, first.holdout, fits.lens, settings, fits.progress, fits.clock.lap, path)
         if found is None or fits.halt.asked:
             return first, field
-        look, order = fits.order_of(found, hurried=False)
+        look, order = fits.order_of(found)
         entrant = self._enter(Hypothesis(Origin.MATCHES, look, look.decoded, order))
         kept = self._kept(leader, [entrant])
         if entrant.number in self._outcomes:

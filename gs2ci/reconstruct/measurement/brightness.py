@@ -16,7 +16,7 @@ anything is decoded (`doubts`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from pydantic import Field, NonNegativeInt
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.bounds import Bounded
 from gs2ci.core.records import Shot
+from gs2ci.core.run_figures import LightSection
 from gs2ci.reconstruct.choices import LightMode
 from gs2ci.reconstruct.measurement.blocks import block_numbers, scores_over_blocks
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -131,18 +132,18 @@ class Brightness:
         lit: F32 = views * self.factors.astype(np.float32)[:, None, None, None]
         return lit
 
-    def summary(self) -> dict[str, Any] | None:
+    def summary(self) -> LightSection | None:
         """Return the figures for the report; None if there is no estimate."""
         if self.first is None:
             return None
-        return {
-            "estimated": self.first.found.tolist(),
-            "standard_errors": self.first.errors.tolist(),
-            "errors_away": self.first.errors_away,
-            "explains": self.first.gain,
-            "used": None if self.factors is None else self.factors.tolist(),
-            "views": "as-seen" if self.as_seen else "even",
-        }
+        return LightSection(
+            estimated=self.first.found.tolist(),
+            standard_errors=self.first.errors.tolist(),
+            errors_away=self.first.errors_away,
+            explains=self.first.gain,
+            used=None if self.factors is None else self.factors.tolist(),
+            views="as-seen" if self.as_seen else "even",
+        )
 
 
 def estimate(holdout: Holdout, carried: F32) -> BrightnessEstimate | None:

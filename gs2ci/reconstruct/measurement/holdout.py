@@ -1,7 +1,7 @@
 """The held-out pixels of the measurement, which no stage sees, and how they judge views.
 
 Here: which pixels are held out, the residual of views at them, and when a difference is sure. Not here: what follows
-from a judgement (`pipeline`, `fit/stopping.py`).
+from a judgement (`pipeline`, `fit/coarse/stopping.py`).
 """
 
 import math

@@ -7,7 +7,7 @@
 
 The fit needs no canvas: its renderer blends each pixel along that pixel's own ray (`gs2ci.render.sampling`), so that
 no view is resampled before it enters the measurement. Here: the canvas, and resampling for the geometry stage. Not
-here: the formula (`gs2ci.core.lens`), the renderer (`fit/rendering.py`).
+here: the formula (`gs2ci.core.lens`), the renderer (`fit/scene/rendering.py`).
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """The noise of the readings, estimated from what a scene's views leave of them.
 
-Here: its power in each reading, and on the average. Not here: what follows from it (`decode.pnp`, `fit.combination`).
+Here: its power in each reading, and on the average. Not here: what follows from it (`decode.pnp`, `fit.combining`).
 """
 
 from typing import Final

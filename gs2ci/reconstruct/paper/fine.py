@@ -23,13 +23,13 @@ from gs2ci.core.config import NotNegative
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.looks import Decode, LookedAt, Looks, Monitoring, Score, nothing
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, add_regularisers
-from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
-from gs2ci.reconstruct.fit.poses import length_of
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.coarse.looks import Decode, LookedAt, Looks, Monitoring, Score, nothing
+from gs2ci.reconstruct.fit.coarse.stage import CoarseFit
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.losses.objective import DataTerm, LossWeights, add_regularisers
+from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser, StepSizes
+from gs2ci.reconstruct.fit.optimiser.poses import length_of
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.paper.perceptual import PerceptualDistance, load_distance

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.ssim import SimilarityTo
+from gs2ci.reconstruct.fit.losses.ssim import SimilarityTo
 from gs2ci.reconstruct.learned.lpips import Lpips
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 

@@ -9,14 +9,14 @@ stage's own file), the other presets (`named`).
 from dataclasses import replace
 from typing import Final
 
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.colours import ColourSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
-from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.fit.poses import PoseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.losses.objective import LossWeights
+from gs2ci.reconstruct.fit.optimiser.gaussians import StepSizes
+from gs2ci.reconstruct.fit.optimiser.poses import PoseSettings
+from gs2ci.reconstruct.fit.scene.colours import ColourSettings
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.registration.register import RegistrationSettings

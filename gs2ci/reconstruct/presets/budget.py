@@ -2,10 +2,10 @@
 
     registration, decode, geometry ─► a few iterations, timed ─► how many fits, how large ─► fits that watch the clock
 
-Decode and geometry are those of any other run. A few iterations of the real fit are then timed, and the costliest
-preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its schedule to its measured
-pace (`fit/pace.py`), which corrects errors of this estimate. Polishing by similar patches knows no deadline: its time,
-foreseen from one step, is reserved, unless it is too large a part of what is left.
+Nothing is tried beside the first path, by settings that any run may have. A few iterations of the real fit are then
+timed, and the costliest preset is chosen whose fit still gets enough iterations to be worthwhile. The fit adapts its
+schedule to its measured pace (`fit/coarse/pace.py`), which corrects errors of this estimate. Polishing by similar
+patches knows no deadline: its time, foreseen from one step, is reserved, unless it is too large a part of what is left.
 
 Here: the presets to choose from, the choice, and the sentence about it. Not here: the timing and the fits (`fits`),
 reading `60s` (`gs2ci.core.durations`).
@@ -21,8 +21,8 @@ import numba
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import PresetName
-from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
+from gs2ci.reconstruct.choices import LeftOut, PresetName
+from gs2ci.reconstruct.fit.coarse.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
 from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
 
@@ -39,7 +39,7 @@ class Rung:
 # Costliest first. In the time of fewer than 180 iterations of `standard`, `draft` makes 1.7 times as many and ends up
 # to 2 dB better (docs/decisions/time-budget.md). `paper` is not among them: it reproduces the paper, and holds out no
 # pixels by which to judge it.
-LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 180, 800), Rung("draft", 20, 600))
+LADDER: Final = (Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
 # For closing files, printing and ending the interpreter.
@@ -71,6 +71,19 @@ class Budget:
     adapt: Callable[[Settings], Settings] = lambda settings: settings
     clock: Callable[[], float] = time.monotonic
 
+    @staticmethod
+    def beforehand(settings: Settings) -> Settings:
+        """Return settings by which the first path is fitted alone, from one decode: all the time goes to its fits."""
+        return replace(
+            settings,
+            try_orders=False,
+            look_again=False,
+            long_decode=None,
+            fine=None,
+            motion="off" if settings.motion == "auto" else settings.motion,
+            left_out=(*settings.left_out, LeftOut.COUPLED_DECODE, LeftOut.DECODE_WEIGHS_NOISE),
+        )
+
     def fit(
         self, settings: Settings, timed: Timed, decode_s: float = 0.0, polish_s: float = 0.0
     ) -> tuple[Settings, Deadline, str]:
@@ -98,10 +111,7 @@ class Budget:
             polish = settings.polish if has_time and wanted.polish is not None else None
             reserved_s = 0.0 if polish is None else polish_s
             until_s = delivered_s - reserved_s
-            # The fine stage knows no deadline: it is skipped, and the coarse stage gets its time.
-            chosen = replace(
-                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=polish
-            )
+            chosen = replace(settings, fit=wanted.fit, fits=wanted.fits, polish=polish)
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
                 iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))

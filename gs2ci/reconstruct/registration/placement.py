@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.run_figures import PlacementSection
 from gs2ci.reconstruct.registration.kernels import sample
 from gs2ci.reconstruct.registration.parameters import FIELD_AT_PX
 
@@ -24,40 +25,8 @@ _INVERSIONS: Final = 6
 
 
 @dataclass(frozen=True)
-class Placement:
-    """The position of masks relative to the stated one.
-
-    Args:
-        down_px: Shift along the columns.
-        right_px: Shift along the rows.
-        rotation_deg: Turn about the middle, clockwise as the picture is seen.
-        scale: Enlargement less 1, of both axes.
-        stretch: How much more rows are enlarged than the average of both; columns are enlarged so much less.
-        shear: Half the angle, in radians, by which the axes lean towards each other.
-        radial_px: Of the field: how far outwards 100 px from the middle; grows with the third power of the distance.
-        down_dd_px: Of the field: how far down, 100 px below the middle; grows with the square of that distance.
-        down_dr_px: How far down, 100 px below and 100 px to the right of it; grows with the product.
-        down_rr_px: How far down, 100 px to the right of it.
-        right_dd_px: How far to the right, 100 px below it.
-        right_dr_px: How far to the right, 100 px below and 100 px to the right of it.
-        right_rr_px: How far to the right, 100 px to the right of it.
-        radial5_px: Of the field: how far outwards 100 px from the middle; grows with the fifth power of the distance.
-    """
-
-    down_px: float = 0.0
-    right_px: float = 0.0
-    rotation_deg: float = 0.0
-    scale: float = 0.0
-    stretch: float = 0.0
-    shear: float = 0.0
-    radial_px: float = 0.0
-    down_dd_px: float = 0.0
-    down_dr_px: float = 0.0
-    down_rr_px: float = 0.0
-    right_dd_px: float = 0.0
-    right_dr_px: float = 0.0
-    right_rr_px: float = 0.0
-    radial5_px: float = 0.0
+class Placement(PlacementSection):
+    """The position of masks relative to the stated one, and what follows from it."""
 
     @property
     def matrix(self) -> F64:

@@ -6,8 +6,8 @@
 Here: the order of these steps, and the record of what was tried, found and corrected. Not here: any of the steps.
 """
 
-from dataclasses import asdict, dataclass, field, replace
-from typing import Annotated, Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
+from gs2ci.core.run_figures import RegistrationSection
 from gs2ci.reconstruct.choices import RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.registration.admission import brief_views, level_of
@@ -114,29 +115,28 @@ class Registered:
             return measurement
         return (measurement * np.float32(self.unit) + np.float32(self.misfit.black)).astype(np.float32)
 
-    def summary(self) -> dict[str, Any]:
-        """Return the figures for the report, as plain values."""
-        placement = asdict(self.misfit.placement)
+    def summary(self) -> RegistrationSection:
+        """Return the figures for the report."""
         corners = np.linalg.norm(self.misfit.placement.displacement_px(self.shot.size), axis=1)
-        return {
-            "changed": self.is_changed,
-            "orientation": self.orientation,
-            "peak_ratio": self.peak.ratio,
-            "placement": placement,
-            "largest_displacement_px": float(corners.max()),
-            "bent_px": bent_px(self.misfit.placement, self.shot.size),
-            "blur_sigma_px": self.misfit.blur_sigma_px,
-            "blur_px2": self.misfit.blur_px2,
-            "leak": self.misfit.leak,
-            "widening_px": self.misfit.widening_px,
-            "black": self.misfit.black,
-            "unit": self.unit,
-            "open_level": self.open_level,
-            "clipped_share": self.clipped_share,
-            "first_mask": self.first_mask,
-            "standard_errors": dict(self.errors),
-            "not_let_in": {name: list(pair) for name, pair in self.tried.items()},
-        }
+        return RegistrationSection(
+            changed=self.is_changed,
+            orientation=self.orientation,
+            peak_ratio=self.peak.ratio,
+            placement=self.misfit.placement,
+            largest_displacement_px=float(corners.max()),
+            bent_px=bent_px(self.misfit.placement, self.shot.size),
+            blur_sigma_px=self.misfit.blur_sigma_px,
+            blur_px2=self.misfit.blur_px2,
+            leak=self.misfit.leak,
+            widening_px=self.misfit.widening_px,
+            black=self.misfit.black,
+            unit=self.unit,
+            open_level=self.open_level,
+            clipped_share=self.clipped_share,
+            first_mask=self.first_mask,
+            standard_errors=dict(self.errors),
+            not_let_in={name: list(pair) for name, pair in self.tried.items()},
+        )
 
 
 def register(

@@ -11,8 +11,8 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.ranks import rank_correlation
 from gs2ci.core.uncertainty import Uncertainty
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import pixel_rays
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surfaces.surfaces import pixel_rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.measurement.noise import noise_of_readings
 from gs2ci.reconstruct.uncertainty import factors

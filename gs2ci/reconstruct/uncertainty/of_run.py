@@ -10,8 +10,8 @@ import numpy as np
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.uncertainty import Uncertainty
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.ensemble import Ensemble
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.combining.ensemble import Ensemble
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fusion import Recovered
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors

@@ -23,8 +23,8 @@ from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
 from gs2ci.render.warp.coding import OpenBlocks, code
-from gs2ci.render.warp.lists import WarpReuse
 from gs2ci.render.warp.rendering import Blended, Rendering, SceneInputs
+from gs2ci.render.warp.reuse import WarpReuse
 
 _FULL_CODINGS_KEPT: Final = 4
 
@@ -89,7 +89,8 @@ class WarpBackend:
 
     def reuse(self) -> WarpReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
-        return WarpReuse(self._settings.relist_every, self._settings.list_margin_px)
+        every = self._settings.relist_every
+        return WarpReuse(every, self._settings.list_margin_px if every > 1 else 0.0)
 
     def coded(
         self,
@@ -125,9 +126,7 @@ class WarpBackend:
             nonlocal rendering
             if rendering is None:
                 raise RuntimeError("one rendering was differentiated twice; render again for a second gradient")
-            padded = image.new_zeros((job.coding.outputs, 4))
-            padded[:, :3] = torch.as_tensor(gradient).reshape(-1, 3)
-            found, rendering = rendering.differentiate(padded), None
+            found, rendering = rendering.differentiate(torch.as_tensor(gradient).reshape(-1, 3)), None
             job.saw(found.sightings)
             named = ("means", "log_scales", "quaternions", "colours")
             of_scene = {name: getattr(found, name) for name in named} | {"opacity_logits": found.logits}
@@ -154,8 +153,7 @@ class WarpBackend:
         coded, kept = own_masks(mask_set, WarpMaskSet, self.name), own_reuse(reuse, WarpReuse, self.name)
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        shared = kept if self._settings.relist_every > 1 else None
-        return self._job(coded.coding, intrinsics, coded.sampling, screen, shared)
+        return self._job(coded.coding, intrinsics, coded.sampling, screen, kept)
 
     def views(
         self,

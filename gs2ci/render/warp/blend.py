@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from gs2ci.render.warp.types import ALPHA_MAX, LN_ALPHA_MIN, TILED, B, H, Held, Monomials, Record, Row, ln_alpha
+from gs2ci.render.recording import TILED
+from gs2ci.render.warp.types import ALPHA_MAX, LN_ALPHA_MIN, B, H, Held, Monomials, Record, Row, ln_alpha
 
 wp.set_module_options({"enable_backward": False})
 
@@ -118,6 +119,9 @@ def blend_backward(
     count = end[block] - start
     longest = wp.tile_max(wp.tile(mine))
     batches = (longest[0] + B - 1) // B
+    # What lies behind the last batch has no light; its rows are written too, so that none keeps what it held before.
+    for at in range(start + batches * B + lane, start + count, B):
+        sums[rows[at]] = Row()
     for back in range(batches):
         batch = (batches - 1 - back) * B
         index = wp.int32(-1)

@@ -1,15 +1,14 @@
-"""Each block's Gaussians, nearest first: made by sorting, kept for the next renderings of the same population.
+"""Each block's Gaussians, nearest first: made by sorting.
 
 Key of an entry: block in the upper half, bits of the depth in the lower, which for positive numbers are in its order.
 The sort is stable, so that Gaussians of equal depth stay in the order of the scene.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import warp as wp
 
-from gs2ci.render.interface import Reuse
 from gs2ci.render.warp.coding import OpenBlocks
 from gs2ci.render.warp.types import TiledCamera
 
@@ -67,79 +66,77 @@ class BlockLists:
 
     Args:
         total: Number of entries of all lists.
-        starts: Where the rows of each Gaussian in each view begin, [V * G].
-        counts: How many it has, [V * G].
-        rows: The entries' rows, block after block, nearest first, [total].
-        owner: The Gaussian and view, view * G + g, of each row, [total].
+        starts: Where the rows of each Gaussian in each view begin, and where they end, [V * G + 1].
+        rows: The entries' rows, block after block, nearest first, [total or more].
+        owner: The Gaussian and view, view * G + g, of each row, [total or more].
         begin: Where each block's list begins, [blocks].
         end: Where it ends, [blocks].
     """
 
     total: int
     starts: Any
-    counts: Any
     rows: Any
     owner: Any
     begin: Any
     end: Any
 
 
-def list_gaussians(
-    boxes: Any, depths: Any, counts: Any, coding: OpenBlocks, camera: TiledCamera, gaussians: int
-) -> BlockLists:
-    """Make the lists from the projection's boxes, depths and counts, [V * G] each.
+class Projected(Protocol):
+    """What a projection found: boxes and depths of each Gaussian in each view, [V * G], and counts, [V * G + 1]."""
+
+    key: Any
+    boxes: Any
+    depths: Any
+    counts: Any
+
+    @property
+    def camera(self) -> Any:
+        """Get the camera and the tiles."""
+
+
+def list_gaussians(projected: Projected, room: BlockLists | None = None, spare: float = 0.0) -> BlockLists:
+    """Make the lists from a projection.
 
     The number of entries is read back once; with a fixed capacity instead, shorter lists would be sorted in full.
-    """
-    device, pairs = coding.device, len(counts)
-    starts = wp.empty(pairs, dtype=wp.int32, device=device)
-    begin = wp.zeros(coding.blocks, dtype=wp.int32, device=device)
-    end = wp.zeros(coding.blocks, dtype=wp.int32, device=device)
-    total = 0
-    if pairs:
-        wp.utils.array_scan(counts, starts, inclusive=False)
-        total = int(starts[-1:].numpy()[0]) + int(counts[-1:].numpy()[0])
-    room = max(total, 1)
-    # The sort works in arrays of twice the length.
-    keys = wp.empty(2 * room, dtype=wp.int64, device=device)
-    rows = wp.empty(2 * room, dtype=wp.int32, device=device)
-    owner = wp.empty(room, dtype=wp.int32, device=device)
-    if total:
-        wp.launch(
-            emit,
-            dim=pairs,
-            inputs=[gaussians, camera, boxes, depths, starts, coding.blocks_before],
-            outputs=[keys, rows, owner],
-            device=device,
-        )
-        wp.utils.radix_sort_pairs(keys, rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
-        wp.launch(find_ranges, dim=total, inputs=[keys, total], outputs=[begin, end], device=device)
-    return BlockLists(total, starts, counts, rows, owner, begin, end)
-
-
-class WarpReuse(Reuse):
-    """The lists of one population, for as many renderings as the settings say.
 
     Args:
-        every: Renderings per listing.
-        margin_px: Footprints count as wider by this on all sides when lists are made.
+        projected: The projection.
+        room: Lists of the same population and masks, whose memory is written to if it is large enough.
+        spare: Share by which new memory is larger than needed, so that it serves the next lists too.
     """
+    coding: OpenBlocks = projected.key.coding
+    device, pairs = coding.device, len(projected.counts) - 1
+    starts = wp.empty(pairs + 1, dtype=wp.int32, device=device) if room is None else room.starts
+    wp.utils.array_scan(projected.counts, starts, inclusive=False)
+    total = int(starts[-1:].numpy()[0])
+    if room is not None and total <= len(room.owner):
+        lists = replace(room, total=total)
+        lists.begin.zero_()
+        lists.end.zero_()
+    else:
+        size = max(1, int(total * (1 + spare)))
+        # The sort works in arrays of twice the length.
+        rows, owner = (wp.empty(times * size, dtype=wp.int32, device=device) for times in (2, 1))
+        begin, end = (wp.zeros(coding.blocks, dtype=wp.int32, device=device) for _ in range(2))
+        lists = BlockLists(total, starts, rows, owner, begin, end)
+    if total:
+        _fill(lists, projected, coding)
+    return lists
 
-    def __init__(self, every: int, margin_px: float) -> None:
-        self.margin_px = margin_px
-        self.listings = 0
-        self._every = every
-        self._kept: tuple[BlockLists, int, OpenBlocks] | None = None
-        self._left = 0
 
-    def kept(self, gaussians: int, coding: OpenBlocks) -> BlockLists | None:
-        """Return lists that still serve, None if new ones are due."""
-        if self._kept is None or self._left == 0 or self._kept[1] != gaussians or self._kept[2] is not coding:
-            return None
-        self._left -= 1
-        return self._kept[0]
-
-    def keep(self, lists: BlockLists, gaussians: int, coding: OpenBlocks) -> None:
-        """Keep new lists, which have just served once."""
-        self._kept, self._left = (lists, gaussians, coding), self._every - 1
-        self.listings += 1
+def _fill(lists: BlockLists, projected: Projected, coding: OpenBlocks) -> None:
+    """Write the entries, sort them, and find each block's."""
+    device, total = coding.device, lists.total
+    keys = wp.empty(2 * total, dtype=wp.int64, device=device)
+    wp.launch(
+        emit,
+        dim=len(projected.boxes),
+        inputs=[
+            *(projected.key.gaussians, projected.camera, projected.boxes, projected.depths),
+            *(lists.starts, coding.blocks_before),
+        ],
+        outputs=[keys, lists.rows, lists.owner],
+        device=device,
+    )
+    wp.utils.radix_sort_pairs(keys, lists.rows, total, 0, 32 + max(1, coding.blocks.bit_length()))
+    wp.launch(find_ranges, dim=total, inputs=[keys, total], outputs=[lists.begin, lists.end], device=device)

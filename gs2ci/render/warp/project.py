@@ -2,11 +2,11 @@
 
 import warp as wp
 
+from gs2ci.render.recording import TILED
 from gs2ci.render.warp.types import (
     DILATION,
     INERT,
     LOG_SCALE_MAX,
-    TILED,
     Pose,
     PosePart,
     Record,
@@ -97,7 +97,6 @@ def project_backward(
     poses: wp.array(dtype=Pose),
     camera: TiledCamera,
     starts: wp.array(dtype=wp.int32),
-    counts: wp.array(dtype=wp.int32),
     sums: wp.array(dtype=Row),
     d_means: wp.array(dtype=wp.vec3),
     d_log_scales: wp.array(dtype=wp.vec3),
@@ -125,8 +124,8 @@ def project_backward(
     for view in range(poses.shape[0]):
         at = view * count + g
         total = Row()
-        for k in range(counts[at]):
-            total += sums[starts[at] + k]
+        for row in range(starts[at], starts[at + 1]):
+            total += sums[row]
         own_colour = wp.vec3(total[6], total[7], total[8])
         part = PosePart()
         point = wp.vec3()

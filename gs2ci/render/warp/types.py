@@ -5,22 +5,16 @@ float32 but for sums over all Gaussians and the fields of depth.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import warp as wp
 
 from gs2ci.render import conventions
 
-wp.config.log_level = wp.LOG_ERROR
-# On the CPU, blocks have so many logical threads (fibers), as on CUDA; otherwise each would have one, without a word.
-wp.config.enable_cpu_blocks = True
-
 BLOCK: Final = 32
 """Pixels of a block, and Gaussians that it loads at once."""
 HELD: Final = 8
 """Gaussians whose factors a thread of the backward pass holds in registers: 8 take 122 of them, 32 spill."""
-TILED: Final[dict[str, Any]] = {"enable_backward": False, "max_unroll": 32, "enable_mathdx_gemm": False}
-"""Options of kernels that use tiles; these need a module of their own (warp 1.19)."""
 
 Record = wp.types.vector(length=9, dtype=wp.float32)
 """One Gaussian in one view: centre x, y, half the inverse variance of x given y, shear, half the inverse variance of y,

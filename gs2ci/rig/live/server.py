@@ -31,6 +31,8 @@ from gs2ci.rig.live.bench import LiveBench
 LAPSE_S: Final = 4.0
 """After this time without a request the controlling page counts as gone."""
 WATCH_S: Final = 0.25
+STOP_S: Final = 0.05
+"""How long the server may take to see that it is to stop."""
 REQUEST_S: Final = 10.0
 """Time for a request to arrive, from its first wait on."""
 IDLE_S: Final = 30.0
@@ -70,7 +72,7 @@ class LiveServer:
         self._name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
         self._server = _listen(host, port, self)
         self._threads = [
-            threading.Thread(target=self._server.serve_forever, name="live server", daemon=True),
+            threading.Thread(target=self._server.serve_forever, args=(STOP_S,), name="live server", daemon=True),
             threading.Thread(target=self._watch, name="live watch", daemon=True),
         ]
         for thread in self._threads:

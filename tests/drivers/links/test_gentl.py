@@ -24,6 +24,7 @@ from gs2ci_drivers.links import gentl
 from gs2ci_drivers.links.gentl import PATHS, GenTlPort, find_producers
 from gs2ci_drivers.ports import CameraPort, FeatureRefusalError
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
+from tests.nightly import but
 
 genicam = pytest.importorskip("genicam", reason="the extra `genicam` is not installed")
 pytest.importorskip("harvesters", reason="the extra `genicam` is not installed")
@@ -78,18 +79,19 @@ def test_it_streams_in_order_and_twice(camera):
         camera.stop()
 
 
-def test_a_thousand_frames_leave_no_memory_behind(camera):
+@pytest.mark.parametrize("frames", but(1, [400, 1000]))
+def test_frames_leave_no_memory_behind(camera, frames):
     camera.connect()
     camera.configure(FREE)
     camera.start()
     process, readings = psutil.Process(), []
-    while camera.status().delivered < 1000:
+    while camera.status().delivered < frames:
         with suppress(FrameLostError):  # 200 a second are more than a busy machine takes
             camera.read(2.0)
             if camera.status().delivered % 100 == 0:
                 readings.append(process.memory_info().rss)
-    # A frame is 12 kB, its buffer 10 MB: a leak of either would show as megabytes.
-    assert max(readings[3:]) - readings[2] < 4e6
+    # A frame is 12 kB, its buffer 10 MB: a leak of buffers shows at once, one of frames in a thousand of them.
+    assert max(readings[2:]) - readings[1] < 4e6
 
 
 def test_ctrl_c_is_left_alone(camera):

@@ -41,7 +41,9 @@ def display(tmp_path, monkeypatch):
         pytest.skip("no Xvfb on this machine")
     pytest.importorskip("sdl2", reason="the extra `video` is not installed")
     reading, writing = os.pipe()
-    command = [binary, "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-fbdir", str(tmp_path)]
+    # A server that begins anew when its last client has gone refuses who comes meanwhile, which a busy machine shows.
+    command = [binary, "-noreset", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24"]
+    command += ["-fbdir", str(tmp_path)]
     with (tmp_path / "log").open("wb") as log:
         server = subprocess.Popen(command, pass_fds=(writing,), stdout=log, stderr=log)
     os.close(writing)

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 from gs2ci.evaluate import run_folder
+from gs2ci.evaluate.environment import Machine
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.tradeoff.record import TradeoffRecord, Tried, write_record
 from tests.evaluate.reports import GEOMETRY
@@ -192,7 +193,7 @@ def tradeoff_record() -> TradeoffRecord:
             Tried("100 iterations", "iterations", 70.0, 28.0, 0.92, 0.02, 20.2, 100, 4500, unbeaten=False),
         ),
         "gs2ci tradeoff shot.h5",
-        {"processor": "a processor", "usable_cores": 4},
+        Machine("a processor", "x86_64", 4, 1000, "Linux"),
         {"gs2ci": "1.0"},
     )
 

@@ -8,10 +8,11 @@ import pytest
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.run_figures import EnsembleSection, RaceEntry
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.evaluate.pages.run_page import run_page, write_run_page
-from gs2ci.evaluate.report import EnsembleSection, RaceEntry, Scores
+from gs2ci.evaluate.report import Scores
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_the_error_to_be_expected_of_the_path_stands_beside_it(text):
 
 @pytest.mark.parametrize(("verdict", "found"), [("full", True), ("static", False), ("unsupported", False)])
 def test_cameras_without_a_path_are_not_called_one(evidence, verdict, found):
-    geometry = evidence.report.geometry.model_copy(update={"verdict": verdict})
+    geometry = replace(evidence.report.geometry, verdict=verdict)
     without = replace(evidence, true_world_to_camera=None, stage_world_to_camera=None)
     page = run_page(changed(without, geometry=geometry))
     assert ("The recovered path; its unit is the scene" in page) is found
@@ -68,7 +69,7 @@ def test_cameras_without_a_path_are_not_called_one(evidence, verdict, found):
 
 
 def test_a_camera_known_to_be_at_rest_has_no_path(evidence):
-    geometry = evidence.report.geometry.model_copy(update={"verdict": "static", "method": "rest"})
+    geometry = replace(evidence.report.geometry, verdict="static", method="rest")
     without = replace(evidence, true_world_to_camera=None, stage_world_to_camera=None)
     notes = (*evidence.report.notes, finding(Code.CAMERA_AT_REST, share=0.6))
     page = run_page(changed(without, geometry=geometry, notes=notes))
@@ -237,7 +238,7 @@ def test_a_run_of_an_older_version_is_one_typed_error(own_run):
 
 def test_a_report_at_the_ends_of_its_numbers_gets_a_page(evidence):
     extremes = {"gaussians": 10**15, "peak_mib": 1e100, "seconds": {**dict.fromkeys(SECONDS_KEYS, 0.0), "more": 1e100}}
-    curve = [look.model_copy(update={"seconds": 1e100, "heldout": 1e100}) for look in evidence.report.curve]
+    curve = [replace(look, seconds=1e100, heldout=1e100) for look in evidence.report.curve]
     assert "Recovered" in run_page(changed(evidence, curve=curve, **extremes))
 
 
@@ -264,7 +265,7 @@ def test_the_race_shows_who_led_when_and_who_fell_out(evidence):
         refined_rms=0.03,
         outcome="far behind after a quarter of its schedule",
     )
-    again = first.model_copy(update={"hypothesis": "second look", "outcome": "taken", "iterations": 400})
+    again = replace(first, hypothesis="second look", outcome="taken", iterations=400)
     text = run_page(changed(evidence, race=[first, again]))
     assert "1 first look" in text
     assert "2 second look" in text

@@ -65,7 +65,11 @@ def test_hostile_names_stay_text(tradeoff_record):
     body = str(
         tradeoff_section(
             replace(
-                tradeoff_record, sentences=(hostile,), trials=trials, command=hostile, machine={"processor": hostile}
+                tradeoff_record,
+                sentences=(hostile,),
+                trials=trials,
+                command=hostile,
+                machine=replace(tradeoff_record.machine, processor=hostile),
             )
         ).body
     )

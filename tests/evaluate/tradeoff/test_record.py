@@ -4,6 +4,7 @@ import re
 import pytest
 
 from gs2ci.core.errors import StorageError
+from gs2ci.evaluate.environment import Machine
 from gs2ci.evaluate.tradeoff import record as module
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, Tried, read_record, write_record
 
@@ -16,7 +17,7 @@ RECORD = TradeoffRecord(
         Tried("standard", "preset", 60.0, 31.0, 0.95, 0.01, 21.0, 1000, 5000, unbeaten=True),
     ),
     "gs2ci tradeoff shot.h5",
-    {"processor": "a processor", "usable_cores": 4},
+    Machine("a processor", "x86_64", 4, 1000, "Linux"),
     {"gs2ci": "1.0"},
 )
 

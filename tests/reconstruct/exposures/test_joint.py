@@ -14,6 +14,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
+from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room
@@ -51,10 +52,10 @@ def test_the_record_of_all_is_that_of_the_sum_of_the_readings(shots, together):
     left = whole.measurement - together.result.predicted_measurement
     assert np.sqrt(np.mean(left**2)) < 0.1
     told = together.result.exposures
-    assert [(one["name"], one["first_view"], one["views"]) for one in told] == [
+    assert [(one.name, one.first_view, one.views) for one in told] == [
         (shot.name, 8 * number, 8) for number, shot in enumerate(shots)
     ]
-    assert all(one["path"] == "stage" for one in told)
+    assert all(one.path == "stage" for one in told)
 
 
 @pytest.mark.slow
@@ -148,7 +149,7 @@ def test_exposures_of_different_cameras_are_refused(shots):
 
 @pytest.mark.parametrize(
     ("changes", "said"),
-    [({"motion": "on"}, "things move"), ({"fine": preset("fine").fine}, "fine stage")],
+    [({"motion": "on"}, "things move"), ({"fine": FineSettings()}, "fine stage")],
 )
 def test_what_several_exposures_cannot_have_is_refused(shots, changes, said):
     with pytest.raises(InputError, match=said):

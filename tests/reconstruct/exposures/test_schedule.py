@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 
 
 def test_the_schedule_of_one_exposure_is_unchanged():

@@ -10,7 +10,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.ssim import C1, C2, SIGMA_PX, WINDOW
+from gs2ci.reconstruct.fit.losses.ssim import C1, C2, SIGMA_PX, WINDOW
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians
 

@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import CoarseRun
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Monitoring, nothing
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring, nothing
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stage import CoarseRun
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.render.cpu.backend import CpuBackend

@@ -4,7 +4,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import RULE_NAMES
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.rules import with_rule
 

@@ -17,10 +17,10 @@ from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.patches.within_time import patch_decode
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.mask_moments import mask_times
-from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, of_degree, set_moving
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.scene.mask_moments import mask_times
+from gs2ci.reconstruct.fit.scene.motion import ObjectMotionSettings, of_degree, set_moving
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.hypotheses import moving
@@ -225,8 +225,8 @@ def test_nothing_lit_says_nothing():
 def test_thing_that_moves_is_found_to_move(moved):
     shot, found = moved
     result = found.result
-    assert result.motion["moves"]
-    assert result.motion["tried"]
+    assert result.motion.moves
+    assert result.motion.tried
     assert found.scene.motion is not None
     assert Code.SCENE_MOVES in [note.code for note in result.notes]
     still = reconstruct(shot, replace(QUICK, motion="off", seed=2)).result
@@ -237,7 +237,7 @@ def test_thing_that_moves_is_found_to_move(moved):
     assert gained > -0.5
     assert result.displacement is not None
     # The thing covers 0.14; fits as short as this one found 0.04, a whole one 0.27.
-    assert 0.02 < result.motion["pixels_share"] < 0.9
+    assert 0.02 < result.motion.pixels_share < 0.9
 
 
 def test_run_folder_keeps_the_motion_and_shows_moments(moved, tmp_path):
@@ -250,7 +250,7 @@ def test_run_folder_keeps_the_motion_and_shows_moments(moved, tmp_path):
     section = read_report(folder).motion
     assert section is not None
     assert section.moves
-    assert section.median_px == pytest.approx(found.result.motion["median_px"])
+    assert section.median_px == pytest.approx(found.result.motion.median_px)
     assert "What moves" in (folder / "report.html").read_text(encoding="utf-8")
     with pytest.raises(InputError, match="1 moments"):
         write_run(tmp_path / "other", shot, found.result, found.scene, moments=1)
@@ -269,8 +269,8 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
     # (docs/decisions/steps.md).
     fit = replace(WHOLE.fit, steps=replace(WHOLE.fit.steps, in_view=None))
     found, still = (reconstruct(shot, replace(WHOLE, fit=fit, motion=mode)).result for mode in ("auto", "off"))
-    assert found.motion["tried"]
-    assert found.motion["patch_gain"] > LEAST_PATCH_GAIN
+    assert found.motion.tried
+    assert found.motion.patch_gain > LEAST_PATCH_GAIN
     found_db, decode_db, still_db, still_decode_db = (
         np.mean(psnr_per_view(views, shot.truth.views))
         for views in (found.views, found.decode, still.views, still.decode)
@@ -394,14 +394,14 @@ def test_last_steps_over_all_pixels_keep_what_was_decoded_without_some():
 
 def test_whole_schedule_leaves_a_still_scene_still():
     result = reconstruct(exposed(thing_before_a_wall(0.0)), WHOLE).result
-    assert not result.motion["tried"]
+    assert not result.motion.tried
     assert result.displacement is None
 
 
 def test_fits_that_were_cut_short_are_not_asked_for_motion():
     result = reconstruct(exposed(thing_before_a_wall(2.5)), QUICK).result
-    assert not result.motion["tried"]
-    assert result.motion["explained"] is None
+    assert not result.motion.tried
+    assert result.motion.explained is None
 
 
 @pytest.mark.parametrize("size", [(1, 64), (64, 1)])
@@ -414,7 +414,7 @@ def test_picture_of_one_row_or_column_shows_no_motion(size):
 def test_still_scene_stays_still():
     wall = np.repeat(texture(1)[None, ..., None], VIEWS, axis=0)
     result = reconstruct(exposed(wall), QUICK).result
-    assert not result.motion["moves"]
+    assert not result.motion.moves
     assert result.displacement is None
 
 

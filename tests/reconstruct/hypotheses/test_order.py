@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry, OtherOrder
 from gs2ci.reconstruct.geometry.path.validity import Criteria
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry

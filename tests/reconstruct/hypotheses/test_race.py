@@ -13,7 +13,7 @@ from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
-from gs2ci.core.run_records import CurvePoint
+from gs2ci.core.run_figures import CurvePoint
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -22,6 +22,7 @@ from gs2ci.reconstruct.hypotheses.findings import course_findings, joined_findin
 from gs2ci.reconstruct.hypotheses.fitting import Entrant
 from gs2ci.reconstruct.hypotheses.hypothesis import DepthOrder, OrderFound, RaceOutcome
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 
 LONG = 400
@@ -103,7 +104,7 @@ class Fits:
             one.run.advance(share)
         return tuple(field)
 
-    def order_of(self, look, *, hurried):
+    def order_of(self, look):
         return look, OrderFound(DepthOrder.OPEN, 0.3) if self.leaves.get("opens") else OrderFound()
 
     def occlusion(self, fit, views):
@@ -139,7 +140,7 @@ def run(monkeypatch, first, leaves, order=None, *, left=QUIET, settings=None, oc
     longer = replace(first, decoder="patches", decoded=np.float64(0.099))
     monkeypatch.setattr(FirstLook, "decoded_longer", lambda *_, **__: longer)
     raced = race.Race(fits).run(first, order or OrderFound())
-    return raced, [(one.origin.value, one.iterations) for one in raced.course]
+    return raced, [(one.hypothesis.value, one.iterations) for one in raced.course]
 
 
 DOUBTFUL, UNIFORM, PATHLESS = {"path_error_expected": 0.2}, {"source": "uniform"}, {"verdict": "rotation_only"}
@@ -186,7 +187,7 @@ def test_what_is_most_in_doubt_is_fitted_beside_the_best(monkeypatch, first, geo
     first = replace(first, geometry=replace(first.geometry, **geometry))
     raced, made = run(monkeypatch, first, leaves, order)
     assert made == fitted
-    assert [one.origin.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
+    assert [one.hypothesis.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
     assert sum(iterations == LONG for _, iterations in made) <= 2
 
 
@@ -228,7 +229,7 @@ def test_motion_that_is_asked_for_is_taken_whatever_it_leaves(monkeypatch, first
 def test_what_hides_what_tells_two_orders_apart(monkeypatch, first, kept, turned, taken, state):
     leaves, occluded = {FIRST: 0.03, TURNED: 0.031}, {0.03: kept, 0.031: turned}
     raced, _ = run(monkeypatch, first, leaves, OPEN, occluded=occluded)
-    assert [one.origin.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
+    assert [one.hypothesis.value for one in raced.course if one.outcome == RaceOutcome.LED] == [taken]
     assert raced.order.state == state
     assert [fit.beside for fit in raced.fits] == [False, True][: len(raced.fits)]
 
@@ -268,7 +269,19 @@ def test_the_report_says_how_many_views_joined(first):
 def test_the_course_tells_when_each_entered_and_what_it_left(monkeypatch, first):
     first = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
     raced, _ = run(monkeypatch, first, {FIRST: 0.02, SECOND: 0.03})
-    second = raced.course[1].summary()
-    assert (second["hypothesis"], second["began"], second["iterations"]) == (SECOND, 200, 100)
-    assert second["heldout"] == [[50, 0.03], [100, 0.03]]
-    assert second["outcome"] == RaceOutcome.BEHIND.value
+    second = raced.course[1]
+    assert (second.hypothesis, second.began, second.iterations) == (SECOND, 200, 100)
+    assert second.heldout == ((50, 0.03), (100, 0.03))
+    assert second.outcome == RaceOutcome.BEHIND
+
+
+@pytest.mark.parametrize(
+    ("motion", "fitted"), [("off", "first look"), ("auto", "first look"), ("on", "moving from the first")]
+)
+def test_within_a_budget_the_first_path_is_fitted_alone(monkeypatch, first, motion, fitted):
+    settings = Budget.beforehand(Settings(motion=motion))
+    leaves = {FIRST: 0.02, SECOND: 0.01, "wide": 0.01, "moving from the first": 0.02}
+    doubtful = replace(first, geometry=replace(first.geometry, **DOUBTFUL))
+    raced, entered = run(monkeypatch, doubtful, leaves, OrderFound(DepthOrder.UNTRIED), settings=settings, left=LOUD)
+    assert entered == [(fitted, LONG), (COMPANION, LONG)]
+    assert raced.motion.moves == (motion == "on")

@@ -233,8 +233,8 @@ def test_views_are_shown_as_bright_as_they_were_seen_and_code_to_the_same_measur
     believed = relit(holdout, found)
     seen, even = (Brightness(found, found.found, as_seen) for as_seen in (True, False))
     np.testing.assert_allclose(holdout.coded(seen.shown(views)), believed.coded(even.shown(views)), rtol=1e-5)
-    assert (seen.summary()["views"], even.summary()["views"]) == ("as-seen", "even")
-    assert seen.summary()["used"] == found.found.tolist()
+    assert (seen.summary().views, even.summary().views) == ("as-seen", "even")
+    assert seen.summary().used == found.found.tolist()
 
 
 def test_another_light_is_refused():

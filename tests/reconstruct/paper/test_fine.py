@@ -8,14 +8,14 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import fit_coarse
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.exposure import FittedExposure
-from gs2ci.reconstruct.fit.looks import Monitoring
-from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Monitoring
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stage import fit_coarse
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.losses.objective import LossWeights
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.start import first_gaussians
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.paper.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo

@@ -13,11 +13,11 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.findings import Code
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import GaussianStatistics
-from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
-from gs2ci.reconstruct.fit.poses import length_of
+from gs2ci.reconstruct.fit.losses.objective import LossWeights
+from gs2ci.reconstruct.fit.optimiser.gaussians import GaussianOptimiser
+from gs2ci.reconstruct.fit.optimiser.poses import length_of
 from gs2ci.reconstruct.paper.fine import Fine
 from gs2ci.reconstruct.paper.preset import MOST_GAUSSIANS, paper_settings
 from gs2ci.reconstruct.paper.proxies import amdi

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gs2ci.core.records import Shot, Truth
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
 from gs2ci.reconstruct.settings import Settings
 
 VIEWS, HEIGHT, WIDTH = 6, 48, 64

@@ -10,8 +10,8 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import observe
-from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import Registered
 from tests.reconstruct.pipeline.boards import HEIGHT, QUICK, SHORT, VIEWS, WIDTH, expose, wall_with_a_board
@@ -79,7 +79,7 @@ def test_masks_of_a_camera_that_goes_on_have_moments_and_the_views_show_the_midd
     listener = Silent()
     moving = replace(settings, mask_moments=MaskMomentSettings("moving", tolerance=1e-4, most=2))
     result = reconstruct(shot, moving, listener).result
-    assert result.mask_moments["moments"] == [2] * VIEWS
+    assert result.mask_moments.moments == [2] * VIEWS
     assert next(note.sentence for note in result.notes if note.code is Code.MASKS_HAVE_MOMENTS) in listener.sentences
     exact = np.einsum("nhw,nhwc->hwc", shot.masks, result.exposed_views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
@@ -100,8 +100,8 @@ def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing
     settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
     result = reconstruct(exposed, settings, score=lambda views: float(np.mean(psnr_per_view(views, lit)))).result
     assert result.brightness is None
-    assert result.light["views"] == "as-seen"
-    used = np.array(result.light["used"])
+    assert result.light.views == "as-seen"
+    used = np.array(result.light.used)
     np.testing.assert_allclose(used / used.mean(), light / light.mean(), atol=0.1)
     for views in (result.views, result.scene_views, result.decode):
         seen = views.mean(axis=(1, 2, 3))

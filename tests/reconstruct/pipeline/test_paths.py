@@ -25,8 +25,8 @@ def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp
     camera_file.write_text(json.dumps(nerfstudio_transforms(poses, shot.intrinsics, shot.size)))
     settings = replace(SHORT, poses=f"file:{camera_file}", proxy="eni", fit=replace(SHORT.fit, iterations=1))
     result = reconstruct(shot, settings).result
-    assert result.geometry["asked_for"] == f"file:{camera_file}"
-    assert (result.geometry["method"], result.geometry["proxy"]) == ("file", "eni")
+    assert result.geometry.asked_for == f"file:{camera_file}"
+    assert (result.geometry.method, result.geometry.proxy) == ("file", "eni")
     assert any("moved the poses of the file" in note.sentence for note in result.notes)
 
 
@@ -41,7 +41,7 @@ def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres():
     told = np.tile(np.eye(4), (VIEWS, 1, 1))
     told[:, 0, 3] = -step_mm * np.arange(VIEWS)
     result = reconstruct(replace(shot, telemetry_world_to_camera=told), replace(QUICK, poses="auto")).result
-    assert (result.geometry["method"], result.geometry["unit_of"]) == ("stage", "stage")
+    assert (result.geometry.method, result.geometry.unit_of) == ("stage", "stage")
     length_mm = np.linalg.norm(np.ptp(np.linalg.inv(result.world_to_camera)[:, :3, 3], axis=0))
     assert length_mm == pytest.approx(step_mm * (VIEWS - 1), rel=0.1)
     depth_mm = result.depth[VIEWS // 2]
@@ -50,7 +50,7 @@ def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres():
 
 
 def test_without_poses_that_were_given_lengths_have_no_unit(found_soon):
-    assert found_soon.result.geometry["unit_of"] is None
+    assert found_soon.result.geometry.unit_of is None
 
 
 def test_poses_that_the_views_do_not_bear_out_are_said_to_be_left_out(shot):
@@ -71,7 +71,7 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
     before, after = (one.heldout_rms["scene"] for one in (found_soon.result, again))
     assert after <= before
     assert (finding(Code.PATH_FOUND_AGAIN) in again.notes) == (after < before)
-    assert again.geometry["path_error_expected"] == found_soon.result.geometry["path_error_expected"]
+    assert again.geometry.path_error_expected == found_soon.result.geometry.path_error_expected
 
 
 @pytest.mark.parametrize("joins", [True, False])
@@ -82,7 +82,7 @@ def test_views_that_join_in_part_are_matched_again_before_any_fit(shot, monkeypa
     monkeypatch.setattr(observe, "joins_in_part", lambda _: True)
     monkeypatch.setattr(observe, "look_far_apart", again)
     settings = replace(BRIEF, look_again=True, fits=1)
-    assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if joins else "tracks")
+    assert reconstruct(shot, settings).result.geometry.method == ("wide" if joins else "tracks")
 
 
 @pytest.mark.parametrize(("poses", "matched"), [("auto", True), ("tracks", False)])
@@ -96,7 +96,7 @@ def test_beside_a_motion_without_tracks_features_are_matched_before_any_fit(shot
     monkeypatch.setattr(observe, "needs_rest", lambda _: True)
     monkeypatch.setattr(observe, "look_far_apart", again)
     settings = replace(BRIEF, look_again=True, fits=1, poses=poses)
-    assert reconstruct(shot, settings).result.geometry["method"] == ("wide" if matched else "tracks")
+    assert reconstruct(shot, settings).result.geometry.method == ("wide" if matched else "tracks")
     assert seen == ([True] if matched else [])
 
 
@@ -112,8 +112,8 @@ def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     still = replace(shot, telemetry_world_to_camera=np.tile(np.eye(4), (VIEWS, 1, 1)))
     result = reconstruct(still, replace(SHORT, poses="auto", fit=replace(SHORT.fit, iterations=1))).result
-    method = result.geometry["method"]
-    assert result.geometry["asked_for"] == "auto"
+    method = result.geometry.method
+    assert result.geometry.asked_for == "auto"
     assert method in ("tracks", "uniform")
     said = [note.sentence for note in result.notes]
     begins = f"Geometry from {method}. Residual of each source that was tried: the stage failed"
@@ -128,7 +128,7 @@ def test_a_camera_at_rest_gets_no_path_and_one_picture_for_all_views(monkeypatch
 
     monkeypatch.setattr(race, "second_look", second_look)
     result = reconstruct(shot, replace(SHORT, poses="auto", look_again=True)).result
-    assert (result.geometry["method"], result.geometry["verdict"]) == ("rest", "static")
+    assert (result.geometry.method, result.geometry.verdict) == ("rest", "static")
     assert Code.CAMERA_AT_REST in [note.code for note in result.notes]
     assert np.array_equal(result.world_to_camera, np.tile(np.eye(4), (VIEWS, 1, 1)))
     assert np.array_equal(result.scene_views[0], result.scene_views[-1])

@@ -14,13 +14,14 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Truth
+from gs2ci.core.run_figures import EnsembleSection
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
-from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.stopping import HoldOut
+from gs2ci.reconstruct.fit.losses.objective import LossWeights
 from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.tracks.tracks import TrackSettings
@@ -56,8 +57,8 @@ def assert_same_bits(first, second):
 
 def test_it_beats_its_own_decode(shot, found):
     result, truth = found.result, shot.truth.views
-    assert result.geometry["verdict"] == "full"
-    assert 0 < result.geometry["path_error_expected"] < 0.2
+    assert result.geometry.verdict == "full"
+    assert 0 < result.geometry.path_error_expected < 0.2
     assert result.verdict in ("refined", "scene")
     assert result.heldout_rms[result.verdict] < 0.8 * result.heldout_rms["decode"]
     assert np.mean(psnr_per_view(result.views, truth)) > np.mean(psnr_per_view(result.decode, truth)) + 3
@@ -158,9 +159,9 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
 
 def test_one_curve_leads_to_the_mean_of_two_fits(shot, found):
     two = reconstruct(shot, SHORT, score=lambda views: float(np.mean(views))).result
-    assert two.ensemble["fits"] == two.ensemble["averaged"] == 2
-    assert 0 < two.ensemble["spread"] < 0.1
-    assert found.result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
+    assert two.ensemble.fits == two.ensemble.averaged == 2
+    assert 0 < two.ensemble.spread < 0.1
+    assert found.result.ensemble == EnsembleSection(1, 1, None)
     # Its last point is what is handed over.
     *course, last = two.curve
     assert last.iteration == course[-1].iteration
@@ -193,7 +194,7 @@ def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
     monkeypatch.setattr(fitting, "CoarseRun", EverySecondFails)
     result = reconstruct(shot, BRIEF).result
     assert len(started) == 2
-    assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
+    assert result.ensemble == EnsembleSection(1, 1, None)
     assert result.disagreement is None
     assert finding(Code.FITS_MISSING, fits=1, of=2) in result.notes
 

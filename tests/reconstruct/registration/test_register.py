@@ -1,7 +1,7 @@
 """What a measurement tells of its masks and its light is found and corrected; what it does not is left alone."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -146,7 +146,7 @@ def test_other_masks_of_few_elements_that_correlate_by_chance_are_left_alone(see
 @pytest.mark.parametrize("late", [1, 2, 5])
 def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
     found = register(bench.shoot(stated=np.roll(bench.masks, -late, axis=0)))
-    assert found.first_mask == found.summary()["first_mask"] == 6 - late
+    assert found.first_mask == found.summary().first_mask == 6 - late
     assert np.array_equal(found.shot.masks, bench.masks)
     assert [note.code for note in found.notes] == ["masks_begin_elsewhere"]
 
@@ -177,7 +177,7 @@ def test_mirrored_masks_that_begin_with_another_are_both_turned_and_put_in_order
 def test_blur_that_nobody_knew_of_is_found(bench, sigma_px):
     were = blurred(bench.masks, sigma_px)
     found = register(bench.shoot(were=were))
-    assert found.summary()["blur_sigma_px"] == pytest.approx(sigma_px, abs=0.05)
+    assert found.summary().blur_sigma_px == pytest.approx(sigma_px, abs=0.05)
     assert np.abs(found.shot.masks - were).mean() < 0.01
 
 
@@ -351,7 +351,7 @@ def test_sixty_four_views_a_mosaic_and_grey_masks_are_registered_as_well(bench):
 
 def test_the_summary_is_plain_and_whole(bench):
     found = register(bench.shoot(were=warped(bench.masks, down_px=1.5)))
-    summary = json.loads(json.dumps(found.summary()))
+    summary = json.loads(json.dumps(asdict(found.summary())))
     assert summary["placement"]["down_px"] == pytest.approx(1.5, abs=0.02)
     assert summary["largest_displacement_px"] == pytest.approx(1.5, abs=0.05)
     assert set(summary["standard_errors"]) == {"down_px", "right_px"}

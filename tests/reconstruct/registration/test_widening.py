@@ -37,7 +37,7 @@ def test_a_width_is_found_with_the_shift_beside_it(bench, px):
     were = warped(regrown(coarse, px, 20), down_px=0.3, right_px=-0.2)
     found = register(bench.shoot(were=were, stated=coarse))
     assert found.misfit.widening_px == pytest.approx(px, abs=0.03)
-    assert found.summary()["widening_px"] == found.misfit.widening_px
+    assert found.summary().widening_px == found.misfit.widening_px
     assert "beyond their stated edges" in found.notes[0].sentence
     assert [note.code for note in found.notes] == ["masks_corrected", "masks_as_drawn"]
     assert np.abs(found.shot.masks - were)[:, 3:-3, 3:-3].mean() < 0.02

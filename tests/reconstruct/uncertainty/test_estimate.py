@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.cameras import pinhole
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.estimate import ExposureFound, PathKnown, in_other_order, standard_errors

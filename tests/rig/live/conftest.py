@@ -48,23 +48,28 @@ width = 128
 MODULATOR = 'kind = "dlpc900"\ntrigger_out_2_bit = "disables"'
 
 
+def begun(folder, kind="v4l2", world="", tables="", modulator=MODULATOR, capture="mask_s = 0.02", light_e_per_s=1e5):
+    """Begin a live bench."""
+    path = folder / "rig.toml"
+    form = "Y12" if kind == "v4l2" else "Mono12"
+    left = {"world": world, "modulator": modulator, "capture": capture, "light_e_per_s": light_e_per_s}
+    path.write_text(RIG.format(kind=kind, format=form, **left) + tables)
+    bench = LiveBench(load_rig(path))
+    bench.begin()
+    return bench
+
+
 @pytest.fixture
 def make_live(tmp_path):
     """Begin a live bench; it is closed at the end."""
-    begun = []
+    benches = []
 
-    def make(kind="v4l2", world="", tables="", modulator=MODULATOR, capture="mask_s = 0.02", light_e_per_s=1e5):
-        path = tmp_path / "rig.toml"
-        form = "Y12" if kind == "v4l2" else "Mono12"
-        left = {"world": world, "modulator": modulator, "capture": capture, "light_e_per_s": light_e_per_s}
-        path.write_text(RIG.format(kind=kind, format=form, **left) + tables)
-        bench = LiveBench(load_rig(path))
-        bench.begin()
-        begun.append(bench)
-        return bench
+    def make(*given, **named):
+        benches.append(begun(tmp_path, *given, **named))
+        return benches[-1]
 
     yield make
-    for bench in begun:
+    for bench in benches:
         bench.close()
 
 
@@ -75,3 +80,13 @@ def served(make_live):
     server = LiveServer(bench)
     yield bench, server
     server.stop()
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory):
+    """Serve one live bench to all tests of a file that change nothing about it."""
+    bench = begun(tmp_path_factory.mktemp("standing"))
+    server = LiveServer(bench)
+    yield bench, server
+    server.stop()
+    bench.close()

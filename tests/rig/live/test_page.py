@@ -101,8 +101,8 @@ def test_an_action_that_no_device_refused_is_answered_as_well(served, monkeypatc
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_another_hosts_name_is_refused_and_the_page_may_load_nothing_from_elsewhere(served):
-    _, server = served
+def test_another_hosts_name_is_refused_and_the_page_may_load_nothing_from_elsewhere(standing):
+    _, server = standing
     assert ask(server, "/state", Host="evil.example")[0] == 421
     assert ask(server, "/act", body=b"{}", token="a", Host="evil.example:80")[0] == 421
     status, page, headers = ask(server, "/")
@@ -129,8 +129,8 @@ def request_of(server, head, body=b""):
 
 
 @pytest.mark.parametrize("path", ["/", "/live.js", "/live.css", "/state", "/picture.png", "/view/0.png", "/none"])
-def test_nothing_is_told_without_the_secret(served, path):
-    _, server = served
+def test_nothing_is_told_without_the_secret(standing, path):
+    _, server = standing
     for secret in ("", "wrong", server.door.secret[:-1], server.door.secret + "x", "\xff\xfe"):
         status, told, _ = ask(server, path, token="a", secret=secret)
         assert (status, b"has printed" in told) == (403, True)
@@ -138,16 +138,16 @@ def test_nothing_is_told_without_the_secret(served, path):
     assert ask(server, f"{path}?" + "&".join(["secret=x"] * 99), token="a", secret="")[0] == 403
 
 
-def test_without_the_secret_no_action_is_taken_and_no_control_given(served):
-    bench, server = served
+def test_without_the_secret_no_action_is_taken_and_no_control_given(standing):
+    bench, server = standing
     for path, body in (("/act", b'{"action": "show", "what": "open"}'), ("/leave", b"a")):
         assert ask(server, path, body=body, token="a", secret="")[0] == 403
     assert bench.armed == []
     assert server._holder == ""
 
 
-def test_the_printed_address_gives_a_cookie_and_leads_to_one_without_the_secret(served):
-    _, server = served
+def test_the_printed_address_gives_a_cookie_and_leads_to_one_without_the_secret(standing):
+    _, server = standing
     assert server.door.secret in server.address
     path = server.address.partition(str(server.port))[2]
     answer = raw(server, f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode()).decode()
@@ -190,8 +190,8 @@ def test_another_address_is_served_with_the_secret_alone(make_live):
 
 
 @pytest.mark.parametrize("length", ["abc", "-1", "+2", "0x2", "2.0", "²", "", "1_0"])
-def test_a_length_that_is_no_number_is_an_answer(served, capsys, length):
-    _, server = served
+def test_a_length_that_is_no_number_is_an_answer(standing, capsys, length):
+    _, server = standing
     answer = raw(server, request_of(server, ["POST /act HTTP/1.1", f"Content-Length: {length}"], b"{}"))
     assert answer.startswith(b"HTTP/1.1 400")
     assert b"Content-Length is no number" in answer
@@ -209,8 +209,8 @@ def test_a_length_that_is_no_number_is_an_answer(served, capsys, length):
         (["Content-Length: 50"], b"{}", b"400"),
     ],
 )
-def test_a_body_that_cannot_be_read_is_an_answer_and_ends_the_connection(served, capsys, lines, body, status):
-    _, server = served
+def test_a_body_that_cannot_be_read_is_an_answer_and_ends_the_connection(standing, capsys, lines, body, status):
+    _, server = standing
     answer = raw(server, request_of(server, ["POST /act HTTP/1.1", *lines], body))
     assert answer.startswith(b"HTTP/1.1 " + status)
     assert answer.count(b"HTTP/1.1") == 1
@@ -230,8 +230,8 @@ def test_a_body_that_cannot_be_read_is_an_answer_and_ends_the_connection(served,
         b"",
     ],
 )
-def test_what_is_no_request_is_survived_without_a_word_on_the_terminal(served, capsys, text):
-    _, server = served
+def test_what_is_no_request_is_survived_without_a_word_on_the_terminal(standing, capsys, text):
+    _, server = standing
     raw(server, text)
     assert ask(server, "/state")[0] == 200
     assert capsys.readouterr().err == ""

@@ -1,7 +1,7 @@
 """OSGR: opacity-guided splitting and growth regulation (paper, section III-E and supplement II).
 
-Here: the rule. Its mean-opacity term is in the loss (`fit/losses.py`), its transmittance-preserving opacities in
-`base.grow`, the criteria it adds to in `classic.py`, its population cap in the schedule (`fit/coarse.py`).
+Here: the rule. Its mean-opacity term is in the loss (`losses/objective.py`), its transmittance-preserving opacities in
+`base.grow`, the criteria it adds to in `classic.py`, its population cap in the schedule (`fit/coarse/stage.py`).
 """
 
 from dataclasses import dataclass, field

@@ -7,7 +7,7 @@ in a view, in units of the focal length: a quarter of a pixel in the corners of 
 8 px. A fit cannot tell the two apart then, but such a turn can be recognised: a hand or a stage wobbles, and does not
 turn in proportion to its travel about a point between near and far. The recognised shift may be too small by the
 parallax of the farthest point, since scenes and shifts that differ by it look alike. Here: that turn, and when it is
-reported. Not here: the path (`motion`, `fit/poses.py`); shifting the views back, which is left to the user.
+reported. Not here: the path (`motion`, `fit/optimiser/poses.py`); shifting the views back, which is left to the user.
 """
 
 from dataclasses import dataclass

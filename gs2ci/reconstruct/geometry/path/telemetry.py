@@ -1,7 +1,7 @@
 """Camera poses as the stage reported them, their errors, the points of tracks under them, and how far a fit moved them.
 
 Here: the triangulation under known poses, and their standard errors. Not here: their refinement in the fit
-(`fit/poses.py`); the steps from tracks to depth, which are the same for every source of poses (`initialise`).
+(`fit/optimiser/poses.py`); the steps from tracks to depth, which are the same for every source of poses (`initialise`).
 """
 
 from dataclasses import dataclass, replace
@@ -14,6 +14,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot, check_rigid
+from gs2ci.core.run_figures import Moved
 from gs2ci.reconstruct.geometry.path.motion import (
     INVERSE_DEPTH_RANGE,
     CameraMotion,
@@ -111,20 +112,7 @@ def errors_of_given(world_to_camera: F64, intrinsics: F64, position_error: float
     return PoseErrors(max(position, _LEAST_ERROR), _TURN_PX / float(intrinsics[0, 0]))
 
 
-@dataclass(frozen=True)
-class Movement:
-    """How far poses have moved, root mean square over the views.
-
-    Args:
-        rotation_deg: Angle.
-        share_of_path: Shift, as a share of the camera path's extent; 0 for a camera that did not move.
-    """
-
-    rotation_deg: float
-    share_of_path: float
-
-
-def movement(before: F64, after: F64) -> Movement:
+def movement(before: F64, after: F64) -> Moved:
     """Compare world-to-camera poses, [N, 4, 4], up to a common motion, which only changes the world's frame."""
     reference = len(before) // 2
     change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
@@ -132,7 +120,7 @@ def movement(before: F64, after: F64) -> Movement:
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
     angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()
-    return Movement(
+    return Moved(
         rotation_deg=float(np.degrees(np.sqrt((angles**2).mean()))),
         share_of_path=shift / extent if extent > 0 else 0.0,
     )

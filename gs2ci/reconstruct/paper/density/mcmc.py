@@ -3,7 +3,7 @@
 Here: the rule. Faint Gaussians are relocated to the places of opaque ones, new ones are placed there too, and after
 every iteration faint ones are shaken, the more the larger they are. Not here: opacities and sizes of Gaussians that
 share a place (`sharing.py`); the two regularisers, mean opacity and mean size, which are weights of the loss
-(`fit/losses.py`).
+(`fit/losses/objective.py`).
 """
 
 from dataclasses import dataclass

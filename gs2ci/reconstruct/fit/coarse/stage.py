@@ -1,0 +1,322 @@
+"""The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
+
+A fit can be paused and continued: a race compares several before it lets any of them end (`hypotheses.race`).
+
+Here: the loop, its bookkeeping, and the return to the last good state. Not here: what an iteration changes
+(`state.py`), the settings (`settings.py`), the initial scene (`reconstruct.geometry`).
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.progress import Progress
+from gs2ci.core.run_figures import CurvePoint
+from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
+from gs2ci.reconstruct.fit.coarse.looks import Looks, Monitoring
+from gs2ci.reconstruct.fit.coarse.pace import Fixed, Pace
+from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
+from gs2ci.reconstruct.fit.coarse.state import FitState
+from gs2ci.reconstruct.fit.coarse.stopping import Watch
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class CoarseFit:
+    """The result of the coarse stage.
+
+    Args:
+        scene: The Gaussians.
+        world_to_camera: Refined poses, [N, 4, 4].
+        views: The scene as each mask saw it while it was displayed, [N, H, W, C] float32, not clamped.
+        curve: The looks at the fit while it ran.
+        stopped: Why it ended.
+        notes: Other findings: each time that the fit diverged and was set back.
+        intrinsics: The camera matrix of the fit, [3, 3].
+        outside: Which Gaussians continue the scene beyond the borders of all views, [G] bool; None: none.
+        beside: Whether its views only count in the mean with others, because its path or order of depth is another.
+    """
+
+    scene: Gaussians
+    world_to_camera: F64
+    views: F32
+    curve: tuple[CurvePoint, ...]
+    stopped: Finding
+    notes: tuple[Finding, ...]
+    intrinsics: F64
+    outside: Tensor | None = None
+    beside: bool = False
+
+
+# Each rollback halves the step. A fit that still diverges with an eighth of the step does not do so because of its
+# length.
+MAX_ROLLBACKS = 3
+# A step has exploded, even if all numbers are finite, if its loss is so many times the smallest one since the density
+# rule was last applied and at least this share of the first: the scene has left the frame, or colours are far out of
+# range. (The density rule may raise the loss as much; a sound step never does.)
+EXPLODED = 3.0
+EXPLODED_SHARE_OF_FIRST = 0.3
+
+
+class CoarseRun:
+    """A fit of Gaussians and poses to the measurement that can be paused after any share of its schedule.
+
+    Args:
+        exposures: One or more; several are fitted by one scene.
+        start: Initial Gaussians.
+        settings: The schedule.
+        seed: For the density rule's draws.
+        monitoring: What is called at looks and iterations, and what may interrupt.
+        pace: Decides how many iterations there are, instead of the settings.
+        outside: Which initial Gaussians lie beyond the borders of all views, in a fit that another has begun, [G] bool.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+
+    def __init__(
+        self,
+        exposures: Sequence[FittedExposure],
+        start: Gaussians,
+        settings: CoarseSettings,
+        seed: int,
+        monitoring: Monitoring,
+        pace: Pace | None = None,
+        outside: Tensor | None = None,
+    ) -> None:
+        settings.check()
+        self._fit = FitState(exposures, start, settings, seed, outside)
+        self._looks = Looks(monitoring.since_s)
+        self._halt = monitoring.halt
+        self._results: tuple[CoarseFit, ...] = ()
+        pace = pace or Fixed(settings.iterations)
+        judged = any(one.holdout.pixels.any() for one in exposures)
+        self._loop = _Loop(self._fit, self._looks, monitoring, pace, judged=judged)
+
+    @property
+    def curve(self) -> tuple[CurvePoint, ...]:
+        """Get the looks so far."""
+        return tuple(self._looks.curve)
+
+    @property
+    def iterations(self) -> int:
+        """Get how many iterations are done."""
+        return self._loop.iteration
+
+    @property
+    def has_ended(self) -> bool:
+        """Get whether there is nothing to continue."""
+        return self._loop.stopped is not None
+
+    def advance(self, share: float = 1.0, progress: Progress | None = None) -> None:
+        """Go on until this share of the schedule is done, or until the fit ends.
+
+        Args:
+            share: From 0 to 1.
+            progress: Receives the iterations from now on; None: whatever did so far.
+
+        Raises:
+            NumericsError: The very first iteration is not finite.
+            ResourceError: The population exceeds the memory guard.
+        """
+        if not self.has_ended:
+            self._loop.run(share, progress)
+
+    def views(self) -> F32:
+        """Render the scene as it is now, as each mask of the first exposure saw it, [N, H, W, C] float32."""
+        return self._fit.views()
+
+    @property
+    def scene(self) -> Gaussians:
+        """Get the Gaussians as they are now, on the host."""
+        return self._fit.scene.map(Tensor.cpu)
+
+    def result(self) -> CoarseFit:
+        """Return the state with the smallest held-out residual, seen by the first exposure; a paused fit ends here."""
+        return self.results()[0]
+
+    def results(self) -> tuple[CoarseFit, ...]:
+        """Return this state as each exposure sees it: one scene, the exposure's own poses and views."""
+        if not self._results:
+            self._results = self._ended()
+        return self._results
+
+    def _ended(self) -> tuple[CoarseFit, ...]:
+        loop = self._loop
+        code = Code.FIT_INTERRUPTED if self._halt.asked else Code.FIT_BEHIND
+        stopped = loop.stopped or finding(code, iterations=loop.iteration, best=loop.best.iteration)
+        loop.stopped = stopped
+        self._fit.restore(loop.best)
+        scene = loop.best.scene.map(Tensor.cpu)
+        return tuple(
+            CoarseFit(
+                scene=scene,
+                world_to_camera=one.path(),
+                views=one.views(self._fit.scene),
+                curve=self.curve,
+                stopped=stopped,
+                notes=tuple(loop.notes),
+                intrinsics=one.exposure.geometry.intrinsics,
+                outside=loop.best.outside,
+            )
+            for one in self._fit.exposures
+        )
+
+
+def fit_coarse(
+    exposure: FittedExposure,
+    start: Gaussians,
+    settings: CoarseSettings,
+    seed: int,
+    monitoring: Monitoring,
+    pace: Pace | None = None,
+    outside: Tensor | None = None,
+) -> CoarseFit:
+    """Fit Gaussians and poses to one measurement without a pause; arguments and errors as for `CoarseRun`.
+
+    Returns:
+        The state with the smallest held-out residual.
+    """
+    run = CoarseRun([exposure], start, settings, seed, monitoring, pace, outside)
+    run.advance()
+    return run.result()
+
+
+class _Loop:
+    """The iterations: step, densify, look, stop; and the return to the best state when the fit diverges."""
+
+    def __init__(self, fit: FitState, looks: Looks, monitoring: Monitoring, pace: Pace, *, judged: bool) -> None:
+        self.iteration = 0
+        self.stopped: Finding | None = None
+        self.fit = fit
+        self.settings = fit.settings
+        self.best = fit.snapshot(0)
+        self.notes: list[Finding] = []
+        self._looks = looks
+        self._progress, self._halt = monitoring.progress, monitoring.halt
+        self._pace = pace
+        self._judged = judged
+        self._watch = Watch(fit.settings.hold_out)
+        self._damping = 1.0
+        self._rollbacks = 0
+        self._first_loss: float | None = None
+        self._least_loss = float("inf")
+
+    def run(self, share: float, progress: Progress | None) -> None:
+        """Iterate until this share of the schedule is done or the fit ends, and note why it ended."""
+        self._progress = progress or self._progress
+        total = self._pace.total(self.iteration)
+        if self.iteration == 0:
+            self._progress.stage("fit", total)
+        while self.stopped is None and self.iteration < min(total, math.ceil(share * total)):
+            before, total = total, self._iterate(total)
+            if total != before:
+                self._progress.expect(total)
+        if self.stopped is None and self.iteration >= total:
+            self.stopped = self._all_done()
+
+    def _iterate(self, total: int) -> int:
+        """Make one iteration, or return to the best state if it must not be used; return the schedule's length."""
+        iteration = self.iteration
+        self.fit.split_masks(iteration / total)
+        if self.fit.find_surfaces(iteration / total):
+            # Only states from here on may become the result, since their light is drawn to the surfaces: an earlier
+            # one may predict the held-out pixels as well, but its depth is worse.
+            self._watch.begin_again(iteration)
+            # A margin beyond the borders may be new, and raise the loss as newcomers of the density rule do.
+            self._least_loss = float("inf")
+        loss = self.fit.backward(iteration / total, iteration)
+        ran_away = self._how_it_ran_away(iteration, loss)
+        if ran_away is not None:
+            if not self._roll_back(iteration, ran_away):
+                self.stopped = finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
+            return total
+        self._step(iteration, total)
+        self.iteration = iteration = iteration + 1
+        total = self._pace.total(iteration)
+        halted = self._halt.asked
+        looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
+        if looks:
+            self._look(iteration, loss)
+        self._progress.step(iteration, loss=loss, **self._figures())
+        if halted:
+            self.stopped = finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+        elif looks and self._stalled(iteration):
+            self.stopped = finding(Code.FIT_STALLED, best=self._watch.best_iteration)
+        return total
+
+    def _all_done(self) -> Finding:
+        late = self._pace.is_late(self.iteration)
+        if not self._judged:
+            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=self.iteration)
+        code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
+        return finding(code, iterations=self.iteration, best=self._watch.best_iteration)
+
+    def _stalled(self, iteration: int) -> bool:
+        """Tell whether the residual has not improved for long, or has risen clearly, and nothing to come helps."""
+        if self.fit.awaits_moments:
+            return False
+        return self._watch.has_risen(iteration) or (self._watch.stalled(iteration) and not self.fit.awaits_surfaces)
+
+    def _step(self, iteration: int, total: int) -> None:
+        share = iteration / total
+        self.fit.step(share, self._damping)
+        begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
+        if bound is not None and share >= bound:
+            self.fit.bound_population()
+        turn = begin <= share < end and iteration % self.settings.densify_every == 0
+        if turn and self._watch.may_grow(iteration):
+            self._least_loss = float("inf")
+            if self.fit.densify(iteration):
+                self._watch.set_back(iteration)
+
+    def _look(self, iteration: int, loss: float) -> None:
+        """Judge the views as they would be delivered now, and keep the state if it is the best so far."""
+        began_s = time.monotonic()
+        heldout = self._looks.take(self.fit.seen(), iteration, loss, len(self.fit.scene))
+        if self._watch.note(heldout, iteration):
+            self.best = self.fit.snapshot(iteration)
+        self._pace.looked(time.monotonic() - began_s)
+
+    def _figures(self) -> dict[str, float | int]:
+        """Return the figures of the last look, for the display."""
+        curve = self._looks.curve
+        found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
+        known = {name: figure for name, figure in found.items() if figure is not None}
+        return {**known, "gaussians": len(self.fit.scene)}
+
+    def _how_it_ran_away(self, iteration: int, loss: float) -> Finding | None:
+        """Return why the present iteration must not be used; None if it may."""
+        best = self.best.iteration
+        if not self.fit.is_finite(loss):
+            return finding(Code.ROLLED_BACK_NOT_FINITE, iteration=iteration, best=best)
+        if self._first_loss is None:
+            self._first_loss = loss
+        if loss > EXPLODED * self._least_loss and loss > EXPLODED_SHARE_OF_FIRST * self._first_loss:
+            least = self._least_loss
+            return finding(Code.ROLLED_BACK_EXPLODED, iteration=iteration, best=best, least_loss=least, loss=loss)
+        self._least_loss = min(self._least_loss, loss)
+        return None
+
+    def _roll_back(self, iteration: int, ran_away: Finding) -> bool:
+        if iteration == 0:
+            raise NumericsError(
+                "the first iteration of the fit is not finite",
+                allowed="finite measurement, masks, poses and Gaussians",
+                remedy="run `gs2ci import` on the measurement again and read its warnings",
+            )
+        if self._rollbacks == MAX_ROLLBACKS:
+            return False
+        self._rollbacks += 1
+        self._damping *= 0.5
+        self.fit.restore(self.best)
+        self._least_loss = float("inf")
+        self.notes.append(ran_away)
+        self._progress.say(ran_away.sentence)
+        return True

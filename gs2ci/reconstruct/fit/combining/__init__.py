@@ -1,0 +1,1 @@
+"""What is made of several fits and candidates for the views."""

@@ -1,0 +1,1 @@
+"""Kernels of a fit: Numba's, and their counterparts for a device."""

@@ -1,0 +1,89 @@
+"""A launch whose arguments are looked at each time it is made, and exchanged only where they differ.
+
+Warp takes 13 microseconds to make a launch of arrays that it knows, and 7 more for each that it has to be told of; a
+launch that is kept takes 3 (one core of the machine of docs/gpu.md). In a fit most arguments are those of the iteration
+before. Here: launches that are kept, one for each thread, device and kernel. Not here: kernels, graphs
+(`render.warp.recording`).
+"""
+
+import threading
+from typing import Any
+
+import numpy as np
+import warp as wp
+from torch import Tensor
+
+from gs2ci.render.recording import one_at_a_time
+
+
+class KeptLaunch:
+    """Launches one kernel.
+
+    Args:
+        kernel: Of Warp's. Arrays that it is given are tensors of one device, in one piece of memory, or Warp's arrays.
+        block: Threads of a block, for a kernel that is launched block by block; None: thread by thread.
+    """
+
+    def __init__(self, kernel: Any, block: int | None = None) -> None:
+        self._kernel, self._block = kernel, block
+        self._types = [one.type for one in kernel.adj.args]
+        self._own = threading.local()
+
+    def __call__(self, size: int, *arguments: Any) -> None:
+        """Launch so many threads, or blocks; the first tensor among the arguments tells the device."""
+        if not size:
+            return
+        first = next(one for one in arguments if isinstance(one, Tensor))
+        kept: dict[str, _Kept] = self._own.__dict__.setdefault("kept", {})
+        place = "cpu" if first.is_cpu else f"cuda:{first.get_device()}"
+        if place not in kept:
+            kept[place] = _Kept(self._kernel, self._block, self._types, place)
+        kept[place].launch(size, arguments)
+
+
+class _Kept:
+    """The launch on one device, by one thread."""
+
+    def __init__(self, kernel: Any, block: int | None, types: list[Any], place: str) -> None:
+        self._kernel, self._block, self._types, self._place = kernel, block, types, place
+        self._told: list[Any] = [None] * len(types)
+        self._launch: Any = None
+        self._size = 0
+
+    def launch(self, size: int, arguments: tuple[Any, ...]) -> None:
+        marks = [_mark(one) for one in arguments]
+        with one_at_a_time(self._place):
+            if self._launch is None:
+                self._begin(size, arguments)
+            else:
+                if size != self._size:
+                    self._launch.set_dim(size if self._block is None else (size, self._block))
+                for number, (mark, told) in enumerate(zip(marks, self._told, strict=True)):
+                    if mark != told:
+                        self._launch.set_param_at_index(number, _as_warp(arguments[number], self._types[number]))
+            self._launch.launch()
+        self._size, self._told = size, marks
+
+    def _begin(self, size: int, arguments: tuple[Any, ...]) -> None:
+        given = [_as_warp(one, kind) for one, kind in zip(arguments, self._types, strict=True)]
+        options: dict[str, Any] = {"device": self._place, "record_cmd": True}
+        if self._block is None:
+            self._launch = wp.launch(self._kernel, dim=size, inputs=given, **options)
+        else:
+            self._launch = wp.launch_tiled(self._kernel, dim=[size], block_dim=self._block, inputs=given, **options)
+
+
+def _mark(argument: Any) -> Any:
+    """Return what tells an argument from another one."""
+    if isinstance(argument, Tensor):
+        return argument.data_ptr(), argument.shape
+    return argument.tobytes() if isinstance(argument, np.ndarray) else argument
+
+
+def _as_warp(argument: Any, kind: Any) -> Any:
+    if isinstance(argument, Tensor):  # as `from_torch`, in half the time
+        inner = len(getattr(kind.dtype, "_shape_", ()))
+        shape = tuple(argument.shape)[: argument.ndim - inner]
+        device = "cpu" if argument.is_cpu else f"cuda:{argument.get_device()}"
+        return wp.array(ptr=argument.data_ptr(), dtype=kind.dtype, shape=shape, device=device, copy=False)
+    return kind(*argument.ravel().tolist()) if isinstance(argument, np.ndarray) else argument

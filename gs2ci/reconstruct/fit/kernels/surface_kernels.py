@@ -1,0 +1,118 @@
+"""The arithmetic of the term that draws light to surfaces: moments of parallax, distances, and their gradients.
+
+The tests hold them to the same in torch, float64 (`tests/reconstruct/fit/surfaces/test_surfaces.py`). One thread, so
+that sums have one order. Here: the kernels. Not here: the rendering between them, the term (`surfaces/surfaces.py`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.kernels import f32_1, f32_2, f32_3, f64, i64_1, kernel
+
+
+@kernel(f32_2, f32_1, f64, f64, f64, f32_2)
+def parallax_moments(means: F32, ray: F32, near: float, parallax_px: float, middle: float, out: F32) -> None:
+    """Store 1, p and p^2 of each Gaussian's parallax less the middle, [G, 3].
+
+    Args:
+        means: [G, 3].
+        ray: The third row of the pose, which gives the depth, [4].
+        near: The least depth.
+        parallax_px: Parallax at an inverse depth of 1.
+        middle: Subtracted from the parallaxes.
+        out: [G, 3].
+    """
+    least, per, off = np.float32(near), np.float32(parallax_px), np.float32(middle)
+    for g in range(len(means)):
+        depth = means[g, 0] * ray[0] + means[g, 1] * ray[1] + means[g, 2] * ray[2] + ray[3]
+        parallax = per / max(depth, least) - off
+        out[g, 0] = 1
+        out[g, 1] = parallax
+        out[g, 2] = parallax * parallax
+
+
+@kernel(f32_2, f32_1, f64, f64, f32_2, f32_2, f32_2)
+def add_mean_gradient(
+    means: F32, ray: F32, near: float, parallax_px: float, moments: F32, by_moments: F32, out: F32
+) -> None:
+    """Add to the means' gradient, [G, 3], the part that follows from that by their moments of parallax, [G, 3]."""
+    least, per, two = np.float32(near), np.float32(parallax_px), np.float32(2)
+    for g in range(len(means)):
+        depth = means[g, 0] * ray[0] + means[g, 1] * ray[1] + means[g, 2] * ray[2] + ray[3]
+        if depth >= least:
+            by_parallax = by_moments[g, 1] + two * moments[g, 1] * by_moments[g, 2]
+            by_depth = -by_parallax * per / (depth * depth)
+            out[g, 0] += by_depth * ray[0]
+            out[g, 1] += by_depth * ray[1]
+            out[g, 2] += by_depth * ray[2]
+
+
+@kernel(f32_2, i64_1, f32_1, f32_1, f64, f64, f64, f64, f32_2)
+def distance_to_surface(
+    image: F32,
+    pixels: NDArray[np.int64],
+    inverse_depth: F32,
+    trust: F32,
+    parallax_px: float,
+    middle: float,
+    round_px: float,
+    weight: float,
+    gradient: F32,
+) -> float:
+    """Return the mean distance of light from surfaces, px, and store `weight` times its gradient.
+
+    For a pixel with moments s, m and q of the parallax of its light and the surface at p, the distance is
+    sqrt(max(q - 2 p m + p^2 s, 0) + r^2) - r.
+
+    Args:
+        image: The moments, [H * W, 3].
+        pixels: Pixels that the term uses, flat indices, [P].
+        inverse_depth: Of the surfaces, [H * W].
+        trust: Their weights, [H * W].
+        parallax_px: Parallax at an inverse depth of 1.
+        middle: Subtracted from all parallaxes.
+        round_px: r.
+        weight: Factor on the gradient.
+        gradient: By the moments, [H * W, 3]; unchanged at other pixels.
+    """
+    all_trust = 0.0
+    for i in range(len(pixels)):
+        all_trust += trust[pixels[i]]
+    share = weight / max(all_trust, 1.0)
+    total, square_round = 0.0, round_px * round_px
+    for i in range(len(pixels)):
+        at = pixels[i]
+        p = parallax_px * inverse_depth[at] - middle
+        square = image[at, 2] - 2 * p * image[at, 1] + p * p * image[at, 0]
+        root = np.sqrt(max(square, 0.0) + square_round)
+        total += trust[at] * (root - round_px)
+        slope = share * trust[at] / (2 * root) if square >= 0 else 0.0
+        gradient[at, 0] = slope * p * p
+        gradient[at, 1] = -2 * slope * p
+        gradient[at, 2] = slope
+    return total / max(all_trust, 1.0)
+
+
+@kernel(f32_3, f32_3, f32_1, f64, f64, f64, f32_3)
+def exchange_inverse_depth(
+    inverse_depth: F32, rays: F32, bend: F32, beta: float, shrink: float, widest: float, out: F32
+) -> None:
+    """Store maps of inverse depth after an exchange of turning for travel, [K, H, W].
+
+    Args:
+        inverse_depth: [K, H, W].
+        rays: Of the pixels, at z = 1, [H, W, 2].
+        bend: See `relief.ReliefStep`, [2].
+        beta: The step.
+        shrink: See `relief.ReliefStep`.
+        widest: Bound on the rays along `bend`, as for the Gaussians.
+        out: [K, H, W].
+    """
+    most = np.float32(widest)
+    one, step, factor = np.float32(1), np.float32(beta), np.float32(1 - beta * shrink)
+    for k in range(inverse_depth.shape[0]):
+        for y in range(inverse_depth.shape[1]):
+            for x in range(inverse_depth.shape[2]):
+                slant = min(max(rays[y, x, 0] * bend[0] + rays[y, x, 1] * bend[1], -most), most)
+                out[k, y, x] = (inverse_depth[k, y, x] + step * (one + slant * slant)) * factor

@@ -1,0 +1,181 @@
+"""The loss of a fit in Warp, one thread for each value of the measurement: as `ssim.py` and `objective.py` compute.
+
+Images are flat, [H * W * C]. Here: the kernels, in the order in which they run. Not here: why they compute so
+(`ssim.py`), their order (`device_losses.py`).
+"""
+
+from typing import Any, Final
+
+import warp as wp
+
+from gs2ci.reconstruct.fit.kernels.device.kernels import CHUNK, PER_THREAD, SUMMED
+from gs2ci.reconstruct.fit.losses.ssim import C1 as SSIM_C1
+from gs2ci.reconstruct.fit.losses.ssim import C2 as SSIM_C2
+from gs2ci.render.recording import TILED
+
+wp.set_module_options({"enable_backward": False})
+
+C1 = wp.constant(wp.float32(SSIM_C1))
+C2 = wp.constant(wp.float32(SSIM_C2))
+LEAST_BOTTOM = wp.constant(wp.float32(0.5 * SSIM_C2))
+
+
+@wp.kernel
+def find_error(
+    predicted: wp.array(dtype=wp.float32),
+    target: wp.array(dtype=wp.float32),
+    fitted: wp.array(dtype=wp.float32),
+    saturated: wp.array(dtype=wp.uint8),
+    channels: int,
+    per_exposure: wp.float32,
+    error: wp.array(dtype=wp.float32),
+    counted: wp.array(dtype=wp.float32),
+):
+    """Store a prediction's error at the values that count, and which they are."""
+    i = wp.tid()
+    pixel = i // channels
+    seen = predicted[i] * per_exposure
+    counts = fitted[pixel]
+    if saturated[pixel] > wp.uint8(0) and seen > target[i]:
+        counts = 0.0
+    error[i] = (seen - target[i]) * counts
+    counted[i] = counts
+
+
+@wp.kernel
+def filter_down(
+    error: wp.array(dtype=wp.float32),
+    centred: wp.array(dtype=wp.float32),
+    taps: wp.array(dtype=wp.float32),
+    height: int,
+    row: int,
+    out: wp.array(dtype=wp.vec3),
+):
+    """Filter e, e² and eb along columns; what lies outside the image counts as zero."""
+    i = wp.tid()
+    y = i // row
+    total = wp.vec3()
+    for k in range(1 - taps.shape[0], taps.shape[0]):
+        if y + k >= 0 and y + k < height:
+            e = error[i + k * row]
+            total += taps[wp.abs(k)] * wp.vec3(e, e * e, e * centred[i + k * row])
+    out[i] = total
+
+
+@wp.func
+def across(values: wp.array(dtype=wp.vec3), taps: wp.array(dtype=wp.float32), i: int, row: int, channels: int):
+    """Filter along a row."""
+    at = i % row
+    total = wp.vec3()
+    for k in range(1 - taps.shape[0], taps.shape[0]):
+        if at + k * channels >= 0 and at + k * channels < row:
+            total += taps[wp.abs(k)] * values[i + k * channels]
+    return total
+
+
+@wp.kernel
+def compare(
+    filtered: wp.array(dtype=wp.vec3),
+    mean: wp.array(dtype=wp.float32),
+    centred_mean: wp.array(dtype=wp.float32),
+    variance: wp.array(dtype=wp.float32),
+    taps: wp.array(dtype=wp.float32),
+    row: int,
+    channels: int,
+    apart: wp.array(dtype=wp.float32),
+    partial: wp.array(dtype=wp.vec3),
+):
+    """Store 1 - similarity, and the similarity's derivatives by filtered e, e² and eb."""
+    i = wp.tid()
+    found = across(filtered, taps, i, row, channels)
+    fe = found[0]
+    cb = centred_mean[i]
+    ma = mean[i] + fe
+    difference = wp.max(found[1] - fe * fe, 0.0)
+    bottom = wp.max(2.0 * variance[i] + 2.0 * (found[2] - fe * cb) + difference + C2, LEAST_BOTTOM)
+    per_bottom = 1.0 / bottom
+    unlike = difference * per_bottom
+    per_means = 1.0 / (ma * ma + mean[i] * mean[i] + C1)
+    darker = fe * fe * per_means
+    structure = 1.0 - unlike
+    slope = (1.0 - darker) * per_bottom
+    by_luminance = 2.0 * (darker * ma - fe) * per_means
+    apart[i] = darker + unlike - darker * unlike
+    partial[i] = wp.vec3(
+        structure * by_luminance + 2.0 * slope * (fe - unlike * (cb + fe)), -(slope * structure), 2.0 * slope * unlike
+    )
+
+
+@wp.kernel
+def filter_back_down(
+    partial: wp.array(dtype=wp.vec3),
+    taps: wp.array(dtype=wp.float32),
+    height: int,
+    row: int,
+    out: wp.array(dtype=wp.vec3),
+):
+    """Filter derivatives along columns."""
+    i = wp.tid()
+    y = i // row
+    total = wp.vec3()
+    for k in range(1 - taps.shape[0], taps.shape[0]):
+        if y + k >= 0 and y + k < height:
+            total += taps[wp.abs(k)] * partial[i + k * row]
+    out[i] = total
+
+
+@wp.kernel
+def find_gradient(
+    filtered: wp.array(dtype=wp.vec3),
+    error: wp.array(dtype=wp.float32),
+    centred: wp.array(dtype=wp.float32),
+    counted: wp.array(dtype=wp.float32),
+    taps: wp.array(dtype=wp.float32),
+    row: int,
+    channels: int,
+    of_sign: wp.float32,
+    of_similarity: wp.float32,
+    gradient: wp.array(dtype=wp.float32),
+):
+    """Store the loss's gradient: that of the absolute error and that of the similarity."""
+    i = wp.tid()
+    by = across(filtered, taps, i, row, channels)
+    e = error[i]
+    sign = wp.float32(0.0)
+    if e != 0.0:
+        sign = wp.sign(e)
+    gradient[i] = of_sign * sign - of_similarity * counted[i] * (by[0] + 2.0 * e * by[1] + centred[i] * by[2])
+
+
+@wp.kernel(module="unique", module_options=TILED)
+def sum_errors(error: wp.array(dtype=wp.float32), apart: wp.array(dtype=wp.float32), sums: wp.array(dtype=wp.vec2d)):
+    """Sum absolute errors and 1 - similarity block by block."""
+    block, lane = wp.tid()
+    total = wp.float64(0.0)
+    unlike = wp.float64(0.0)
+    for k in range(PER_THREAD):
+        i = block * CHUNK + k * SUMMED + lane
+        if i < error.shape[0]:
+            total += wp.float64(wp.abs(error[i]))
+            unlike += wp.float64(apart[i])
+    all_errors = wp.tile_sum(wp.tile(total))
+    all_unlike = wp.tile_sum(wp.tile(unlike))
+    if lane == 0:
+        sums[block] = wp.vec2d(all_errors[0], all_unlike[0])
+
+
+@wp.kernel
+def find_loss(
+    sums: wp.array(dtype=wp.vec2d), of_error: wp.float64, of_unlike: wp.float64, loss: wp.array(dtype=wp.float64)
+):
+    """Weigh the two sums, by one thread."""
+    total = wp.float64(0.0)
+    for block in range(sums.shape[0]):
+        total += of_error * sums[block][0] + of_unlike * sums[block][1]
+    loss[0] = total
+
+
+ALL: Final[tuple[Any, ...]] = (
+    *(find_error, filter_down, compare, filter_back_down, find_gradient, sum_errors, find_loss),
+)
+"""For counts and for compiling in advance."""

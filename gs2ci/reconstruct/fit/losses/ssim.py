@@ -1,0 +1,242 @@
+"""Structural similarity of a prediction with a fixed target, and its gradient, in two fused passes.
+
+Here: the Numba kernels, several times faster than the same convolutions in torch. They compute in float32, 16 values at
+a time, from the error e = a - b of the prediction a and the target b. With F the window's weighted sum,
+
+    1 - structure = (F[ee] - F[e]^2) / D,     D = 2 var(b) + 2 (F[eb] - F[e] F[b]) + (F[ee] - F[e]^2) + C2,
+    1 - luminance = F[e]^2 / (F[a]^2 + F[b]^2 + C1),
+
+which is the usual pair of quotients, rewritten. Written the usual way, over a bright and flat part of a measurement the
+variances are differences of nearly equal squares, of which float32 would leave no digit above C2; here every difference
+is of terms that shrink with the error, and var(b) is computed once, in float64. (Of b, the covariance sees what its
+channel's mean leaves.) Where b is flat and e constant, terms of the gradient as large as 2 e / C2 cancel, and rounding
+leaves some 1e-7 of them. The readable definition they are held to is in `tests/reconstruct/fit/conftest.py`. Not here:
+the losses around it (`objective`, `paper.perceptual`).
+"""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.kernels import f32, f32_1, f64_1, helper, i64, in_parts, kernel
+from gs2ci.reconstruct.fit.kernels.lane_sum import sum_in_lanes
+from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store
+
+WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
+SIGMA_PX: Final = 1.5  # of that window; others are scaled with it
+LEAST_WINDOW: Final = 3  # a single pixel has no variance
+C1: Final = 0.01**2  # stabilise the two quotients at a data range of one view's full scale; same source
+C2: Final = 0.03**2
+
+_C1: Final = np.float32(C1)
+_C2: Final = np.float32(C2)
+_LEAST_BOTTOM: Final = np.float32(0.5 * C2)
+_ZERO: Final = np.float32(0)
+_ONE: Final = np.float32(1)
+_TWO: Final = np.float32(2)
+
+
+def window_taps(window_px: int) -> F64:
+    """Return the window from its middle outwards."""
+    reach, sigma_px = window_px // 2, SIGMA_PX * window_px / WINDOW
+    taps = np.exp(-(np.arange(reach + 1.0) ** 2) / (2 * sigma_px**2))
+    found: F64 = taps / (taps[0] + 2 * taps[1:].sum())
+    return found
+
+
+@helper()
+def _filter_row(image: F32, y: int, height: int, taps: F32, channels: int, scratch: F32, out: F32) -> None:
+    """Gaussian-filter row y of an image of so many rows, [H * P], into out [P]; zero outside of the image.
+
+    The rims of `scratch`, as wide as the window reaches, hold zeros and keep them.
+    """
+    width, rim = len(out), (len(taps) - 1) * channels
+    up, down = min(y, len(taps) - 1), min(height - 1 - y, len(taps) - 1)
+    for b in range(0, width, LANES):
+        at = y * width + b
+        total = load(image, at) * get(taps, 0)
+        for k in range(1, up + 1):
+            total = total + load(image, at - k * width) * get(taps, k)
+        for k in range(1, down + 1):
+            total = total + load(image, at + k * width) * get(taps, k)
+        store(scratch, rim + b, total)
+    for b in range(0, width, LANES):
+        at = rim + b
+        total = load(scratch, at) * get(taps, 0)
+        for k in range(1, len(taps)):
+            total = total + (load(scratch, at - k * channels) + load(scratch, at + k * channels)) * get(taps, k)
+        store(out, b, total)
+
+
+@helper()
+def _compare_16(at: int, fe, ee, eb, mean: F32, centred: F32, variance: F32, partial: F32, apart: F32) -> None:
+    """Turn filtered e, e² and eb of 16 values into 1 - similarity and the similarity's derivatives by them."""
+    plane = len(apart)
+    mb, cb = load(mean, at), load(centred, at)
+    ma = mb + fe
+    difference = maximum(ee - fe * fe, _ZERO)
+    # Round-off can push a variance of a flat, very bright window below zero.
+    bottom = load(variance, at) * _TWO + (eb - fe * cb) * _TWO + difference + _C2
+    per_bottom = broadcast(_ONE) / maximum(bottom, _LEAST_BOTTOM)
+    unlike = difference * per_bottom
+    per_means = broadcast(_ONE) / (ma * ma + mb * mb + _C1)
+    darker = fe * fe * per_means
+    luminance, structure = broadcast(_ONE) - darker, broadcast(_ONE) - unlike
+    slope = luminance * per_bottom
+    by_luminance = (darker * ma - fe) * _TWO * per_means
+    store(apart, at, darker + unlike - darker * unlike)
+    store(partial, at, structure * by_luminance + slope * _TWO * (fe - unlike * (cb + fe)))
+    store(partial, plane + at, -slope * structure)
+    store(partial, 2 * plane + at, slope * _TWO * unlike)
+
+
+@kernel(i64, i64, i64, i64, f32_1, f32_1, f32_1, f32_1, f32_1, f32_1, f32_1, i64, f32_1, f32_1, f64_1)
+def _compare(
+    from_row: int,
+    to_row: int,
+    height: int,
+    width: int,
+    error: F32,
+    squares: F32,
+    products: F32,
+    mean: F32,
+    centred: F32,
+    variance: F32,
+    taps: F32,
+    channels: int,
+    partial: F32,
+    apart: F32,
+    sums: F64,
+) -> None:
+    """Store 1 - similarity, its sums per row, and its derivatives by filtered e, e² and eb, [3, H, P]; P >= W * C."""
+    padded, plane = len(error) // height, len(error)
+    e, ee, eb = np.empty(padded, np.float32), np.empty(padded, np.float32), np.empty(padded, np.float32)
+    scratch = np.zeros(padded + 2 * (len(taps) - 1) * channels, np.float32)
+    for y in range(from_row, to_row):
+        _filter_row(error, y, height, taps, channels, scratch, e)
+        _filter_row(squares, y, height, taps, channels, scratch, ee)
+        _filter_row(products, y, height, taps, channels, scratch, eb)
+        for b in range(0, padded, LANES):
+            of_e, of_ee, of_eb = load(e, b), load(ee, b), load(eb, b)
+            _compare_16(y * padded + b, of_e, of_ee, of_eb, mean, centred, variance, partial, apart)
+        # What rounds rows up to whole vectors does not count.
+        for k in range(3):
+            partial[k * plane + y * padded + width : k * plane + (y + 1) * padded] = _ZERO
+        sums[y] = sum_in_lanes(apart[y * padded : y * padded + width])
+
+
+@kernel(i64, i64, i64, f32_1, f32_1, f32_1, f32_1, i64, f32, f32_1)
+def _gradient(
+    from_row: int,
+    to_row: int,
+    height: int,
+    error: F32,
+    target: F32,
+    partial: F32,
+    taps: F32,
+    channels: int,
+    scale: float,
+    out: F32,
+) -> None:
+    """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
+    padded, plane = len(error) // height, len(error)
+    by_e, by_ee, by_eb = np.empty(padded, np.float32), np.empty(padded, np.float32), np.empty(padded, np.float32)
+    scratch = np.zeros(padded + 2 * (len(taps) - 1) * channels, np.float32)
+    for y in range(from_row, to_row):
+        _filter_row(partial[:plane], y, height, taps, channels, scratch, by_e)
+        _filter_row(partial[plane : 2 * plane], y, height, taps, channels, scratch, by_ee)
+        _filter_row(partial[2 * plane :], y, height, taps, channels, scratch, by_eb)
+        for b in range(0, padded, LANES):
+            at = y * padded + b
+            chained = load(by_e, b) + load(error, at) * _TWO * load(by_ee, b) + load(target, at) * load(by_eb, b)
+            store(out, at, chained * scale)
+
+
+class SimilarityTo:
+    """Mean structural similarity to one target, [H, W, C] float32, whose statistics are computed once.
+
+    11 × 11 Gaussian window of 1.5 px, or another of the same shape; zero padding, data range 1 (Wang et al. 2004).
+    Thread-count independent: rows are summed apart, in float64, and then in order.
+
+    Args:
+        target: [H, W, C].
+        window_px: The window's side, odd, >= `LEAST_WINDOW`.
+    """
+
+    def __init__(self, target: F32, window_px: int = WINDOW) -> None:
+        taps = window_taps(window_px)
+        self._taps = taps.astype(np.float32)
+        self._shape = target.shape
+        self._width = target.shape[1] * target.shape[2]
+        self._target = self._in_rows(target)
+        exact = target.astype(np.float64)
+        middle = exact.reshape(-1, target.shape[2]).mean(axis=0)
+        window = np.concatenate([taps[:0:-1], taps])
+        mean, mean_square = (
+            cv2.sepFilter2D(each, cv2.CV_64F, window, window, borderType=cv2.BORDER_CONSTANT).reshape(exact.shape)
+            for each in (exact, exact * exact)
+        )
+        of_target = (mean, mean - middle, mean_square - mean * mean)
+        self._of_target = tuple(self._in_rows(one.astype(np.float32)) for one in of_target)
+        self._centred = self._in_rows((exact - middle).astype(np.float32))
+        self._partial = np.empty(3 * self._target.size, np.float32)
+        self._apart, self._gradient = np.empty_like(self._target), np.empty_like(self._target)
+
+    def _in_rows(self, image: F32) -> F32:
+        """Return an image, [H, W, C], with rows rounded up to whole vectors by zeros, [H * P]."""
+        rows = np.ascontiguousarray(image, np.float32).reshape(self._shape[0], self._width)
+        beyond = -self._width % LANES
+        return (np.pad(rows, ((0, 0), (0, beyond))) if beyond else rows).reshape(-1)
+
+    def _as_image(self, rows: F32) -> F32:
+        return rows.reshape(self._shape[0], -1)[:, : self._width].reshape(self._shape)
+
+    @property
+    def of_target(self) -> tuple[F32, ...]:
+        """Get the target's filtered values, the same less their channel's mean, variances, and values less that mean.
+
+        Each is [H, W, C].
+        """
+        return tuple(self._as_image(one) for one in (*self._of_target, self._centred))
+
+    @property
+    def taps(self) -> F32:
+        """Get the window from its middle outwards."""
+        return self._taps
+
+    def dissimilarity(self, image: F32) -> F32:
+        """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
+        self._compare(self._error(image))
+        result: F32 = self._as_image(self._apart).mean(axis=2)
+        return result
+
+    def _error(self, image: F32) -> F32:
+        return self._in_rows(image) - self._target
+
+    def _compare(self, error: F32) -> float:
+        """Compare as `_compare` does; return the sum of 1 − SSIM."""
+        height = self._shape[0]
+        sums = np.empty(height, np.float64)
+        given = (error, error * error, error * self._centred, *self._of_target, self._taps, self._shape[2])
+        in_parts(_compare, height, height, self._width, *given, self._partial, self._apart, sums)
+        return float(sums.sum())
+
+    def __call__(self, image: F32) -> tuple[float, F32]:
+        """Return the mean similarity of an image [H, W, C] to the target, and its gradient [H, W, C]."""
+        value, gradient = self._of_rows(self._error(image))
+        return value, gradient.copy()
+
+    def of_error(self, error: F32) -> tuple[float, F32]:
+        """Return the same for the image less the target, [H, W, C].
+
+        The gradient lies in memory that the next call writes to: fresh memory for each takes as long as the gradient.
+        """
+        return self._of_rows(self._in_rows(error))
+
+    def _of_rows(self, error: F32) -> tuple[float, F32]:
+        apart, size, height = self._compare(error), self._shape[0] * self._width, self._shape[0]
+        given = (error, self._centred, self._partial, self._taps, self._shape[2], np.float32(1.0 / size))
+        in_parts(_gradient, height, height, *given, self._gradient)
+        return 1.0 - apart / size, self._as_image(self._gradient)

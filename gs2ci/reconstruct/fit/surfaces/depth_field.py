@@ -1,0 +1,161 @@
+"""Depths of whole regions as parameters of their own, moved by the measurement alone.
+
+Surfaces are found in views to which the decoded residual was added. These views show too little parallax: detail that
+the decode cannot assign to one view appears at the same place in all of them, as if it were farther away. The term that
+draws light to the surfaces then keeps whole regions at a wrong depth; the gradient of a single Gaussian is too small to
+move them. Therefore a smooth field, given at the knots of a grid over the reference view and over inverse depth, is
+added to the inverse depths of all Gaussians and of the surfaces. Only the measurement contributes to its gradient.
+
+Here: the field and its steps. Not here: the loops over Gaussians and maps (`kernels/depth_field_kernels.py`).
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
+from torch import Tensor
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.bounds import Bounded
+from gs2ci.core.config import Positive
+from gs2ci.reconstruct.fit.kernels.calling import call
+from gs2ci.reconstruct.fit.kernels.depth_field_kernels import gather_gradient, move_gaussians, move_map
+from gs2ci.render.conventions import NEAR
+from gs2ci.render.gaussians import Gaussians
+
+# The knots lie between these quantiles of the inverse depths.
+_QUANTILES = (0.02, 0.98)
+# Of Adam's moments, as for all parameters of a fit.
+_DECAY = 0.9
+_SQUARE_DECAY = 0.999
+
+
+@dataclass(frozen=True)
+class DepthFieldSettings(Bounded):
+    """Grid and step sizes of the field.
+
+    Args:
+        every: Iterations between steps.
+        across: Knots along the rows of the picture.
+        down: Knots along its columns.
+        deep: Knots over inverse depth.
+        rate: Step size at the start of the schedule, in units of inverse depth, whose median is about 1.
+        final_rate: Step size at its end; exponential in between.
+    """
+
+    every: PositiveInt = 2
+    across: Annotated[int, Field(ge=2)] = 6
+    down: Annotated[int, Field(ge=2)] = 5
+    deep: Annotated[int, Field(ge=2)] = 4
+    rate: Positive = 4e-3
+    final_rate: Positive = 4e-4
+
+
+@dataclass(frozen=True)
+class FieldStep:
+    """The change of inverse depths in one step.
+
+    Args:
+        pose: Pose of the reference view, [4, 4].
+        low: u, v and 1/z of the first knot in this view, [3].
+        between: Distances between knots, [3].
+        values: Changes at the knots, [A, B, C].
+    """
+
+    pose: F64
+    low: F64
+    between: F64
+    values: F64
+
+    def of_scene(self, scene: Gaussians) -> None:
+        """Move Gaussians, in place."""
+        moved = (scene.means.detach(), scene.log_scales.detach())
+        call(move_gaussians, *moved, self.pose, NEAR, self.low, self.between, self.values)
+
+    def of_map(self, inverse_depth: F32, pixels: NDArray[np.int64], rays: F32, world_to_camera: F64) -> None:
+        """Move the given pixels of a view's map, [H, W], in place.
+
+        Args:
+            inverse_depth: [H, W].
+            pixels: Flat indices of the pixels.
+            rays: Directions of the pixels: x and y at z = 1, [H, W, 2].
+            world_to_camera: Pose of the view, [4, 4].
+        """
+        to_reference = self.pose @ np.linalg.inv(world_to_camera)
+        grid = (self.low, self.between, self.values)
+        move_map(inverse_depth.reshape(-1), pixels, rays.reshape(-1, 2), to_reference, *grid)
+
+
+class DepthField:
+    """Computes the field's steps from the gradients of the scene.
+
+    Args:
+        settings: Grid and step sizes.
+        reference: Index of the view over whose picture the grid lies.
+        widest: Half of the picture's extent at z = 1, along rows and columns.
+    """
+
+    def __init__(self, settings: DepthFieldSettings, reference: int, widest: tuple[float, float]) -> None:
+        self._settings = settings
+        self._reference = reference
+        self._widest = np.array(widest)
+        self._grid: tuple[F64, F64] | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the moments of earlier gradients."""
+        shape = (self._settings.across, self._settings.down, self._settings.deep)
+        self._mean, self._square, self._turns = np.zeros(shape), np.zeros(shape), 0
+
+    def step(self, scene: Gaussians, world_to_camera: Tensor, progress: float, iteration: int) -> FieldStep | None:
+        """Compute a step from the present gradients, without applying it; None if none is due.
+
+        Args:
+            scene: The Gaussians, with their gradients.
+            world_to_camera: Poses, [N, 4, 4].
+            progress: Share of the schedule that is done, in [0, 1]; it determines the step size.
+            iteration: Number of iterations done.
+        """
+        if iteration % self._settings.every or scene.means.grad is None or scene.log_scales.grad is None:
+            return None
+        pose = world_to_camera[self._reference].detach().double().numpy()
+        low, between = self._grid = self._grid or self._over(scene, pose)
+        found = scene.means.new_empty(self._mean.shape, dtype=torch.float64)
+        call(
+            gather_gradient,
+            *(t.detach() for t in (scene.means, scene.means.grad, scene.log_scales.grad)),
+            *(pose, NEAR, low, between, found),
+        )
+        gradient = found.cpu().numpy()
+        if not np.isfinite(gradient).all():
+            return None
+        return FieldStep(pose, low, between, -self._rate(progress) * self._direction(gradient))
+
+    def _rate(self, progress: float) -> float:
+        rates = self._settings
+        return float(rates.rate * (rates.final_rate / rates.rate) ** progress)
+
+    def _direction(self, gradient: F64) -> F64:
+        """Update Adam's moments by a gradient and return the direction of the step, at most about 1 at every knot.
+
+        The mean square over all knots is added to that of each knot: without it, the steps in areas without texture,
+        whose depth the measurement hardly determines, would be as long as elsewhere.
+        """
+        self._turns += 1
+        self._mean += (1 - _DECAY) * (gradient - self._mean)
+        self._square += (1 - _SQUARE_DECAY) * (gradient**2 - self._square)
+        square = self._square / (1 - _SQUARE_DECAY**self._turns)
+        root = np.sqrt(square + square.mean() + np.finfo(np.float64).tiny)
+        direction: F64 = self._mean / (1 - _DECAY**self._turns) / root
+        return direction
+
+    def _over(self, scene: Gaussians, pose: F64) -> tuple[F64, F64]:
+        """Place the grid over a scene; return its first knot and the distances between knots, [3] each."""
+        depth = scene.means.detach().double().cpu().numpy() @ pose[2, :3] + pose[2, 3]
+        far, near = np.quantile(1 / depth[depth > NEAR], _QUANTILES)
+        low = np.array([*-self._widest, far])
+        high = np.array([*self._widest, max(near, far * (1 + 1e-3))])
+        return low, (high - low) / (np.array(self._mean.shape) - 1)
