@@ -197,6 +197,7 @@ class Code(StrEnum):
     DEPTH_ORDER_UNTRIED = auto()
     DEPTH_ORDER_TURNED = auto()
     DEPTH_ORDER_SHOWN = auto()
+    DEPTH_ORDER_LIKELY = auto()
     POSES_SIGN_CONTRADICTED = auto()
 
     # Which source the first path came from.
@@ -243,6 +244,7 @@ class Code(StrEnum):
     EXPOSURES_TOGETHER = auto()
     EXPOSURE_LEFT_OUT = auto()
     EXPOSURE_PLACED_OTHERWISE = auto()
+    EXPOSURES_REPEAT = auto()
     OF_EXPOSURE = auto()
 
     # The result.

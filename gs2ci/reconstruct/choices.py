@@ -69,6 +69,7 @@ class LeftOut(StrEnum):
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
     OCCLUSION = "occlusion"
     PATCH_TEST_OF_MOTION = "patch test of motion"
+    REPEATS_DECODED_TOGETHER = "repeats decoded together"
     REST_AS_RIVAL = "rest as rival"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"

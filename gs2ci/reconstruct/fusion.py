@@ -220,13 +220,13 @@ def _polished_densely(
     polished = refined
     after = before = holdout.residual_rms(refined) or 0.0
     for steps in polishing:
-        further = patch_decode_from(holdout.seen, polished, steps)
+        further = patch_decode_from(holdout.every_seen, polished, steps)
         left = holdout.residual_rms(further) or 0.0
         if left < after:
             polished, after = further, left
     if after >= before:
         return None, ()
-    full = patch_decode_from(holdout.shot, polished, PatchSettings.to_the_end())
+    full = patch_decode_from(holdout.every_shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
 
 
@@ -237,8 +237,8 @@ def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdou
 
 def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:
     """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
-    blind = patch_decode_from(holdout.seen, refined, how, noise=noise)
-    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps, noise=noise))
+    blind = patch_decode_from(holdout.every_seen, refined, how, noise=noise)
+    return Candidate(blind, patch_decode_from(holdout.every_shot, blind, how.last_steps, noise=noise))
 
 
 def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
@@ -250,7 +250,7 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
         how: The schedule.
     """
     began_s = time.monotonic()
-    patch_decode_from(holdout.seen, views, replace(how, iterations=1))
+    patch_decode_from(holdout.every_seen, views, replace(how, iterations=1))
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
@@ -269,21 +269,21 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
     if first.sigma is not None:
         return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
     decoded: F32 = first.decoded
-    known: F32 | None = None
+    known = first.noise
     if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
-        weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
+        weighed = gap_tv(holdout.every_seen, uncoupled, noise=noise)
         if (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             decoded, known = weighed, noise
-    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.shot, uncoupled, noise=known))}
+    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.every_shot, uncoupled, noise=known))}
     if LeftOut.COUPLED_DECODE in settings.left_out:
         return found
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
     least, best = holdout.residual_rms(decoded) or 0.0, None
     for one in others:
-        blind = gap_tv(holdout.seen, one, noise=known)
+        blind = gap_tv(holdout.every_seen, one, noise=known)
         left = holdout.residual_rms(blind) or 0.0
         if left < least:
             least, best = left, (one, blind)
     if best is not None:
-        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.shot, best[0], noise=known))
+        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.every_shot, best[0], noise=known))
     return found

@@ -103,6 +103,19 @@ def test_an_exposure_of_another_room_is_left_out_by_name_and_changes_nothing(sho
 
 
 @pytest.mark.slow
+def test_without_a_camera_matrix_that_of_the_first_is_taken_for_all_and_measurements_stay_as_given(shots):
+    unknown = [replace(shot, intrinsics=None) for shot in shots[:2]]
+    moved = [replace(one, masks=np.ascontiguousarray(np.roll(one.masks, 2, axis=2))) for one in unknown]
+    found = reconstruct_together(moved, replace(SETTINGS, registration=RegistrationSettings()))
+    assert found.shot.intrinsics is None
+    assert np.array_equal(found.shot.masks, np.concatenate([one.masks for one in moved]))
+    assert found.result.registered is not None
+    right = np.concatenate([shot.masks for shot in shots[:2]])
+    off, left = (np.mean(np.abs(one.masks - right)) for one in (found.shot, found.result.registered))
+    assert left < 0.1 * off
+
+
+@pytest.mark.slow
 def test_exposures_that_nothing_ties_are_refused():
     untold = [adjacent(room(seed, SIZE), SIZE, seed, 1, staged=False)[0] for seed in (1, 2)]
     with pytest.raises(GeometryError, match="nothing ties"):
