@@ -40,6 +40,7 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import working_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +103,17 @@ def reconstruct_together(
     settings, where_rendered = on_device(shots[0], settings, exposures=len(shots))
     for note in where_rendered.notes:
         progress.say(note.sentence)
-    settings, clock = replace(settings, motion="off"), Stopwatch()
-    observed = list(observe_all(shots, settings, Tools.load(settings), progress, scores or [None] * len(shots)))
-    where = places(observed)
-    for note in (*where.left_out, *where.notes):
-        progress.say(note.sentence)
-    clock.lap("geometry")
-    halt.begin()
-    fits = _fitted(where.placed, settings, progress, halt, clock)
-    clock.lap("fit")
-    joint = _handed_over(where, fits, settings, progress, clock)
+    settings, clock, tools = replace(settings, motion="off"), Stopwatch(), Tools.load(settings)
+    with working_on(tools.backend.device):
+        observed = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
+        where = places(observed)
+        for note in (*where.left_out, *where.notes):
+            progress.say(note.sentence)
+        clock.lap("geometry")
+        halt.begin()
+        fits = _fitted(where.placed, settings, progress, halt, clock)
+        clock.lap("fit")
+        joint = _handed_over(where, fits, settings, progress, clock)
     notes = (*where_rendered.notes, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 

@@ -9,10 +9,12 @@ import math
 from typing import Final
 
 import numpy as np
+import torch
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from gs2ci.core.arrays import F32, I32, Bool
 from gs2ci.core.kernels import EXACT, b1_2, f32_2, f32_3, i32_2, i64, in_parts, kernel
+from gs2ci.render.places import working_device
 
 # Radius of the window. An edge is corrected over somewhat less than half of it, since the majority of a window decides.
 _REACH_PX: Final = 10
@@ -23,6 +25,8 @@ _LEAST_LOG: Final = -16.0
 _LEVELS: Final = 256
 # A pixel that the median would move by at most so many levels keeps its value.
 _KEPT_LEVELS: Final = 2
+# Windows that a device compares at once: some 300 MB.
+_AT_ONCE: Final = 16384
 
 
 def snapped(inverse_depth: F32, view: F32) -> F32:
@@ -36,8 +40,44 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
     jumps = maximum_filter(levels, side) - minimum_filter(levels, side) > _KEPT_LEVELS
     depths = np.ascontiguousarray(inverse_depth, np.float32)
     found = depths.copy()
+    device = working_device()
+    if device is not None:
+        _snap_on_device(depths, levels, jumps, view, found, device)
+        return found
     in_parts(_snap, len(depths), depths, levels, jumps, np.ascontiguousarray(view, np.float32), found)
     return found
+
+
+def _snap_on_device(inverse_depth: F32, levels: I32, jumps: Bool, view: F32, found: F32, device: torch.device) -> None:
+    """Do as `_snap`, in torch on a device: a window in each row, its levels in order. Never run on a GPU so far.
+
+    Arguments as there, and the device.
+    """
+    reach, side = _REACH_PX, 2 * _REACH_PX + 1
+    depths, level, colours = (
+        torch.nn.functional.pad(torch.from_numpy(one).to(device), (0, 0, reach, reach, reach, reach))
+        for one in (inverse_depth[..., None], levels[..., None], np.ascontiguousarray(view, np.float32))
+    )
+    inside = torch.nn.functional.pad(torch.ones(levels.shape, device=device), (reach, reach, reach, reach)) > 0
+    rows, columns = (torch.from_numpy(one).to(device) for one in np.nonzero(jumps))
+    window = torch.arange(side, device=device)
+    for first in range(0, len(rows), _AT_ONCE):
+        row, column = rows[first : first + _AT_ONCE], columns[first : first + _AT_ONCE]
+        at = row[:, None, None] + window[:, None], column[:, None, None] + window
+        squares = (colours[at] - colours[row + reach, column + reach][:, None, None]).square().sum(-1).double()
+        log = (_LOG_PER_SQUARE * squares).flatten(1)
+        weights = torch.where((log > _LEAST_LOG) & inside[at].flatten(1), log.exp(), 0.0)
+        around, own = level[at].flatten(1), level[row + reach, column + reach]
+        order = around.argsort(dim=1, stable=True)
+        reached = weights.gather(1, order).cumsum(dim=1)
+        # The first level with which half of all weight is reached.
+        place = (reached < 0.5 * reached[:, -1:]).sum(dim=1, keepdim=True).clamp(max=side * side - 1)
+        median = around.gather(1, order.gather(1, place))
+        same = torch.where(around == median, weights, 0.0)
+        sums = (same * depths[at].flatten(1)).sum(dim=1) / same.sum(dim=1)
+        moves = ((median - own).abs() > _KEPT_LEVELS)[:, 0] & (same.sum(dim=1) > 0)
+        chosen = torch.where(moves, sums, depths[row + reach, column + reach][:, 0].double())
+        found[row.cpu().numpy(), column.cpu().numpy()] = chosen.float().cpu().numpy()
 
 
 @kernel(i64, i64, f32_2, i32_2, b1_2, f32_3, f32_2, fastmath=EXACT)
