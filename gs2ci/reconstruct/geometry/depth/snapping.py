@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from gs2ci.core.arrays import F32, I32, Bool
 from gs2ci.core.kernels import EXACT, b1_2, f32_2, f32_3, i32_2, i64, in_parts, kernel
+from gs2ci.reconstruct.geometry.depth.device_sweep import AT_ONCE
 from gs2ci.render.places import working_device
 
 # Radius of the window. An edge is corrected over somewhat less than half of it, since the majority of a window decides.
@@ -25,8 +26,6 @@ _LEAST_LOG: Final = -16.0
 _LEVELS: Final = 256
 # A pixel that the median would move by at most so many levels keeps its value.
 _KEPT_LEVELS: Final = 2
-# Windows that a device compares at once: some 300 MB.
-_AT_ONCE: Final = 16384
 
 
 def snapped(inverse_depth: F32, view: F32) -> F32:
@@ -61,8 +60,8 @@ def _snap_on_device(inverse_depth: F32, levels: I32, jumps: Bool, view: F32, fou
     inside = torch.nn.functional.pad(torch.ones(levels.shape, device=device), (reach, reach, reach, reach)) > 0
     rows, columns = (torch.from_numpy(one).to(device) for one in np.nonzero(jumps))
     window = torch.arange(side, device=device)
-    for first in range(0, len(rows), _AT_ONCE):
-        row, column = rows[first : first + _AT_ONCE], columns[first : first + _AT_ONCE]
+    some = max(1, AT_ONCE // (side * side))
+    for row, column in zip(torch.split(rows, some), torch.split(columns, some), strict=True):
         at = row[:, None, None] + window[:, None], column[:, None, None] + window
         squares = (colours[at] - colours[row + reach, column + reach][:, None, None]).square().sum(-1).double()
         log = (_LOG_PER_SQUARE * squares).flatten(1)

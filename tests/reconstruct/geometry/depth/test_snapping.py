@@ -45,7 +45,7 @@ def by_definition(inverse_depth, view):
 @pytest.fixture(params=[False, True], ids=["host", "device"])
 def somewhere(request, monkeypatch):
     """Let the filter run on the host, or on a device for which the host stands in, a few windows at once."""
-    monkeypatch.setattr(snapping, "_AT_ONCE", 100)
+    monkeypatch.setattr(snapping, "AT_ONCE", 50_000)
     places.count_host_as_device(yes=request.param)
     yield
     places.count_host_as_device(yes=False)
