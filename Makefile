@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Where nothing compiled may be kept, every process of the tests compiles all of them anew (a third of a minute).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install environment demo test quick nightly test-as stability kernel check wheel docs benchmarks clients clean
+.PHONY: help install environment demo test quick nightly test-as stability kernel check wheel platforms newest docs benchmarks clients clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
@@ -23,6 +23,8 @@ help:
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
 	@echo "make wheel  build sdist and wheel into dist/, install them into empty environments, use them"
+	@echo "make platforms  whether wheels of all that is needed can be had for other machines and Pythons"
+	@echo "make newest  a part of the tests on the newest Python that is here, with the newest releases"
 	@echo "make docs   the documentation site, into site/"
 	@echo "make benchmarks  the measured figures: rasteriser against torch, bundle adjustments against each other"
 	@echo "make clients  what the newest of other people's programs make of a run's exports; RUN=runs/demo/run, needs npm"
@@ -86,6 +88,13 @@ check: environment
 # WHEEL=--quick borrows the installed packages instead of fetching them for the second environment.
 wheel: environment
 	$(BIN)/python -m tests.wheel $(WHEEL)
+
+# What users of other machines and Pythons would meet.
+platforms: environment
+	$(BIN)/python -m tests.platforms
+
+newest: environment
+	$(BIN)/python -m tests.newest
 
 docs: environment
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -314,8 +314,9 @@ def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Bool]:
     short, middle, long = (mean_and_variance(frames)[0] for frames in stacks)
     short_error, middle_error, long_error = (_error(frames) for frames in stacks)
     # A pixel that overflows in the long exposure does not reach the reading predicted from the middle one.
-    foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
-    doubt = np.hypot(np.hypot(middle_error, short_error) * (long_s / middle_s), long_error)
+    times = (long_s - short_s) / (middle_s - short_s)
+    foretold = short + (middle - short) * times
+    doubt = np.hypot(np.hypot(middle_error, short_error) * times, long_error)
     full: Bool = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
     span_s = np.where(full, middle_s, long_s) - short_s
     current = np.where(full, middle - short, long - short) / span_s

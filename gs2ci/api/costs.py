@@ -66,7 +66,7 @@ def tradeoff(
         shot: A shot file; or a shot.
         output: Folder for CSV, section, page and the finished trials.
         index: Which shot of the file.
-        knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
+        knobs: What to vary, one thing at a time: preset (decode only, draft, standard, paper), resolution,
             fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
             precision; by default all of them. And exposures: 1, 2, 4, … of a file's exposures together, judged by the
             views of the one that `index` names, and what one more is worth.

@@ -7,13 +7,13 @@ Here: the order of these, with the progress shown. Not here: what arguments chan
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
 from gs2ci.api.preparing import prepare_first_run
 from gs2ci.api.runs import Run
-from gs2ci.api.shots import load
+from gs2ci.api.shots import every_exposure, load
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.halt import Halt, halted_by_interruption
@@ -35,8 +35,6 @@ from gs2ci.reconstruct.choices import (
 if TYPE_CHECKING:
     from gs2ci.reconstruct.fit.density.base import DensityRule
     from gs2ci.reconstruct.hypotheses.plan import RacePlan
-
-_SHOT_FILES: Final = (".h5", ".hdf5")
 
 
 def reconstruct(
@@ -77,9 +75,9 @@ def reconstruct(
         together: Recover one scene from several exposures of it: from all of a file, or of a list. Each keeps its own
             views and path; those that nothing ties to the others are left out by name. Not with a budget, and only of
             scenes that stand still.
-        preset: Speed or quality: "draft" is a first look, "standard" the default, "fine" takes several times as long
-            and ends with the fine stage, "paper" uses the constants of the GS2CI paper's system: 20,000 iterations
-            without held-out pixels, and the scene's own views. Each other option changes only what it names.
+        preset: Speed or quality: "draft" is a first look, "standard" the default, "paper" uses the
+            constants of the GS2CI paper's system: 20,000 iterations without held-out pixels, and the scene's own views.
+            Each other option changes only what it names.
         geometry: Source of the first poses: "tracks" estimates them from the decoded views, "stage" uses those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
             "vggt:FILE") those that your model predicts, "wide" matches points between all pairs of views, in any
@@ -225,36 +223,6 @@ def foresee(
 
     with shown(progress) as display:
         return pipeline.plan(measured, settings_of(preset, Overrides(**overrides)), display)
-
-
-def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, together: bool) -> list[Shot | str | Path]:
-    """Return the shots to reconstruct: one, or with `together` all of a list, those of a shot file one by one.
-
-    Raises:
-        InputError: There are several, and they are not to be reconstructed together; or there is none.
-        StorageError: A shot file cannot be read.
-    """
-    # Whatever else it is, `load` refuses it by its type.
-    given = list(shot) if isinstance(shot, list | tuple) else [cast(Shot | str | Path, shot)]
-    if not together:
-        if len(given) != 1:
-            raise InputError(
-                f"{len(given)} shots to reconstruct",
-                allowed="one, or several with together=True, for one scene",
-                remedy="give together=True, or reconstruct each by itself (gs2ci.reconstruct_many)",
-            )
-        return given
-    from gs2ci.core.storage import count_shots, read_shot
-
-    found: list[Shot | str | Path] = []
-    for one in given:
-        if isinstance(one, str | Path) and Path(one).suffix.lower() in _SHOT_FILES:
-            found += [read_shot(Path(one), number) for number in range(count_shots(Path(one)))]
-        else:
-            found.append(one)
-    if not found:
-        raise InputError("no exposure to reconstruct", allowed="one or more")
-    return found
 
 
 def with_focal_of(shot: Shot | str | Path, focal_px: float | None) -> Shot:

@@ -1,14 +1,15 @@
 """A finished run scored and measured: `evaluate`, `measure`. Not here: computing any figure (`gs2ci.evaluate`)."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from gs2ci.api.options import as_path, check_number, check_whole
 from gs2ci.api.runs import FOLDER_REMEDY, Run
-from gs2ci.api.shots import load
+from gs2ci.api.shots import every_exposure, load
 from gs2ci.core.arrays import F32, on_host
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
@@ -25,9 +26,9 @@ _NOVEL_REMEDY: Final = "save them with np.savez(path, views=..., world_to_camera
 
 def evaluate(
     run: Run | str | Path,
-    shot: Shot | str | Path,
+    shot: Shot | str | Path | Sequence[Shot | str | Path],
     *,
-    index: int = 0,
+    index: int | None = None,
     depth: Any = None,
     novel: str | Path | None = None,
     read_noise: float | None = None,
@@ -39,7 +40,8 @@ def evaluate(
     Args:
         run: A run that was saved, or its folder.
         shot: The shot that was reconstructed, or one of the same measurement that also contains the truth; or a file.
-        index: Which shot of the file.
+            Of a joint run a list of its exposures, or files of them; those that it left out are passed over.
+        index: Which shot of each file; by default the first, and all of them for a joint run.
         depth: True depth along the optical axis, [N, H, W] or its .npy file, in any unit, 0 where unknown.
         novel: True views from other poses, as a pinhole with the shot's camera matrix sees them (undistort them if the
             lens distorts): an .npz file of `views` and `world_to_camera` in the true path's world.
@@ -49,7 +51,8 @@ def evaluate(
         lpips: "lpips" for the model added by `gs2ci models add lpips`, or your own ONNX file.
 
     Returns:
-        The figures as plain values, schema gs2ci.evaluation/2; None if a figure cannot be computed.
+        The figures as plain values, schema gs2ci.evaluation/2; None if a figure cannot be computed. Of a joint run
+        those over all views, and those of each exposure in `exposures`.
 
     Raises:
         InputError: A value cannot be used, or the shot is of another measurement than the run.
@@ -61,24 +64,41 @@ def evaluate(
         (True, None)
     """
     check_noise(read_noise, electrons)
-    measured = shot.check() if isinstance(shot, Shot) else load(shot, index=index)
+    if index is not None:
+        check_whole("--index", index, 0)
+    from gs2ci.core.summed import summed
     from gs2ci.evaluate import evaluation
     from gs2ci.evaluate.noise import SensorNoise
     from gs2ci.evaluate.novel_views import read_novel_views
+    from gs2ci.evaluate.of_exposures import exposures_of
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.reconstruct.paper import perceptual
 
     noise = None if read_noise is None else SensorNoise(read_noise, math.inf if electrons is None else electrons)
-    folder = folder_of(run)
-    check_same_shot(folder, measured)
+    finished = finished_run(run)
+    report = finished.report
+    exposures = exposures_of(report, _measured(shot, index, of_several=bool(report.exposures)))
+    whole = exposures[0] if len(exposures) == 1 else summed(exposures, report.name)
+    check_same_shot(finished.folder, whole)
     evidence = evaluation.ReferenceData(
-        measured,
+        whole,
         None if depth is None else _depth(depth),
         None if novel is None else read_novel_views(as_path(novel, of="a file of novel views", remedy=_NOVEL_REMEDY)),
         noise,
         None if lpips is None else perceptual.load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
+        tuple(exposures) if len(exposures) > 1 else (),
     )
-    return evaluation.evaluate(evaluation.read_run(folder), evidence)
+    return evaluation.evaluate(finished, evidence)
+
+
+def _measured(
+    given: Shot | str | Path | Sequence[Shot | str | Path], index: int | None, *, of_several: bool
+) -> list[Shot]:
+    """Return the shots that are meant: one of each file, or all for a run of several if no index says which."""
+    every = list(given) if isinstance(given, list | tuple) else [cast(Shot | str | Path, given)]
+    if of_several and index is None:
+        every = every_exposure(every, together=True)
+    return [one.check() if isinstance(one, Shot) else load(one, index=index or 0) for one in every]
 
 
 def check_noise(read_noise: float | None, electrons: float | None) -> None:

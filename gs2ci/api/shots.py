@@ -6,7 +6,7 @@ layouts (`gs2ci.core.storage`).
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from gs2ci.api.options import as_path, check_choice, check_number, check_whole
 from gs2ci.core.arrays import on_host
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
+
+_SHOT_FILES: Final = (".h5", ".hdf5")
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
@@ -50,7 +52,7 @@ def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, *
     """
     path = _place(path)
     check_whole("--index", index, 0)
-    if path.suffix in (".h5", ".hdf5"):
+    if path.suffix in _SHOT_FILES:
         if masks is not None or known:
             raise InputError(
                 f"{path} is a shot file, which describes itself",
@@ -298,3 +300,33 @@ def _given(name: str, value: ArrayOrFile) -> "Array | None":
         raise InputError(
             f"{name} is {type(value).__name__}, no array of numbers: {error}", allowed="an array, or the path of a file"
         ) from error
+
+
+def every_exposure(shot: Shot | str | Path | Sequence[Shot | str | Path], *, together: bool) -> list[Shot | str | Path]:
+    """Return the shots to reconstruct: one, or with `together` all of a list, those of a shot file one by one.
+
+    Raises:
+        InputError: There are several, and they are not to be reconstructed together; or there is none.
+        StorageError: A shot file cannot be read.
+    """
+    # Whatever else it is, `load` refuses it by its type.
+    given = list(shot) if isinstance(shot, list | tuple) else [cast(Shot | str | Path, shot)]
+    if not together:
+        if len(given) != 1:
+            raise InputError(
+                f"{len(given)} shots to reconstruct",
+                allowed="one, or several with together=True, for one scene",
+                remedy="give together=True, or reconstruct each by itself (gs2ci.reconstruct_many)",
+            )
+        return given
+    from gs2ci.core.storage import count_shots, read_shot
+
+    found: list[Shot | str | Path] = []
+    for one in given:
+        if isinstance(one, str | Path) and Path(one).suffix.lower() in _SHOT_FILES:
+            found += [read_shot(Path(one), number) for number in range(count_shots(Path(one)))]
+        else:
+            found.append(one)
+    if not found:
+        raise InputError("no exposure to reconstruct", allowed="one or more")
+    return found

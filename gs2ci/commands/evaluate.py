@@ -13,6 +13,7 @@ from rich.table import Table
 from gs2ci.api import scoring
 from gs2ci.api.derived import with_options_of
 from gs2ci.commands.answers import AsJson, answered
+from gs2ci.commands.reconstruct import chosen_exposures
 
 
 @with_options_of(scoring.evaluate, without=("run",))
@@ -22,9 +23,10 @@ def run(
     /,
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
     *,
-    index: int = 0,
+    index: int | str | None = None,
     depth: Path | None = None,
     novel: Path | None = None,
+    more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     json: AsJson = False,
     **options: Any,
 ) -> Path:
@@ -32,9 +34,13 @@ def run(
 
     Args:
         folder: The run folder, as `gs2ci reconstruct` wrote it.
-        shot: The shot file that was reconstructed, or one of the same measurement that also contains the truth.
+        shot: The shot file that was reconstructed, or one of the same measurement that also contains the truth; of a
+            joint run the files of its exposures.
         output: The JSON file to write; by default "evaluation.json" in the run folder. An earlier evaluation is
             replaced, any other file is not.
+        index: Which shot of the file; by default the first. Of a joint run, which of each file, 3 or a range such as
+            0:8; by default all.
+        more: More files of a joint run.
         depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
 
     Returns:
@@ -46,12 +52,15 @@ def run(
     """
     scoring.check_noise(options["read_noise"], options["electrons"])
     from gs2ci.core.storage import read_shot
-
-    measured = read_shot(shot, index)
     from gs2ci.evaluate.evaluation import check_evaluation_place, write_evaluation
+    from gs2ci.evaluate.report import read_report
 
     output = output or folder / "evaluation.json"
     check_evaluation_place(output)
+    if more or isinstance(index, str) or read_report(folder).exposures:
+        measured = chosen_exposures((shot, *more), index)
+    else:
+        measured = [read_shot(shot, index or 0)]
     found = scoring.evaluate(folder, measured, depth=depth, novel=novel, **options)
     written = write_evaluation(output, found)
     with answered(as_text=not json) as answer:
@@ -60,11 +69,28 @@ def run(
             table.add_row(name, value)
         console = Console()
         console.print(table)
+        for exposure in found["exposures"]:
+            console.print(of_exposure(exposure), markup=False, soft_wrap=True)
         for note in found["notes"]:
             console.print(note["sentence"], markup=False, soft_wrap=True)
         console.print(str(written), markup=False, soft_wrap=True)
         answer(found)
     return written
+
+
+def of_exposure(found: dict[str, Any]) -> str:
+    """Return the figures of one exposure of a joint run in one line."""
+    views = f"views {found['first_view'] + 1} to {found['first_view'] + found['views']}"
+    said = [f"{found['name']} ({views})"]
+    if found["psnr_db"]:
+        said += [f"PSNR {found['psnr_db']['mean']:.2f} dB", f"SSIM {found['ssim']['mean']:.4f}"]
+    if found["lpips"]:
+        said.append(f"LPIPS {found['lpips']['mean']:.4f}")
+    if found["depth"]:
+        said.append(f"depth error {found['depth']['abs_rel']:.2%}, median {found['depth']['median_rel']:.2%}")
+    if found["residual"]:
+        said.append(f"residual {found['residual']['rms']:.4f}")
+    return "  ".join(said)
 
 
 def rows(found: dict[str, Any]) -> list[tuple[str, str]]:

@@ -243,6 +243,7 @@ class Code(StrEnum):
     EXPOSURES_TOGETHER = auto()
     EXPOSURE_LEFT_OUT = auto()
     EXPOSURE_PLACED_OTHERWISE = auto()
+    EXPOSURES_REPEAT = auto()
     OF_EXPOSURE = auto()
 
     # The result.

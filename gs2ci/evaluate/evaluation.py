@@ -83,6 +83,7 @@ class ReferenceData:
         novel: True views from other poses.
         noise: Noise of the sensor.
         lpips: A learned perceptual distance provided by the user (`gs2ci.reconstruct.paper.perceptual`).
+        exposures: Those of a joint run, of which `shot` is the sum, in the order of their views (`of_exposures`).
     """
 
     shot: Shot
@@ -90,6 +91,7 @@ class ReferenceData:
     novel: NovelViews | None = None
     noise: SensorNoise | None = None
     lpips: PerceptualDistance | None = None
+    exposures: tuple[Shot, ...] = ()
 
 
 def read_run(folder: Path) -> FinishedRun:
@@ -141,29 +143,66 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
             f"a run of views {list(run.views.shape)} beside a shot of {shot.views} views, {list(shot.size)}",
             allowed="the shot that was reconstructed",
         )
-    seen = run.registered or shot
-    coded = views if run.exposed is None else run.exposed[..., : shot.channels]
-    predicted = _predicted(seen, coded, run.report.brightness)
-    residual = measurement_residual(predicted, seen.measurement, seen.saturated)
     true_path = shot.truth.world_to_camera
     found = {
         "schema": SCHEMA,
         "name": shot.name,
-        **image_scores(views, shot.truth.views),
-        "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
+        **_of_views(run, evidence, slice(0, len(views))),
         "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
-        "depth": _depth(run, evidence),
-        "residual": {
-            **asdict(residual),
-            "chi2_per_pixel": None
-            if evidence.noise is None
-            else chi_squared_per_pixel(predicted, seen.measurement, evidence.noise, seen.saturated),
-        },
         "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
         "notes": _notes(run.report.measured, shot),
+        "exposures": _of_exposures(run, evidence),
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
+
+
+def _of_views(run: FinishedRun, evidence: ReferenceData, chosen: slice) -> dict[str, Any]:
+    """Return the figures of views beside those of a shot, which are the chosen ones of the run."""
+    shot, truth = evidence.shot, evidence.shot.truth
+    views = run.views[chosen][..., : shot.channels]
+    return {
+        **image_scores(views, truth.views),
+        "lpips": _perceptual(views, truth.views, evidence.lpips),
+        "depth": _depth(run, evidence, chosen),
+        "residual": _residual(run, evidence, chosen),
+    }
+
+
+def _of_exposures(run: FinishedRun, evidence: ReferenceData) -> list[dict[str, Any]]:
+    """Return the figures of each exposure of a joint run; none for a run of one."""
+    corrected, found, first = run.registered, [], 0
+    # The readings of each exposure, if registration corrected them, were not kept.
+    readings_known = corrected is None or bool(np.allclose(corrected.measurement, evidence.shot.measurement, atol=1e-4))
+    for shot in evidence.exposures:
+        chosen = slice(first, first + shot.views)
+        depth = None if evidence.depth is None else evidence.depth[chosen]
+        own = replace(evidence, shot=shot, depth=depth, exposures=())
+        figures = _of_views(run, own, chosen)
+        if not readings_known:
+            figures["residual"] = None
+        found.append({"name": shot.name, "first_view": first, "views": shot.views, **figures})
+        first = chosen.stop
+    return found
+
+
+def _residual(run: FinishedRun, evidence: ReferenceData, chosen: slice) -> dict[str, Any]:
+    """Return what chosen views leave of a shot's readings, through masks as the run corrected them."""
+    shot, corrected, brightness = evidence.shot, run.registered, run.report.brightness
+    if corrected is None:
+        seen = shot
+    elif shot.views == corrected.views:
+        seen = corrected
+    else:
+        seen = replace(shot, masks=corrected.masks[chosen], weights=corrected.weights[chosen])
+    coded = (run.views if run.exposed is None else run.exposed)[chosen][..., : shot.channels]
+    predicted = _predicted(seen, coded, None if brightness is None else brightness[chosen])
+    return {
+        **asdict(measurement_residual(predicted, seen.measurement, seen.saturated)),
+        "chi2_per_pixel": None
+        if evidence.noise is None
+        else chi_squared_per_pixel(predicted, seen.measurement, evidence.noise, seen.saturated),
+    }
 
 
 def check_evaluation_place(path: Path) -> None:
@@ -218,13 +257,13 @@ def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | No
     return {"mean": float(np.mean(each)), "per_view": each}
 
 
-def _depth(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any] | None:
+def _depth(run: FinishedRun, evidence: ReferenceData, chosen: slice) -> dict[str, Any] | None:
     truth = evidence.shot.truth.depth if evidence.depth is None else evidence.depth
     if run.depth is None or truth is None:
         return None
     # Depth given separately may be in a unit of its own.
     path = evidence.shot.truth.world_to_camera if evidence.depth is None else None
-    errors = depth_errors(run.depth, truth, None if path is None else parallax_of(path, run.intrinsics))
+    errors = depth_errors(run.depth[chosen], truth, None if path is None else parallax_of(path, run.intrinsics))
     return None if errors is None else asdict(errors)
 
 

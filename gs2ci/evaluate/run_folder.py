@@ -30,7 +30,7 @@
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
       registered.h5  only if registration corrected something: the corrected measurement, used from then on
-      registration.png  the same in one picture: the masks' calibrated and estimated positions
+      registration.png  the same in one picture: the masks' calibrated and estimated positions; not of a joint run
       tradeoff.json  only if `gs2ci tradeoff --report` added it: accuracy against time for this shot
 
 Not here: the figures, the page, the picture.

@@ -7,7 +7,7 @@ stands for (`presets`, `paper.proxies.routing`, `fit.rules`, `learned.onnx_model
 from enum import StrEnum
 from typing import Final, Literal, get_args
 
-PresetName = Literal["draft", "standard", "fine", "paper"]
+PresetName = Literal["draft", "standard", "paper"]
 
 PoseSource = str
 """auto, tracks, stage, wide, displacements, uniform, rest, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
@@ -69,6 +69,7 @@ class LeftOut(StrEnum):
     MATCHES_IN_A_LONGER_DECODE = "matches in a longer decode"
     OCCLUSION = "occlusion"
     PATCH_TEST_OF_MOTION = "patch test of motion"
+    REPEATS_DECODED_TOGETHER = "repeats decoded together"
     REST_AS_RIVAL = "rest as rival"
     REST_FROM_THE_MEASUREMENT = "rest from the measurement"
     SECOND_LOOK = "second look"

@@ -44,6 +44,7 @@ class FirstLook:
         sigma: The noise level at which a decode by patches ended, full scale 1; None for another decoder.
         brief_rms: The held-out residual of the brief decode that a longer one began with; None if there is no longer
             one, or if no pixels are held out.
+        noise: Power of the noise in each reading that a decode of repeats weighed, [H, W, C]; None: of one measurement.
     """
 
     holdout: Holdout
@@ -54,6 +55,7 @@ class FirstLook:
     decoder: FirstLookName = "gap-tv"
     sigma: float | None = None
     brief_rms: float | None = None
+    noise: F32 | None = None
 
     def decoded_longer(
         self, settings: PatchSettings, progress: Progress | None = None, *, hurried: bool = False

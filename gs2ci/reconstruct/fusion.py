@@ -142,6 +142,7 @@ def hand_over(
     dense = () if LeftOut.DENSE_POLISH in settings.left_out else polishing
     refined_views, notes = _polished_densely(holdout, by_share, dense)
     polished_so_far = by_share if refined_views is None else refined_views.blind
+    del by_share  # here and below, what is as large as the views goes when it has done its part
     if refined_views is None:
         refined_views = Candidate(in_full, refine.by_all_pixels(mean, 1.0))
     cancels = bool(notes) and LeftOut.CANCELLING_ERRORS not in settings.left_out
@@ -158,11 +159,15 @@ def hand_over(
     # than another decode. The least noise decides: detail that the scene lacks, and polishing adds, may look like more.
     if settings.polish is not None and not _stands_alone("decode", {**candidates, **decode}, holdout, least_noise):
         candidates["polished"] = _polished(holdout, polished_so_far, settings.polish, noise_by_reading)
+    del polished_so_far
     if near and (first.sigma is None or shares(holdout, {**candidates, **decode}, noise)["decode"] > 0):
         candidates.update(_decodes(first, settings, noise_by_reading))
     wanted = shares(holdout, candidates, noise)
+    candidates = {name: one for name, one in candidates.items() if wanted[name] > 0}
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(holdout, {"refined": blind, "scene": ensemble.best.views, "decode": first.decoded})
+    doubts = _doubts(holdout, blind)
+    del refined_views, decode, blind
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
     for name, share in wanted.items():
         of[_CALLED[name]] += share
@@ -175,17 +180,18 @@ def hand_over(
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
-    if wanted.get("polished", 0) > 0:
-        notes = (*notes, finding(Code.VIEWS_OF_PATCHES, share=wanted["polished"]))
-    if unfollowed.any():
-        notes = (*notes, finding(Code.SCENE_NOT_FOLLOWING, share=float(unfollowed.mean())))
+    notes = (*notes, *_of_patches_and_decode(wanted.get("polished", 0.0), float(unfollowed.mean())))
     given = Candidate(
         combined({name: one.blind for name, one in candidates.items()}, wanted),
         combined({name: one.full for name, one in candidates.items()}, wanted),
     )
-    return Recovered(
-        given.full, verdict, judged, (*_doubts(holdout, blind), *_expected_to_err(holdout, given, least_noise), *notes)
-    )
+    return Recovered(given.full, verdict, judged, (*doubts, *_expected_to_err(holdout, given, least_noise), *notes))
+
+
+def _of_patches_and_decode(polished: float, unfollowed: float) -> tuple[Finding, ...]:
+    """Report the share of views made by patches, and that replaced by the decode because it errs over time."""
+    of_patches = (finding(Code.VIEWS_OF_PATCHES, share=polished),) if polished > 0 else ()
+    return (*of_patches, finding(Code.SCENE_NOT_FOLLOWING, share=unfollowed)) if unfollowed > 0 else of_patches
 
 
 def _expected_to_err(holdout: Holdout, given: Candidate, noise: float) -> tuple[Finding, ...]:
@@ -214,13 +220,13 @@ def _polished_densely(
     polished = refined
     after = before = holdout.residual_rms(refined) or 0.0
     for steps in polishing:
-        further = patch_decode_from(holdout.seen, polished, steps)
+        further = patch_decode_from(holdout.every_seen, polished, steps)
         left = holdout.residual_rms(further) or 0.0
         if left < after:
             polished, after = further, left
     if after >= before:
         return None, ()
-    full = patch_decode_from(holdout.shot, polished, PatchSettings.to_the_end())
+    full = patch_decode_from(holdout.every_shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
 
 
@@ -231,8 +237,8 @@ def _stands_alone(name: Part, candidates: dict[Part, Candidate], holdout: Holdou
 
 def _polished(holdout: Holdout, refined: F32, how: PatchSettings, noise: F32) -> Candidate:
     """Decode by patches, starting from refined views, [N, H, W, C]; a few last steps use all pixels."""
-    blind = patch_decode_from(holdout.seen, refined, how, noise=noise)
-    return Candidate(blind, patch_decode_from(holdout.shot, blind, how.last_steps, noise=noise))
+    blind = patch_decode_from(holdout.every_seen, refined, how, noise=noise)
+    return Candidate(blind, patch_decode_from(holdout.every_shot, blind, how.last_steps, noise=noise))
 
 
 def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
@@ -244,7 +250,7 @@ def polish_seconds(holdout: Holdout, views: F32, how: PatchSettings) -> float:
         how: The schedule.
     """
     began_s = time.monotonic()
-    patch_decode_from(holdout.seen, views, replace(how, iterations=1))
+    patch_decode_from(holdout.every_seen, views, replace(how, iterations=1))
     return (how.iterations + how.last_steps.iterations) * (time.monotonic() - began_s)
 
 
@@ -263,18 +269,21 @@ def _decodes(first: FirstLook, settings: Settings, noise: F32) -> dict[Part, Can
     if first.sigma is not None:
         return {"decode": Candidate(first.decoded, seen_to_the_end(holdout, first.decoded, first.sigma))}
     decoded: F32 = first.decoded
-    known: F32 | None = None
+    known = first.noise
     if LeftOut.DECODE_WEIGHS_NOISE not in settings.left_out:
-        weighed = gap_tv(holdout.seen, uncoupled, noise=noise)
+        weighed = gap_tv(holdout.every_seen, uncoupled, noise=noise)
         if (holdout.residual_rms(weighed) or 0.0) < (holdout.residual_rms(first.decoded) or 0.0):
             decoded, known = weighed, noise
-    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.shot, uncoupled, noise=known))}
+    found: dict[Part, Candidate] = {"decode": Candidate(decoded, gap_tv(holdout.every_shot, uncoupled, noise=known))}
     if LeftOut.COUPLED_DECODE in settings.left_out:
         return found
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
-    blind = [gap_tv(holdout.seen, one, noise=known) for one in others]
-    left = [holdout.residual_rms(views) or 0.0 for views in blind]
-    best = int(np.argmin(left))
-    if left[best] < (holdout.residual_rms(decoded) or 0.0):
-        found["coupled decode"] = Candidate(blind[best], gap_tv(holdout.shot, others[best], noise=known))
+    least, best = holdout.residual_rms(decoded) or 0.0, None
+    for one in others:
+        blind = gap_tv(holdout.every_seen, one, noise=known)
+        left = holdout.residual_rms(blind) or 0.0
+        if left < least:
+            least, best = left, (one, blind)
+    if best is not None:
+        found["coupled decode"] = Candidate(best[1], gap_tv(holdout.every_shot, best[0], noise=known))
     return found

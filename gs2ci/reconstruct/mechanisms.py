@@ -95,6 +95,9 @@ _NAMED: Final[dict[str, dict[LeftOut, str]]] = {
     "residual-and-polish": {
         LeftOut.DECODE_WEIGHS_NOISE: "the decode that may join the delivered views weighs the noise of the readings",
     },
+    "many-exposures": {
+        LeftOut.REPEATS_DECODED_TOGETHER: "exposures that repeat a path are found and decoded together, in joint runs",
+    },
 }
 
 MECHANISMS: Final[tuple[Mechanism, ...]] = (

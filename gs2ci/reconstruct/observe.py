@@ -113,7 +113,7 @@ def observe(
         refine=Refinement(first.holdout, settings.residual),
         progress=progress,
         clock=clock,
-        score=_as_shown(score, first.brightness),
+        score=as_shown(score, first.brightness),
         halt=halt,
     )
     first, order = fits.order_of(first)
@@ -121,7 +121,7 @@ def observe(
     return Observed(registered, doubts, first, order, fits)
 
 
-def _as_shown(score: Score | None, light: Brightness) -> Score | None:
+def as_shown(score: Score | None, light: Brightness) -> Score | None:
     """Return a score that gives evenly lit views the brightness of the delivered ones before it judges them."""
     return None if score is None else lambda views: score(light.shown(views))
 

@@ -4,9 +4,9 @@
 
 `GS2CI_AGAINST` names a commit of this repository (made a temporary work tree) or the folder of another checkout. Each
 side is one process on one thread, and compiles its kernels before the timing. Then both reconstruct every case with
-every seed; the side that begins alternates from case to case. It prints processor seconds (which other load hardly
-changes, unlike the wall clock), PSNR, nATE and depth: the median error of the disparity between neighbouring views, px,
-and the share of pixels more than 0.25 px off.
+every seed, as this checkout's simulator exposes it; the side that begins alternates from case to case. It prints
+processor seconds (which other load hardly changes, unlike the wall clock), PSNR, nATE and depth: the median error of
+the disparity between neighbouring views, px, and the share of pixels more than 0.25 px off.
 
 | variable | what it sets | default |
 |---|---|---|
@@ -32,8 +32,10 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.storage import write_shots
 from tests.benchmarks.checkout_side import Asked, Found
 from tests.processes import ONE_THREAD
+from tests.tables.cases import Case
 
 ROOT: Final = Path(__file__).parents[2]
 SIDE: Final = Path(__file__).with_name("checkout_side.py")
@@ -79,18 +81,20 @@ def run() -> None:
     counts = [int(count) if count else None for count in os.environ.get("GS2CI_FITS", "").split(",")]
     seeds = range(int(os.environ.get("GS2CI_SEEDS", "3")))
     with ExitStack() as stack:
+        folder_of_shots = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         other = stack.enter_context(checkout(os.environ.get("GS2CI_AGAINST", "bb9e2cb")))
         sides = []
         for folder, preset, fits in ((ROOT, presets[0], counts[0]), (other, presets[-1], counts[-1])):
             side = Side(folder)
             stack.callback(side.close)
-            side.ask({**asked("boxes", 0, "draft"), "size": [48, 64]})
+            side.ask(asked(write(folder_of_shots, "boxes", 0, "48x64"), "boxes", 0, "draft"))
             sides.append((side, preset, fits))
         pairs = []
         print(f"{'':18} seed   seconds: this other ratio   PSNR: this  other   nATE        depth, px    far off")
         for number, (name, seed) in enumerate((name, seed) for name in names() for seed in seeds):
             order = (0, 1) if number % 2 == 0 else (1, 0)
-            found = {k: sides[k][0].ask(asked(name, seed, *sides[k][1:])) for k in order}
+            file = write(folder_of_shots, name, seed, os.environ.get("GS2CI_SIZE", "96x128"))
+            found = {k: sides[k][0].ask(asked(file, name, seed, *sides[k][1:])) for k in order}
             pairs.append((found[0], found[1]))
             print(line(name, seed, *pairs[-1]), flush=True)
     for text in summary(pairs):
@@ -117,17 +121,20 @@ def names() -> list[str]:
     return os.environ.get("GS2CI_CASES", " ".join(SCENES)).split()
 
 
-def asked(name: str, seed: int, preset: str, fits: int | None = None) -> Asked:
-    size = os.environ.get("GS2CI_SIZE", "96x128")
-    data = Path(os.environ.get("GS2CI_DATA", ""))
-    return {
-        "name": name,
-        "file": "" if name in (*SCENES, "ball", "textureless") else str(data / f"{name}.npz"),
-        "size": None if size == "all" else [int(side) for side in size.split("x")],
-        "seed": seed,
-        "preset": preset,
-        "fits": fits,
-    }
+def write(folder: Path, name: str, seed: int, size: str) -> Path:
+    """Write a measurement, whose masks and noise the seed draws, as an exposure file; return its path."""
+    known = name in (*SCENES, "ball", "textureless")
+    file = "" if known else str(Path(os.environ.get("GS2CI_DATA", "")) / f"{name}.npz")
+    height, width = (None, None) if size == "all" else (int(side) for side in size.split("x"))
+    middle = None if height is None or width is None else (height, width)
+    shot = Case(name, file=file, scene=name if known else "", size=middle).shot(seed)
+    return write_shots(folder / f"{name.replace('/', '_')}-{seed}-{size}.h5", [shot])
+
+
+def asked(file: Path, name: str, seed: int, preset: str, fits: int | None = None) -> Asked:
+    whole = os.environ.get("GS2CI_SIZE") == "all"
+    between = name.endswith("antinous") and whole
+    return {"file": str(file), "between": between, "seed": seed, "preset": preset, "fits": fits}
 
 
 def line(name: str, seed: int, this: Found, other: Found) -> str:

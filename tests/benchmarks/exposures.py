@@ -4,7 +4,8 @@
 
 Rooms of seven tilted rectangles and two boxes, 72 × 96 px, eight views an exposure, random masks, a quarter open, poses
 reported by a stage without error (`tests/exposed_rooms.py`: rendered by the solver's renderer, without a light path).
-Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three.
+Default preset, masks not registered. `GS2CI_ROOMS=0:3` takes other rooms than the first three,
+`GS2CI_PARTS=repeats,determined,adjacent` some of the parts.
 
 Repeats: one path, fresh masks, white noise of 5 % of a view's full scale in each reading; 1, 2, 4 and 8 exposures. The
 last columns are scenes fitted to eight full views instead, read with the same noise: each exposed for one of the eight
@@ -14,16 +15,19 @@ Determined: noise-free repeats decoded together, PSNR of a room's views without 
 
 Adjacent paths: four, side by side, 1 % noise. PSNR of recorded views and of the views in the middle of the gaps between
 the paths, the latter from the best single scene for each; path error (nATE) over all poses; error of depth, relative,
-mean and median; processor seconds.
+mean and median, and its mean within two px of an edge of depth, where no other path sees what is seen, and elsewhere;
+processor seconds.
 """
 
 import os
 import time
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
-from gs2ci.core.arrays import F64
+from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.cameras import in_world
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
@@ -44,6 +48,8 @@ from gs2ci.reconstruct.fit.coarse.exposure import FittedExposure
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring
 from gs2ci.reconstruct.fit.coarse.stage import CoarseRun
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.depth.view_depths import grid, in_picture, project
+from gs2ci.reconstruct.geometry.path.motion import rays
 from gs2ci.reconstruct.measurement.holdout import Holdout
 from gs2ci.reconstruct.observe import Tools
 from gs2ci.reconstruct.settings import Settings
@@ -56,23 +62,35 @@ SIZE = (72, 96)
 COUNTS = (1, 2, 4, 8)
 DETERMINED = (1, 2, 4, 6, 8, 10, 12, 16)
 NOISE = 0.05
+HEADER = "adjacent paths: views, between dB; nATE; depth mean, median; at edges, seen by one path, elsewhere; seconds"
+_EDGE_PX, _EDGE_STEP = 2, 0.05
 
 
 def run() -> None:
     """Print both tables."""
     first, last = (int(part) for part in os.environ.get("GS2CI_ROOMS", "0:3").split(":"))
     rooms = [(number, room(number, SIZE)) for number in range(first, last)]
+    parts = os.environ.get("GS2CI_PARTS", "repeats,determined,adjacent").split(",")
     counts = "".join(f"{count:>8}" for count in COUNTS)
-    print(f"repeats: {'':6}{counts}   scene of 8   of 8 full views   of twice the light")
-    for number, scene in rooms:
-        print(_repeats(number, scene), flush=True)
-    number, scene = rooms[0]
+    if "repeats" in parts:
+        print(f"repeats: {'':6}{counts}   scene of 8   of 8 full views   of twice the light")
+        for number, scene in rooms:
+            print(_repeats(number, scene), flush=True)
+    if "determined" in parts:
+        number, scene = rooms[0]
+        _print_determined(number, scene)
+    if "adjacent" in parts:
+        print(HEADER)
+        for number, scene in rooms:
+            gaps = between()
+            shots = adjacent(scene, SIZE, number, noise=0.01)
+            print(adjacent_rows(f"room {number}", shots, NovelViews(seen(scene, gaps, SIZE)[0], gaps)), flush=True)
+
+
+def _print_determined(number: int, scene: Scene) -> None:
     print(f"\nnoise-free repeats of room {number}: without denoiser dB, GAP-TV dB")
     for count in DETERMINED:
         print(_determined(repeated(scene, SIZE, number, count)), flush=True)
-    print("\nadjacent paths: views dB, between dB, nATE, depth mean and median, seconds")
-    for number, scene in rooms:
-        print(_adjacent(number, scene), flush=True)
 
 
 def _settings() -> Settings:
@@ -123,42 +141,91 @@ def _psnr(views: "np.ndarray", shot: Shot) -> float:
     return float(np.mean(psnr_per_view(views, shot.truth.views)))
 
 
-def _adjacent(number: int, scene: Scene) -> str:
-    shots, gaps = adjacent(scene, SIZE, number, noise=0.01), between()
-    singles, novel, spent = [], [], 0.0
+def adjacent_rows(name: str, shots: list[Shot], between: NovelViews) -> str:
+    """Reconstruct paths side by side alone and together; return a line of the table for each.
+
+    Args:
+        name: Of the scene.
+        shots: With truths.
+        between: True views between the paths.
+    """
+    singles, novel, spent, kinds = [], [], 0.0, kinds_of(shots)
+    of_all = [np.concatenate(of_shots) for of_shots in zip(*kinds, strict=True)]
     for shot in shots:
         began = time.process_time()
         found = pipeline.reconstruct(shot, _settings())
         spent += time.process_time() - began
-        singles.append(_figures(found.result, shot))
-        novel.append(_between(found.result, found.scene, shot, scene, gaps))
+        singles.append(_figures(found.result, [shot], kinds[len(singles)]))
+        novel.append(_between(found.result, found.scene, shot, between))
     began = time.process_time()
     joint = reconstruct_together(shots, _settings())
     together_s = time.process_time() - began
-    whole = summed(shots, "all")
-    alone = np.mean(singles, axis=0)
     best = float(np.mean(np.max(novel, axis=0)))
-    own, name = _figures(joint.result, whole), f"room {number}"
-    found_between = float(np.mean(_between(joint.result, joint.scene, whole, scene, gaps)))
-    return (
-        f"{name} alone    {alone[0]:6.2f} {best:6.2f} {alone[1]:.4f} {alone[2]:.4f} {alone[3]:.4f} {spent:6.1f}\n"
-        f"       together {own[0]:6.2f} {found_between:6.2f} {own[1]:.4f} {own[2]:.4f} {own[3]:.4f} {together_s:6.1f}"
+    found_between = float(np.mean(_between(joint.result, joint.scene, summed(shots, "all"), between)))
+    rows = (
+        (name, "alone", np.mean(singles, axis=0), best, spent),
+        ("", "together", _figures(joint.result, shots, of_all), found_between, together_s),
+    )
+    return "\n".join(
+        f"{whose:8} {how:9} {own[0]:6.2f} {other:6.2f} {own[1]:.4f} {own[2]:.4f} {own[3]:.4f}"
+        f"   {own[4]:.4f} {own[5]:.4f} {own[6]:.4f} {seconds:7.1f}"
+        for whose, how, own, other, seconds in rows
     )
 
 
-def _figures(result: RunResult, shot: Shot) -> tuple[float, float, float, float]:
-    assert shot.truth.world_to_camera is not None
-    assert shot.truth.depth is not None
+def _figures(result: RunResult, shots: list[Shot], kinds: list[Bool]) -> tuple[float, ...]:
+    """Return PSNR of the views, nATE, mean and median error of depth, and its means over kinds of pixels."""
+    whole = summed(shots, "all")
+    assert whole.truth.world_to_camera is not None
+    assert whole.truth.depth is not None
     assert result.depth is not None
-    errors = depth_errors(result.depth, shot.truth.depth, None)
+    errors = depth_errors(result.depth, whole.truth.depth, None)
     assert errors is not None
-    nate = trajectory_errors(result.world_to_camera, shot.truth.world_to_camera).nate
-    return _psnr(result.views, shot), nate or 0.0, errors.abs_rel, errors.median_rel
+    nate = trajectory_errors(result.world_to_camera, whole.truth.world_to_camera).nate
+    known = (whole.truth.depth > 0) & (result.depth > 0)
+    off = np.abs(errors.scale * result.depth - whole.truth.depth) / np.where(known, whole.truth.depth, 1)
+    by_kind = [float(off[kind & known].mean()) for kind in kinds]
+    return _psnr(result.views, whole), nate or 0.0, errors.abs_rel, errors.median_rel, *by_kind
 
 
-def _between(result: RunResult, fitted: Gaussians, shot: Shot, scene: Scene, gaps: F64) -> list[float]:
+def kinds_of(shots: list[Shot]) -> list[list[Bool]]:
+    """Tell of each shot's pixels, [N, H, W], which lie at edges of depth, which no other path sees, and the rest."""
+    found = []
+    for shot in shots:
+        assert shot.truth.depth is not None
+        edges = np.stack([_at_edges(depth) for depth in shot.truth.depth])
+        alone = ~np.any([_sees(other, shot) for other in shots if other is not shot], axis=0)
+        found.append([edges, ~edges & alone, ~edges & ~alone])
+    return found
+
+
+def _sees(other: Shot, shot: Shot) -> Bool:
+    """Tell which pixels of a shot, [N, H, W], show what lies within the middle picture of another."""
+    truth, seen_from = shot.truth, other.truth.world_to_camera
+    assert truth.world_to_camera is not None
+    assert truth.depth is not None
+    assert shot.intrinsics is not None
+    assert seen_from is not None
+    along = rays(grid(shot.size, 1), shot.intrinsics)
+    points = [
+        in_world(along * depth.reshape(-1, 1), pose)
+        for depth, pose in zip(truth.depth, truth.world_to_camera, strict=True)
+    ]
+    pixels, _ = project(np.concatenate(points), seen_from[len(seen_from) // 2], shot.intrinsics)
+    return in_picture(pixels, shot.size).reshape(truth.depth.shape)
+
+
+def _at_edges(depth: F32) -> Bool:
+    """Tell which pixels lie within two px of an edge of depth, [H, W]."""
+    wide = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
+    far, near = cv2.dilate(depth, wide), cv2.erode(depth, wide)
+    found: Bool = np.asarray(far > (1 + _EDGE_STEP) * near, bool)
+    return found
+
+
+def _between(result: RunResult, fitted: Gaussians, shot: Shot, truth: NovelViews) -> list[float]:
     assert shot.truth.world_to_camera is not None
+    assert shot.intrinsics is not None
     alignment = align(result.world_to_camera, shot.truth.world_to_camera)
-    truth = NovelViews(seen(scene, gaps, SIZE)[0], gaps)
-    found: list[float] = score_novel_views(fitted, alignment, camera(SIZE), truth)["psnr_db"]["per_view"]
+    found: list[float] = score_novel_views(fitted, alignment, shot.intrinsics, truth)["psnr_db"]["per_view"]
     return found

@@ -7,7 +7,7 @@ from scipy.stats import binom
 from gs2ci.rig.config import RigTable
 from gs2ci_calibration import dark_flat
 from gs2ci_calibration.bundle import Bundle
-from gs2ci_calibration.dark_flat import estimate_dark, estimate_response
+from gs2ci_calibration.dark_flat import Darks, estimate_dark, estimate_response
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from tests.bench_truth import opened
 
@@ -83,9 +83,8 @@ def test_a_lamp_of_one_colour_makes_the_other_pixels_of_a_mosaic_neither_dead_no
         estimate_response(flat, 0.1, found, mosaic=True)
 
 
-@pytest.mark.parametrize(("form", "mosaic"), [("Y12", False), ("RG12", True)])
-def test_the_sensors_format_says_whether_it_is_a_mosaic(monkeypatch, form, mosaic):
-    table = RigTable.model_validate(
+def table(form="Y12"):
+    return RigTable.model_validate(
         {
             "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "format": form, "black_level_dn": 64.0},
@@ -96,17 +95,77 @@ def test_the_sensors_format_says_whether_it_is_a_mosaic(monkeypatch, form, mosai
             "world": {"scene": "planes", "height": 48, "width": 64},
         }
     )
-    asked = []
-    estimate = dark_flat.estimate_response
+
+
+def test_the_middle_exposure_is_well_above_the_shortest_where_that_is_long(monkeypatch):
+    monkeypatch.setattr(dark_flat, "limits_s", lambda bench: (0.3, 0.9))
+    with opened(table()) as (bench, _):
+        assert dark_flat._take_darks(bench).exposures_s == pytest.approx((0.3, 0.6, 0.9), rel=1e-3)
+
+
+@pytest.mark.parametrize(("form", "mosaic"), [("Y12", False), ("RG12", True)])
+def test_the_sensors_format_says_whether_it_is_a_mosaic(monkeypatch, form, mosaic):
+    asked, taken = [], []
+    estimate, estimate_darks = dark_flat.estimate_response, dark_flat.estimate_dark
 
     def seen(*arguments, **options):
         asked.append(options["mosaic"])
         return estimate(*arguments, **options)
 
+    def seen_darks(darks, *arguments):
+        taken.append(darks)
+        return estimate_darks(darks, *arguments)
+
     monkeypatch.setattr(dark_flat, "estimate_response", seen)
-    with opened(table) as (bench, _):
-        dark_flat.measure(bench, Bundle())
+    monkeypatch.setattr(dark_flat, "estimate_dark", seen_darks)
+    with opened(table(form)) as (bench, _):
+        section = dark_flat.measure(bench, Bundle())
     assert asked == [mosaic]
+    # A quarter of the frames tells what only has to be seen; the flat field fills half of the range.
+    assert [len(taken[0].short), len(taken[0].middle), len(taken[0].long), len(taken[0].unshut)] == [8, 2, 8, 2]
+    filled_dn = float(section.estimates["flat_dn_per_s"].value) * section.facts["flat_exposure_s"]
+    assert 0.4 < filled_dn / TOP_DN < 0.6
+
+
+def test_standard_errors_of_each_pixels_noise_are_true_however_few_the_frames(make_sensor):
+    for frames in (6, 16):
+        sensor = make_sensor(frames, shape=(64, 96))
+        found = estimate_dark(sensor.darks(frames), TOP_DN)
+        misses = (found.noise_dn - sensor.noise_dn[0]) / found.noise_error_dn
+        assert np.sqrt(np.mean(np.square(misses))) == pytest.approx(1.0, abs=0.15), frames
+
+
+def test_the_rate_at_which_pixels_fill_is_known_to_its_standard_error(make_sensor):
+    misses = []
+    for seed in range(20):
+        sensor = make_sensor(seed)
+        flat = estimate_response(sensor.frames(16, 0.1), 0.1, estimate_dark(sensor.darks(), TOP_DN))
+        rate, error = flat.rate_dn_per_s
+        misses.append((rate - sensor.light_e_per_s * sensor.response.mean() / sensor.gain_e_per_dn) / error)
+        assert error < 1e-3 * rate
+    assert np.sqrt(np.mean(np.square(misses))) < 1.5
+
+
+def test_what_few_pixels_gain_by_chance_is_no_light(make_sensor):
+    darks = make_sensor(17, shape=(8, 8)).darks(4)
+    noise = darks.long.std(axis=0, ddof=1).mean()
+    estimate_dark(replace(darks, unshut=darks.long + np.float32(0.4 * noise)), TOP_DN)
+    refused(Reason.NOT_DARK, estimate_dark, replace(darks, unshut=darks.long + np.float32(noise)), TOP_DN)
+
+
+def test_a_pixel_whose_well_is_full_below_the_largest_reading_is_read_in_the_middle_exposure():
+    times, rng = (0.2, 0.3, 1.2), np.random.default_rng(0)
+    charge = np.full((16, 24), 20.0)
+    charge[4, 7] = 3000.0  # DN a second, of which 2600 fill the well
+
+    def frames(exposure_s):
+        read = np.minimum(charge * exposure_s, 2600.0) + 2.0 * rng.standard_normal((16, *charge.shape))
+        return np.rint(64.0 + read).astype(np.float32)
+
+    darks = Darks(*(frames(each) for each in times), frames(times[2]), times)
+    dark = estimate_dark(darks, TOP_DN).dark
+    assert dark.current_dn_per_s[4, 7] == pytest.approx(3000.0, rel=0.01)
+    assert np.argwhere(dark.hot).tolist() == [[4, 7]]
 
 
 def test_hot_pixels_are_found_and_others_are_not(make_sensor):

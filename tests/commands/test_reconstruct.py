@@ -190,7 +190,7 @@ def test_within_a_budget_one_run_folder_is_written_and_what_is_left_goes_to_the_
 
 
 def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
-    for other in ({"preset": "fine"}, {"iterations": 5}):
+    for other in ({"preset": "draft"}, {"iterations": 5}):
         with pytest.raises(InputError, match="budget"):
             reconstruct.run(measured, tmp_path / "run", budget="60s", **other)
     with pytest.raises(InputError, match="no duration"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gs2ci
-from gs2ci.commands import reconstruct
+from gs2ci.commands import evaluate, reconstruct
 from gs2ci.commands.reconstruct import chosen_exposures
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import write_shots
@@ -56,6 +56,24 @@ def test_python_takes_a_list_or_a_file_of_several(folder, shots, files):
     alone = gs2ci.reconstruct(files[0], together=True, progress=gs2ci.Silent(), **QUICK)
     assert alone.views.shape == (8, *SIZE, 3)
     assert alone.report.exposures == []
+
+
+@pytest.mark.slow
+def test_the_run_is_evaluated_against_the_truths_of_its_exposures(folder, shots, files, tmp_path, capsys):
+    written = evaluate.run(folder, files[1], tmp_path / "found.json", more=(files[0],))
+    found, report = json.loads(written.read_text()), read_report(folder)
+    assert [one["name"] for one in found["exposures"]] == ["path 0", "path 1"]
+    assert found["psnr_db"]["mean"] == pytest.approx(report.psnr_db.mean)
+    assert found["trajectory"]["nate"] == pytest.approx(report.trajectory.nate)
+    assert found["notes"] == []
+    assert "path 1 (views 9 to 16)" in capsys.readouterr().out
+    assert gs2ci.evaluate(folder, list(shots)) == found
+    assert gs2ci.evaluate(folder, [str(file) for file in files], index=0) == found
+    assert gs2ci.evaluate(folder, [files[0], shots[1]]) == found
+    with pytest.raises(InputError, match="path 1 is missing"):
+        gs2ci.evaluate(folder, shots[0])
+    with pytest.raises(InputError, match="path 1 is missing"):
+        evaluate.run(folder, files[0], tmp_path / "found.json", index="0:1")
 
 
 def test_several_shots_are_reconstructed_together_only_if_that_is_asked_for(shots):

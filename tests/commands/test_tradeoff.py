@@ -39,7 +39,7 @@ def tried(monkeypatch):
 def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys):
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
     assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.md", "tradeoff.html"]
-    assert tried == ["decode", "draft", "standard", "fine", "paper"]
+    assert tried == ["decode", "draft", "standard", "paper"]
     assert "next decibel" in capsys.readouterr().out.replace("\n", " ")
     page = pages[2].read_text(encoding="utf-8")
     assert "The next decibel after standard costs" in page
@@ -57,7 +57,7 @@ def test_an_answer_holds_the_trials_and_where_the_pages_are(measured, tried, tmp
 
 def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="20s")
-    assert tried == ["decode", "draft", "standard", "fine"]
+    assert tried == ["decode", "draft", "standard"]
     assert "paper was left out" in pages[1].read_text()
 
 
@@ -67,13 +67,13 @@ def test_the_standard_and_what_is_quicker_are_tried_whatever_the_time_and_what_i
     tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="0.01s")
     assert tried == ["decode", "draft", "standard"]
     tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
-    assert tried[3:] == ["fine", "paper"]
+    assert tried[3:] == ["paper"]
     assert "left out" not in tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="0.01s")[1].read_text()
-    assert len(tried) == 5
+    assert len(tried) == 4
 
 
 def test_finished_trials_are_not_tried_again_unless_asked(measured, tried, tmp_path):
-    for fresh, count in ((False, 5), (False, 5), (True, 10)):
+    for fresh, count in ((False, 4), (False, 4), (True, 8)):
         tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", fresh=fresh)
         assert len(tried) == count
 
@@ -112,8 +112,8 @@ def test_a_shot_in_memory_has_trials_of_its_own_and_so_has_one_with_another_trut
     for count, one in enumerate([shot, *others], 1):
         for _ in range(2):  # the second time, what was tried is found
             tradeoff_of(one, tmp_path, knobs=("preset",), most="10h", progress=Silent())
-        assert len(tried) == 5 * count
-        assert len(list((tmp_path / "cells").iterdir())) == 5 * count
+        assert len(tried) == 4 * count
+        assert len(list((tmp_path / "cells").iterdir())) == 4 * count
     assert measured.read_bytes() == before
 
 

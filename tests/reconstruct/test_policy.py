@@ -15,7 +15,8 @@ POLICY = (
         R / "geometry" / f"{name}.py"
         for name in ("sources/sources", "sources/direct", "depth/occlusion", "path/validity")
     ),
-    *(R / "fit" / f"{name}.py" for name in ("ensemble", "stopping", "pace", "combination", "coarse")),
+    *(R / "fit" / "coarse" / f"{name}.py" for name in ("stage", "stopping", "pace")),
+    *(R / "fit" / "combining" / f"{name}.py" for name in ("ensemble", "combination")),
     R / "presets" / "budget.py",
 )
 TYPES = {"source", "verdict", "decoder", "origin", "state", "outcome", "kind"}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -105,20 +106,21 @@ def small_table(**changes: dict[str, object]) -> RigTable:
     return RigTable.model_validate(tables)
 
 
+def small_rig(folder: Path, *, dlp5500: bool = False, **changes: dict[str, object]) -> Small:
+    """Build the rig in a folder; with the smaller DLP5500 a capture costs half the time."""
+    table = small_table(**changes)
+    rows, columns = (300, 400) if table.modulator.kind == "scpi" else (1080, 1920)
+    if dlp5500 and table.modulator.kind == "dlpc900":
+        rows, columns = 768, 1024
+    bench = build_bench(table, StripedLight((rows - HEIGHT) // 2, (columns - WIDTH) // 2))
+    if dlp5500 and table.modulator.kind == "dlpc900":
+        enables = table.world.trigger_out_2_bit == "enables"
+        bench.modulator = Dlpc900Twin(
+            bench.world, bench.faults["modulator"], name="modulator", dmd=5, bit_enables=enables
+        )
+    return Small(Rig(table, "small", folder, bench), bench, folder / "shot.h5")
+
+
 @pytest.fixture
 def make_small(tmp_path: Path) -> Callable[..., Small]:
-    def make(*, dlp5500: bool = False, **changes: dict[str, object]) -> Small:
-        """Build the rig; with the smaller DLP5500 a capture costs half the time."""
-        table = small_table(**changes)
-        rows, columns = (300, 400) if table.modulator.kind == "scpi" else (1080, 1920)
-        if dlp5500 and table.modulator.kind == "dlpc900":
-            rows, columns = 768, 1024
-        bench = build_bench(table, StripedLight((rows - HEIGHT) // 2, (columns - WIDTH) // 2))
-        if dlp5500 and table.modulator.kind == "dlpc900":
-            enables = table.world.trigger_out_2_bit == "enables"
-            bench.modulator = Dlpc900Twin(
-                bench.world, bench.faults["modulator"], name="modulator", dmd=5, bit_enables=enables
-            )
-        return Small(Rig(table, "small", tmp_path, bench), bench, tmp_path / "shot.h5")
-
-    return make
+    return partial(small_rig, tmp_path)

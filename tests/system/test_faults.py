@@ -3,7 +3,8 @@
 A line states the rig, the fault, the moment of its injection ("open": before the ports are opened, "upload": as it
 begins, "shot": when row 0 is taken) and the expected outcome: the error's class, its device and its trigger, or
 "tolerated". In each case the error is raised in time, every device is at rest, the rows taken before are correct, and
-the next capture works on the same bench without a restart. docs/faults.md is the table of these outcomes;
+the next capture works on the same bench without a restart: where a fault strikes after row 0 alone, the next case's
+own capture shows it, on the bench that the case before has left. docs/faults.md is the table of these outcomes;
 `GS2CI_WRITE_DOCS=1 pytest tests/system/test_faults.py` writes it again.
 """
 
@@ -21,6 +22,7 @@ from gs2ci.core.storage import read_shot, recover
 from gs2ci.rig.recording import prepare, record
 from gs2ci_drivers.failures import DriverError
 from gs2ci_sims import faults as fault_kinds
+from tests.system.conftest import small_rig
 
 pytestmark = pytest.mark.slow
 
@@ -136,14 +138,12 @@ class Trap(Silent):
         )
 
 
-def run(small, progress, out, *, home=False):
+def run(small, progress, out):
     """Open the rig, capture, close it; return the error, or None, and how long it took on the world's clock."""
     clock = small.bench.world.clock
     begin_s, error = clock.now_s(), None
     devices = small.rig.open()
     try:
-        if home:
-            home_if_needed(devices.stage)
         record(small.rig, devices, prepare(small.rig, devices), out, replace=True, progress=progress)
     except DriverError as caught:
         error = caught
@@ -152,11 +152,15 @@ def run(small, progress, out, *, home=False):
     return error, clock.now_s() - begin_s
 
 
-def home_if_needed(stage):
-    stage.connect()
-    status = stage.status()
-    if not status.referenced or status.faults:
-        stage.home()
+def home_if_needed(small):
+    devices = small.rig.open()
+    try:
+        devices.stage.connect()
+        status = devices.stage.status()
+        if not status.referenced or status.faults:
+            devices.stage.home()
+    finally:
+        devices.close()
 
 
 def do_what_the_remedies_say(small):
@@ -174,6 +178,7 @@ def do_what_the_remedies_say(small):
     for twin in (modulator, sensor, stage):
         twin.plug_in()
     small.bench.world.clock.sleep_s(3.0)
+    home_if_needed(small)
 
 
 def check_at_rest(small):
@@ -200,17 +205,39 @@ def check_rows(small, path, expected_rows):
         np.testing.assert_allclose(readings[row], expected, rtol=0, atol=0.51)
 
 
+def check_that_it_works(small, folder):
+    """Capture without a fault."""
+    error, _ = run(small, Silent(), folder / "again.h5")
+    assert error is None, str(error)
+    check_rows(small, folder / "again.h5", SHOTS)
+
+
+@pytest.fixture(scope="module")
+def benches(tmp_path_factory):
+    """Benches that a fault has left, by their rigs, of which no capture has shown yet that they work."""
+    left = {}
+    yield left
+    for small in left.values():
+        check_that_it_works(small, tmp_path_factory.mktemp("again"))
+
+
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
-def test_a_fault_ends_in_time_and_typed_and_the_next_capture_works(case, make_small, tmp_path):
-    changes = RIGS[case.rig][1]
-    capture = {"masks": 2, "mask_s": 0.04, "shots": SHOTS} | changes.get("capture", {})
-    small = make_small(dlp5500=True, **(changes | {"capture": capture}))
+def test_a_fault_ends_in_time_and_typed_and_the_next_capture_works(case, benches, tmp_path):
+    # Row 0 of a capture that is disturbed later shows that the bench works.
+    small = benches.pop(case.rig, None) if case.moment == "shot" else None
+    if small is None:
+        changes = RIGS[case.rig][1]
+        capture = {"masks": 2, "mask_s": 0.04, "shots": SHOTS} | changes.get("capture", {})
+        small = small_rig(tmp_path, dlp5500=True, **(changes | {"capture": capture}))
     out = tmp_path / "shot.h5"
     partial = tmp_path / "shot.h5.partial"
 
+    faults = small.bench.faults[case.victim]
+    faults.struck.clear()
+
     error, seconds = run(small, Trap(case, small.bench), out)
 
-    assert small.bench.faults[case.victim].struck, "the fault had no opportunity"
+    assert faults.struck, "the fault had no opportunity"
     assert seconds < LONGEST_S
     HAPPENED[case.id] = outcome = TOLERATED if error is None else type(error).__name__
     assert outcome == case.outcome, str(error)
@@ -226,9 +253,10 @@ def test_a_fault_ends_in_time_and_typed_and_the_next_capture_works(case, make_sm
             check_rows(small, recover(partial, tmp_path / "saved.h5"), 1)
 
     do_what_the_remedies_say(small)
-    again, _ = run(small, Silent(), tmp_path / "again.h5", home=True)
-    assert again is None, str(again)
-    check_rows(small, tmp_path / "again.h5", SHOTS)
+    if case.moment == "shot":
+        benches[case.rig] = small
+    else:
+        check_that_it_works(small, tmp_path)
 
 
 def render_table() -> str:

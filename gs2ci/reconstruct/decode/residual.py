@@ -6,6 +6,7 @@ steps of GAP-TV decode it. Here: that decode. Not here: the share of it that is 
 (`gs2ci.reconstruct.fit.combining.refinement`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,11 +44,13 @@ class ResidualSettings(Bounded):
         return GapTvSettings(iterations=self.iterations, weight=self.weight, inner=self.inner).check()
 
 
-def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings, noise: F32 | None = None) -> F32:
+def decode_residual(
+    shot: Shot | Sequence[Shot], scene_views: F32, settings: ResidualSettings, noise: F32 | None = None
+) -> F32:
     """Decode the measurement's residual by views of a scene.
 
     Args:
-        shot: The measurement, with or without its held-out pixels.
+        shot: The measurement, with or without its held-out pixels; several are measurements of the same views.
         scene_views: Views of the scene, [N, H, W, C] float32; need not be clamped.
         settings: How the residual is decoded.
         noise: Power of the noise in each reading, [H, W, C] as the measurement; None: readings are explained exactly.
@@ -58,11 +61,16 @@ def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings, no
     Raises:
         InputError: The settings make no sense, or the views do not fit the shot.
     """
-    predicted = Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy()
-    return decode_left_over(shot, predicted, settings, noise)
+    shots = [shot] if isinstance(shot, Shot) else shot
+    views = torch.from_numpy(scene_views)
+    left_over = [_less(one, Coding.of(one).forward(views).numpy()) for one in shots]
+    return decode_signed(left_over, settings.steps(), noise=noise)
 
 
 def decode_left_over(shot: Shot, predicted: F32, settings: ResidualSettings, noise: F32 | None = None) -> F32:
     """Decode what a predicted measurement, [H, W, C], leaves of a shot's; results and errors as above."""
-    left_over = replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
-    return decode_signed(left_over, settings.steps(), noise=noise)
+    return decode_signed(_less(shot, predicted), settings.steps(), noise=noise)
+
+
+def _less(shot: Shot, predicted: F32) -> Shot:
+    return replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))

@@ -19,6 +19,8 @@ from gs2ci.core.records import Shot
 
 # Rows of pixels that are turned at once, so that memory holds a strip of them.
 _STRIP: Final = 32
+# Of more measurements than views, an equation whose square is a smaller share of the largest is rounding.
+_NOTHING: Final = 1e-10
 
 
 def check_same_views(shots: Sequence[Shot]) -> None:
@@ -46,19 +48,41 @@ def turned(shots: Sequence[Shot]) -> tuple[F32, F32]:
         shots: K of them.
 
     Returns:
-        Masks of either sign, [K, N, H, W], and readings, [K, C, H, W]; at each pixel ordered by how much they count.
+        Masks of either sign, [K, N, H, W], and readings, [K, C, H, W]; at each pixel ordered by how much they count. No
+        more than N of them, however many measurements there are.
     """
     check_same_views(shots)
-    masks = np.stack([shot.masks * shot.weights[:, None, None] for shot in shots])
-    read = np.stack([shot.measurement.transpose(2, 0, 1) for shot in shots])
-    for k, shot in enumerate(shots):
-        if shot.saturated is not None:
-            masks[k][:, shot.saturated] = 0
-        read[k][:, ~masks[k].any(axis=0)] = 0
-    for top in range(0, masks.shape[2], _STRIP):
-        strip = (slice(None), slice(None), slice(top, top + _STRIP))
-        products = np.einsum("knhw,lnhw->hwkl", masks[strip], masks[strip], dtype=np.float64)
-        turn = np.linalg.eigh(products)[1][..., ::-1]
-        for part in (masks, read):
-            part[strip] = np.einsum("hwkl,kchw->lchw", turn, part[strip], optimize=True)
-    return np.ascontiguousarray(masks, np.float32), np.ascontiguousarray(read, np.float32)
+    parts = [_turned_strip(shots, slice(top, top + _STRIP)) for top in range(0, shots[0].size[0], _STRIP)]
+    masks, read = (np.concatenate(of_strips, axis=2) for of_strips in zip(*parts, strict=True))
+    return masks, read
+
+
+def _turned_strip(shots: Sequence[Shot], rows: slice) -> tuple[F32, F32]:
+    """Return masks and readings of some rows of pixels."""
+    masks, read = zip(*(_equation(shot, rows) for shot in shots), strict=True)
+    if len(shots) <= shots[0].views:
+        every, readings = np.stack(masks), np.stack(read)
+        turn = np.linalg.eigh(np.einsum("knhw,lnhw->hwkl", every, every, dtype=np.float64))[1][..., ::-1]
+        turned_masks, turned_read = (np.einsum("hwkl,kchw->lchw", turn, part) for part in (every, readings))
+    else:
+        # More equations than views say no more than as many as views: Φᵀ Φ and Φᵀ y hold all of it.
+        pairs = list(zip(masks, read, strict=True))
+        products = sum(np.einsum("nhw,mhw->hwnm", one, one, dtype=np.float64) for one in masks)
+        answers = sum(np.einsum("nhw,chw->hwnc", one, values, dtype=np.float64) for one, values in pairs)
+        squares, turn = (part[..., ::-1] for part in np.linalg.eigh(products))
+        known = squares > _NOTHING * squares[..., :1]
+        lengths = np.sqrt(np.where(known, squares, 0.0))
+        turned_masks = np.einsum("hwnl,hwl->lnhw", turn, lengths)
+        inverse = np.where(known, 1 / np.where(known, lengths, 1.0), 0.0)
+        turned_read = np.einsum("hwnl,hwnc,hwl->lchw", turn, answers, inverse)
+    return np.ascontiguousarray(turned_masks, np.float32), np.ascontiguousarray(turned_read, np.float32)
+
+
+def _equation(shot: Shot, rows: slice) -> tuple[F32, F32]:
+    """Return a measurement's masks, [N, h, W], and readings, [C, h, W]; zeros where it says nothing."""
+    masks = shot.masks[:, rows] * shot.weights[:, None, None]
+    read = shot.measurement[rows].transpose(2, 0, 1).copy()
+    if shot.saturated is not None:
+        masks[:, shot.saturated[rows]] = 0
+    read[:, ~masks.any(axis=0)] = 0
+    return masks, read

@@ -6,15 +6,17 @@ compared with those that see the same things, pair by pair, so that a wrong one 
 Here: the comparison. Not here: what the stage reports (`placing`), what exposures see (`tie`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from gs2ci.core.cameras import in_world
-from gs2ci.reconstruct.exposures.pictures import depths_of
+from gs2ci.reconstruct.exposures.corners import followed
+from gs2ci.reconstruct.exposures.pairs import LEAST_FOUND, LEAST_SHARE, projected
+from gs2ci.reconstruct.exposures.pictures import MeanPicture, depths_of, pictures_of
 from gs2ci.reconstruct.exposures.similarity import Similarity
-from gs2ci.reconstruct.exposures.tie import Tied, Ties
+from gs2ci.reconstruct.exposures.tie import Tied, Ties, Untied
 from gs2ci.reconstruct.geometry.depth.view_depths import grid, project
 from gs2ci.reconstruct.geometry.path.motion import rays
 
@@ -44,6 +46,43 @@ def displacements_px(ties: Ties, given: Mapping[int, Similarity]) -> dict[int, f
             off = [_displaced_px((tied[number], tied[k]), (given[number], given[k])) for k in partners]
             found[number] = float(np.median(off))
     return found
+
+
+def confirmed(exposures: Sequence[Untied], given: Mapping[int, Similarity]) -> bool:
+    """Tell whether what neighbours see confirms the given places of all exposures: a small part of the work of a tie.
+
+    The corners of one are followed into a neighbour's picture, warped onto it along the given places. Along wrong ones
+    few are found. Neighbours of which hardly any corner should be seen by both say nothing, and confirm nothing.
+
+    Args:
+        exposures: All of them.
+        given: common_from_own of all, by index.
+    """
+    pictures = {number: pictures_of(exposures[number].views, exposures[number].geometry) for number in given}
+    centres = {number: one.points(pictures[number][0].centre) for number, one in given.items()}
+    joined = {min(given)}
+    # The nearest exposure that is not joined yet is compared with the nearest that is, so that all hang together.
+    while len(joined) < len(given):
+        pairs = [(one, other) for one in joined for other in given if other not in joined]
+        one, other = min(pairs, key=lambda pair: float(np.linalg.norm(centres[pair[0]] - centres[pair[1]])))
+        if not _sees_the_same((pictures[one], pictures[other]), given[other].inverse.after(given[one])):
+            return False
+        joined.add(other)
+    return True
+
+
+def _sees_the_same(pictures: tuple[Sequence[MeanPicture], Sequence[MeanPicture]], other_from_one: Similarity) -> bool:
+    """Tell whether corners of the second are found where they should be in the pictures of the first."""
+    matches, visible = followed(*pictures, other_from_one)
+    if len(matches) < max(LEAST_FOUND, LEAST_SHARE * visible):
+        return False
+    seen_from = [pictures[0][k] for k in matches.pictures[:, 0]]
+    poses, intrinsics = (
+        np.stack([getattr(one, name) for one in seen_from]) for name in ("world_to_camera", "intrinsics")
+    )
+    places, _ = projected(other_from_one.inverse.points(matches.other), poses, intrinsics)
+    limit_px = LIMIT_SHARE * pictures[0][0].inverse_depth.shape[1]
+    return bool(np.median(np.linalg.norm(places - matches.at_one, axis=1)) <= limit_px)
 
 
 def disagreeing(ties: Ties, given: Mapping[int, Similarity]) -> dict[int, float]:

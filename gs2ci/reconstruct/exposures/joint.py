@@ -1,6 +1,7 @@
 """One scene from several exposures.
 
-    observe each ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─► each one's views ─► record
+    observe each ─► decode repeats together ─► tie them into common coordinates ─► first Gaussians of all ─► one fit ─►
+    each one's views ─► record
 
 Here: the order of these, and the record of the whole. Not here: a single exposure's stages (`observe`, `fusion`), where
 exposures lie (`places`), the fit (`fit.coarse.stage`).
@@ -23,6 +24,7 @@ from gs2ci.reconstruct.exposures.merging import merged
 from gs2ci.reconstruct.exposures.observing import PlacedExposure, observe_all
 from gs2ci.reconstruct.exposures.places import CommonPlaces, places
 from gs2ci.reconstruct.exposures.placing import first_of_all
+from gs2ci.reconstruct.exposures.repeats import decoded_together
 from gs2ci.reconstruct.exposures.schedule import shared_schedule
 from gs2ci.reconstruct.fit.coarse.looks import Monitoring, Score
 from gs2ci.reconstruct.fit.coarse.stage import CoarseFit, CoarseRun
@@ -48,7 +50,7 @@ class Joint:
     """The result for several exposures.
 
     Args:
-        shot: Their sum (`core.summed`), with registered masks.
+        shot: Their sum (`core.summed`), as they were given; the record has that of the registered ones.
         result: The record of all their views, those of one exposure after the other.
         scene: The Gaussians, which all share.
         parts: The record of each exposure, its path in the coordinates of the scene.
@@ -103,9 +105,11 @@ def reconstruct_together(
     settings, where_rendered = on_device(shots[0], settings, exposures=len(shots))
     for note in where_rendered.notes:
         progress.say(note.sentence)
-    settings, clock, tools = replace(settings, motion="off"), Stopwatch(), Tools.load(settings)
+    settings, clock = replace(settings, motion="off"), Stopwatch()
+    tools = Tools.load(settings)
     with working_on(tools.backend.device):
-        observed = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
+        alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
+        observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
         where = places(observed)
         for note in (*where.left_out, *where.notes):
             progress.say(note.sentence)
@@ -114,7 +118,7 @@ def reconstruct_together(
         fits = _fitted(where.placed, settings, progress, halt, clock)
         clock.lap("fit")
         joint = _handed_over(where, fits, settings, progress, clock)
-    notes = (*where_rendered.notes, *joint.result.notes)
+    notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
 
@@ -159,7 +163,12 @@ def _handed_over(
         (*left_out, *where.notes, *together),
         {**clock.seconds(), "decode": sum(_seconds(one) for one in placed)},
     )
-    return Joint(summed([one.of.shot for one in placed], name), result, given[0][1].scene, tuple(parts), left_out)
+    if any(part.registered is not None for part in parts):
+        # A camera matrix that was estimated is in the record, and belongs to no measurement.
+        registered = [replace(one.of.shot, intrinsics=one.of.given.intrinsics) for one in placed]
+        result = replace(result, registered=summed(registered, name))
+    whole = summed([one.of.given for one in placed], name)
+    return Joint(whole, result, given[0][1].scene, tuple(parts), left_out)
 
 
 def _part(

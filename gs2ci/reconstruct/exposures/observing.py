@@ -34,11 +34,15 @@ class ObservedExposure:
         number: Its place among those given.
         name: Its name.
         observed: The measurement, its decoded views, path and depth, in its own coordinates.
+        given: The measurement as it was given.
+        repeats: The number of the exposure whose path it repeats, its own for the first of such a group; None: of none.
     """
 
     number: int
     name: str
     observed: Observed
+    given: Shot
+    repeats: int | None = None
 
     @property
     def geometry(self) -> Geometry:
@@ -109,7 +113,7 @@ def observe_all(
         observed = observe(given, own, tools, progress, score, Halt(), None)
         if intrinsics is None:
             intrinsics = observed.first.geometry.intrinsics
-        yield ObservedExposure(number, shot.name, observed)
+        yield ObservedExposure(number, shot.name, observed, shot)
 
 
 def _seed(seed: int, number: int) -> int:

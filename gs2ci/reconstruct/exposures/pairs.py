@@ -35,8 +35,8 @@ PLACE_ERROR_PX: Final = 0.7
 # Rounds of following and adjusting. A pair is tied if so many corners, and so large a share of those that both should
 # see, are found in the end; and not followed up if there are far fewer at first.
 _ROUNDS: Final = 3
-_LEAST_FOUND: Final = 20
-_LEAST_SHARE: Final = 0.15
+LEAST_FOUND: Final = 20
+LEAST_SHARE: Final = 0.15
 _LEAST_SHARE_AT_FIRST: Final = 0.05
 _STEPS: Final = (0.01, 0.01, 0.01, 0.02, 0.02, 0.02, 0.05)
 # A point that comes behind the camera while a similarity is sought stays far out, and finite.
@@ -132,10 +132,10 @@ def _settled(one: Sequence[MeanPicture], other: Sequence[MeanPicture], start: Si
         back, visible_back = followed(other, one, pair.other_from_one.inverse)
         # A wrong depth of one of the two does not warp the other's picture onto it.
         share = max(len(there) / max(visible, 1), len(back) / max(visible_back, 1))
-        if max(len(there), len(back)) < _LEAST_FOUND or share < _LEAST_SHARE_AT_FIRST:
+        if max(len(there), len(back)) < LEAST_FOUND or share < _LEAST_SHARE_AT_FIRST:
             return None
         pair = _adjusted(one, other, pair.other_from_one, Matches.joined((there, back.swapped)), share)
-    return pair if pair.share >= _LEAST_SHARE else None
+    return pair if pair.share >= LEAST_SHARE else None
 
 
 def _adjusted(

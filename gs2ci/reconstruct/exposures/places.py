@@ -1,7 +1,9 @@
 """Where exposures were: by the stage where it reported their paths, and otherwise by what several of them see.
 
-    stage's poses ─┬─ agree with what exposures see ─► these
-    pictures' ties ┘  contradicted, or none ─► the tie, in the stage's frame and unit if any exposure has these
+    stage's poses ─► followed corners confirm all of them ─► these
+         │           some not, or none ─► pictures' ties ─┬─ agree ─► the stage's
+         └────────────────────────────────────────────────┴─ contradict, or none ─► the tie, in the stage's frame and
+                                                              unit if any exposure has these
 
 Here: which of the two places each exposure, and what people are told. Not here: either (`placing`, `tie`), their
 comparison (`agreement`).
@@ -12,11 +14,12 @@ from dataclasses import dataclass
 
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.reconstruct.exposures.agreement import disagreeing
+from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing
 from gs2ci.reconstruct.exposures.observing import ObservedExposure, PlacedExposure
 from gs2ci.reconstruct.exposures.placing import by_stage
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Ties, tie
+from gs2ci.reconstruct.geometry.initialise import Geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,35 +43,67 @@ def places(observed: Sequence[ObservedExposure]) -> CommonPlaces:
     Raises:
         GeometryError: There are several, and nothing ties any two of them.
     """
-    if len(observed) == 1:
-        return CommonPlaces((observed[0].in_common(Similarity.identity()),))
-    ties = tie([one.untied() for one in observed])
-    given = by_stage([one.shot for one in observed], [one.geometry for one in observed])
-    trusted, off = _trusted(ties, given)
-    known = {**_by_pictures(ties, trusted), **trusted}
-    if len(known) < 2:
+    # Repeats share the path and the depth of the first of them, and its place.
+    distinct = [one for one in observed if one.repeats in (None, one.number)]
+    if len(distinct) == 1:
+        return CommonPlaces(tuple(one.in_common(Similarity.identity()) for one in observed))
+    found = _of_distinct(distinct)
+    number_of = {one.number: number for number, one in enumerate(distinct)}
+    of = [number_of[one.number if one.repeats is None else one.repeats] for one in observed]
+    placed = tuple(
+        one.in_common(found.known[number], found.geometries.get(number))
+        for one, number in zip(observed, of, strict=True)
+        if number in found.known
+    )
+    if len(placed) < 2:
         raise GeometryError(
             f"nothing ties any two of {len(observed)} exposures to each other",
             allowed="exposures whose path a stage reported, or that see the same textured things",
             remedy="capture with a stage in the rig file, or reconstruct each exposure by itself",
         )
-    # A stage's path is better than one that a decode shows; those tied by pictures have their paths and depths anew.
-    placed = tuple(
-        observed[number].in_common(known[number], None if number in trusted else ties.tied[number].geometry)
-        for number in sorted(known)
-    )
-    why = {number: one.why.value for number, one in ties.left_out.items()}
     left_out = tuple(
-        finding(Code.EXPOSURE_LEFT_OUT, name=one.name, why=why.get(number, "nothing ties it to the others"))
-        for number, one in enumerate(observed)
-        if number not in known
+        finding(Code.EXPOSURE_LEFT_OUT, name=one.name, why=found.why.get(number, "nothing ties it to the others"))
+        for one, number in zip(observed, of, strict=True)
+        if number not in found.known
     )
     moved = tuple(
-        finding(Code.EXPOSURE_PLACED_OTHERWISE, name=observed[number].name, off_px=px)
-        for number, px in off.items()
-        if number in known
+        finding(Code.EXPOSURE_PLACED_OTHERWISE, name=distinct[number].name, off_px=px)
+        for number, px in found.off_px.items()
+        if number in found.known
     )
     return CommonPlaces(placed, left_out, moved)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Where exposures of distinct paths lie, by their place among these.
+
+    Args:
+        known: common_from_own.
+        geometries: A better path and depth of those that pictures placed.
+        why: Why others are not known.
+        off_px: By how much a stage's place of those that it misplaced is off.
+    """
+
+    known: dict[int, Similarity]
+    geometries: dict[int, Geometry]
+    why: dict[int, str]
+    off_px: dict[int, float]
+
+
+def _of_distinct(observed: Sequence[ObservedExposure]) -> _Found:
+    """Place exposures by the stage if pictures confirm all that it said, and otherwise by the tie as well."""
+    given = by_stage([one.shot for one in observed], [one.geometry for one in observed])
+    untied = [one.untied() for one in observed]
+    if len(given) == len(observed) and confirmed(untied, given):
+        return _Found(given, {}, {}, {})
+    ties = tie(untied)
+    trusted, off = _trusted(ties, given)
+    known = {**_by_pictures(ties, trusted), **trusted}
+    # A stage's path is better than one that a decode shows; those tied by pictures have their paths and depths anew.
+    better = {number: ties.tied[number].geometry for number in sorted(known) if number not in trusted}
+    why = {number: one.why.value for number, one in ties.left_out.items()}
+    return _Found({number: known[number] for number in sorted(known)}, better, why, off)
 
 
 def _trusted(ties: Ties, given: dict[int, Similarity]) -> tuple[dict[int, Similarity], dict[int, float]]:

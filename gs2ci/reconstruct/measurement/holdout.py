@@ -5,6 +5,7 @@ from a judgement (`pipeline`, `fit/coarse/stopping.py`).
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -64,13 +65,15 @@ class Holdout:
     Args:
         shot: The whole measurement.
         pixels: Its held-out pixels, [H, W] bool.
+        beside: Further measurements of the same views, which are decoded together with it; they do not judge it.
 
     `weighted` are the masks times their weights at these pixels, [N, K].
     """
 
-    def __init__(self, shot: Shot, pixels: Bool) -> None:
+    def __init__(self, shot: Shot, pixels: Bool, beside: "Sequence[Holdout]" = ()) -> None:
         self.shot = shot
         self.pixels = pixels
+        self.beside = tuple(beside)
         self._flat = np.flatnonzero(pixels)
         whole = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size)
         channels = None if whole is None else whole.reshape(-1)[self._flat][:, None]
@@ -89,6 +92,16 @@ class Holdout:
         if not self.pixels.any():
             return self.shot
         return without_pixels(self.shot, self.pixels)
+
+    @property
+    def every_shot(self) -> tuple[Shot, ...]:
+        """Get all measurements of these views, this one first."""
+        return self.shot, *(one.shot for one in self.beside)
+
+    @property
+    def every_seen(self) -> tuple[Shot, ...]:
+        """Get the same, each without its held-out pixels."""
+        return self.seen, *(one.seen for one in self.beside)
 
     def coded(self, views: F32) -> F32:
         """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""

@@ -39,7 +39,7 @@ class Rung:
 # Costliest first. In the time of fewer than 180 iterations of `standard`, `draft` makes 1.7 times as many and ends up
 # to 2 dB better (docs/decisions/time-budget.md). `paper` is not among them: it reproduces the paper, and holds out no
 # pixels by which to judge it.
-LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 180, 800), Rung("draft", 20, 600))
+LADDER: Final = (Rung("standard", 180, 800), Rung("draft", 20, 600))
 # A budget is kept to a tenth; this share is reserved for steps that were not timed.
 KEPT_BACK: Final = 0.05
 # For closing files, printing and ending the interpreter.
@@ -79,6 +79,7 @@ class Budget:
             try_orders=False,
             look_again=False,
             long_decode=None,
+            fine=None,
             motion="off" if settings.motion == "auto" else settings.motion,
             left_out=(*settings.left_out, LeftOut.COUPLED_DECODE, LeftOut.DECODE_WEIGHS_NOISE),
         )
@@ -110,10 +111,7 @@ class Budget:
             polish = settings.polish if has_time and wanted.polish is not None else None
             reserved_s = 0.0 if polish is None else polish_s
             until_s = delivered_s - reserved_s
-            # The fine stage knows no deadline: it is skipped, and the coarse stage gets its time.
-            chosen = replace(
-                settings, fit=wanted.fit, fits=wanted.fits, stride_px=wanted.stride_px, fine=None, polish=polish
-            )
+            chosen = replace(settings, fit=wanted.fit, fits=wanted.fits, polish=polish)
             for _ in range(2):  # the first number says how often a schedule of that length is looked at
                 iterations = self._pace(rung.most, until_s, timed, settings, chosen).total(0)
                 chosen = replace(chosen, fit=rescheduled(chosen.fit, iterations))

@@ -11,12 +11,10 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse.settings import CoarseSettings
 from gs2ci.reconstruct.fit.optimiser.gaussians import StepSizes
-from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.paper.preset import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 _DRAFT_ITERATIONS: Final = 120
-_FINE_ITERATIONS: Final = 600
 
 
 def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
@@ -49,18 +47,10 @@ def _draft() -> Settings:
     )
 
 
-def _fine() -> Settings:
-    """The most accurate: four long fits with more Gaussians from the start, then the fine stage for the best fit."""
-    base = Settings()
-    fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.4), _FINE_ITERATIONS)
-    return replace(base, stride_px=2, fit=fit, fits=4, fine=FineSettings())
-
-
 # The one place that says what a name means.
 PRESETS: Final[dict[PresetName, Settings]] = {
     "draft": _draft(),
     "standard": Settings(),
-    "fine": _fine(),
     "paper": paper_settings(),
 }
 

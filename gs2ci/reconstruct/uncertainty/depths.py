@@ -29,28 +29,26 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
     there = depth > 0
     if not there.any():
         return np.zeros_like(depth)
-    by_poses = (1.0 if given else factors.DEPTH_BY_POSES**2) * _by_poses(known, given=given)
-    logarithm = np.log(np.where(there, depth, np.nan).astype(np.float64))
-    jump = np.hypot(*slopes(logarithm))
-    jump = np.minimum(np.nan_to_num(jump, nan=factors.MOST_OF_JUMP), factors.MOST_OF_JUMP)
-    off_middle = np.abs(depth / float(np.median(depth[there])) - 1)
-    by_path = factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + off_middle)
-    by_place = factors.PLACE_PX / _movements(seen)
-    by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread, factors.DEPTH_BY_JUMP * jump)
-    relative = np.sqrt(by_poses + by_place**2 + by_light**2 + by_path**2)
-    relative = np.minimum(relative, factors.MOST_OF_DEPTH)
-    return np.where(there, relative * depth, 0).astype(np.float32)
+    variance = (1.0 if given else factors.DEPTH_BY_POSES**2) * _by_poses(known, given=given)
+    middle, found = float(np.median(depth[there])), np.zeros_like(depth)
+    # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
+    for view in range(len(depth)):
+        own, cells = depth[view].astype(np.float64), known.cells[view]
+        ray_ends = np.concatenate([seen.rays, np.ones_like(seen.rays[..., :1])], axis=-1) * _ahead(own)[..., None]
+        moved = movement(seen.world_to_camera, seen.focal_px, view, ray_ends)
+        jump = np.hypot(*slopes(np.log(np.where(there[view], own, np.nan))))
+        jump = np.minimum(np.nan_to_num(jump, nan=factors.MOST_OF_JUMP), factors.MOST_OF_JUMP)
+        by_path = factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + np.abs(own / middle - 1))
+        by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread[view], factors.DEPTH_BY_JUMP * jump)
+        by_poses = np.where(cells >= 0, variance[cells], variance[-1])
+        relative = np.sqrt(by_poses + (factors.PLACE_PX / moved) ** 2 + by_light**2 + by_path**2)
+        found[view] = np.where(there[view], np.minimum(relative, factors.MOST_OF_DEPTH) * own, 0)
+    return found
 
 
-def _movements(seen: ReadingsSeen) -> F64:
-    """Return how far the points of all pixels move through the views per relative change of their depth, [N, H, W]."""
-    rays = np.concatenate([seen.rays, np.ones_like(seen.rays[..., :1])], axis=-1).astype(np.float64)
-    return np.stack(
-        [
-            movement(seen.world_to_camera, seen.focal_px, view, rays * np.where(depth > 0, depth, 1)[..., None])
-            for view, depth in enumerate(seen.depth)
-        ]
-    )
+def _ahead(depth: F64) -> F64:
+    """Return depths with 1 where there is none."""
+    return np.where(depth > 0, depth, 1)
 
 
 def movement(world_to_camera: F64, focal_px: F64, view: int, points: F64) -> F64:
@@ -82,12 +80,9 @@ def movement(world_to_camera: F64, focal_px: F64, view: int, points: F64) -> F64
 
 
 def _by_poses(known: Information, *, given: bool) -> F64:
-    """Return the relative variance that depths have from the path, [N, H, W]."""
+    """Return the relative variance that depths of cells have from the path, [B + 1]; the last is that of no cell."""
     cells, follow = known.cells, known.depths_by_poses
-    if not len(follow):
-        return np.full(cells.shape, factors.UNKNOWN_DEPTH**2)
-    if not given:
+    if len(follow) and not given:
         share = np.bincount(cells[cells >= 0].ravel(), minlength=len(follow)).astype(np.float64)
         follow = follow - share @ follow / share.sum()
-    variance = np.square(follow).sum(axis=1)
-    return np.where(cells >= 0, variance[np.maximum(cells, 0)], factors.UNKNOWN_DEPTH**2)
+    return np.append(np.square(follow).sum(axis=1), factors.UNKNOWN_DEPTH**2)

@@ -179,11 +179,11 @@ def _cells(seen: ReadingsSeen, reference: int) -> tuple[Numbers, int]:
     return numbered.reshape(found.shape) - none, len(present) - none
 
 
-def _gradients(views: F32) -> F64:
-    """Return the gradient of each view along x and y, [N, H, W, C, 2]."""
-    smooth = gaussian_filter(views.astype(np.float64), (0, _SMOOTH_PX, _SMOOTH_PX, 0), mode="nearest")
+def _gradients(view: F32) -> F64:
+    """Return the gradient of a view, [H, W, C], along x and y, [H * W, C, 2]."""
+    smooth = gaussian_filter(view.astype(np.float64), (_SMOOTH_PX, _SMOOTH_PX, 0), mode="nearest")
     down, across = slopes(np.moveaxis(smooth, -1, 0))
-    return np.moveaxis(np.stack([across, down], axis=-1), 0, -2)
+    return np.moveaxis(np.stack([across, down], axis=-1), 0, -2).reshape(-1, view.shape[2], 2)
 
 
 def _flow(points: F64, focal_px: F64) -> F64:
@@ -202,7 +202,7 @@ def _derivatives(
 ) -> tuple[F64, csr_matrix]:
     """Return derivatives of the chosen readings, in their standard deviations: by poses, [R C, 6 N]; by depths."""
     count, channels = len(seen.depth), seen.noise.shape[2]
-    gradients = _gradients(seen.views).reshape(count, -1, seen.views.shape[3], 2)[:, chosen]
+    gradients = np.stack([_gradients(view)[chosen] for view in seen.views])
     if gradients.shape[2] != channels:  # behind a colour filter array, a pixel reads one of them
         gradients = gradients.mean(axis=2, keepdims=True)
     noise = np.maximum(seen.noise.reshape(-1, channels)[chosen].astype(np.float64), np.finfo(np.float32).tiny)

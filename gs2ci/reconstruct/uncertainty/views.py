@@ -52,21 +52,23 @@ def errors_of_views(holdout: Holdout, views: ViewsMade, alike: F64, noise: F32) 
         noise: Power of the readings' noise by what the scene leaves of them, [H, W, C] (`measurement.noise`).
     """
     shot = holdout.shot
-    transmissions = (shot.masks * shot.weights[:, None, None]).astype(np.float64)
-    reached = np.tensordot(alike, transmissions, axes=1)
-    light = (transmissions * reached).sum(axis=0)
+    transmissions = shot.masks * shot.weights[:, None, None]
+    reached = np.tensordot(alike.astype(np.float32), transmissions, axes=1)
+    light = np.einsum("nhw,nhw->hw", transmissions, reached, dtype=np.float64)
     usable = shot.usable & ~holdout.pixels
     if not usable.any() or light[usable].mean() <= 0:
         return np.full(transmissions.shape, _UNKNOWN, np.float32)
     residual = shot.measurement - holdout.coded(views.scene)
     power = np.mean(residual.astype(np.float64) ** 2, axis=-1)
     level = _level(holdout, views, light, power, noise)
-    pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), transmissions.max() ** 2)
+    full = float(transmissions.max()) ** 2
+    pattern = _pattern(views, np.where(usable, power, 0.0), np.where(usable, light, 0.0), full)
     # What the pixel's reading takes away along its masks.
-    little = _LITTLE_LIGHT * transmissions.max() ** 2
-    known = np.clip(reached**2 / np.maximum(light, little), 0, 1)
-    found: F32 = np.sqrt(level * pattern * (1 - factors.OWN_READING * known)).astype(np.float32)
-    return found
+    divided = np.maximum(light, _LITTLE_LIGHT * full)
+    for shown, there in zip(pattern, reached, strict=True):
+        known = np.clip(there**2 / divided, 0, 1)
+        shown[:] = np.sqrt(level * shown * (1 - factors.OWN_READING * known))
+    return pattern
 
 
 def errors_alike(flow_px2: F64) -> F64:
@@ -95,27 +97,33 @@ def _level(holdout: Holdout, views: ViewsMade, light: F64, power: F64, noise: F3
     return float(factors.LEVEL * np.sqrt(seen * unseen) * max(rest, factors.LEAST_OF_LEVEL))
 
 
-def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F64:
+def _pattern(views: ViewsMade, power: F64, light: F64, full: float) -> F32:
     """Return where errors are, as shares of their mean power, [N, H, W]; `power` and `light` are 0 at unused pixels."""
     about = _smooth(power, _NEIGHBOURHOOD_PX) / np.maximum(_smooth(light, _NEIGHBOURHOOD_PX), _LEAST_LIGHT * full)
     down, across = slopes(_smooth(views.delivered.mean(axis=-1), 0.5))
+    apart = np.stack([np.mean((a - b) ** 2, axis=-1) for a, b in zip(views.decoded, views.delivered, strict=True)])
     parts = [
         (factors.PATTERN_OF_RESIDUAL, np.broadcast_to(about, views.delivered.shape[:3])),
         (factors.PATTERN_OF_DETAIL, _smooth(down**2 + across**2, 1.2)),
-        (factors.PATTERN_OF_DECODE, _smooth(np.mean((views.decoded - views.delivered) ** 2, axis=-1), 1.0)),
+        (factors.PATTERN_OF_DECODE, _smooth(apart, 1.0)),
     ]
     if views.disagreement is not None:
-        parts.append((factors.PATTERN_OF_FITS, views.disagreement.astype(np.float64) ** 2))
-    shares = [(part, values / values.mean()) for part, values in parts if values.mean() > 0]
-    if not shares:
-        return np.ones(views.delivered.shape[:3])
-    total: F64 = sum((part * values for part, values in shares), np.zeros(views.delivered.shape[:3]))
-    total /= total.mean()
-    return total
+        parts.append((factors.PATTERN_OF_FITS, views.disagreement**2))
+    means = [float(values.mean(dtype=np.float64)) for _, values in parts]
+    total = np.zeros(views.delivered.shape[:3], np.float32)
+    for (part, values), mean in zip(parts, means, strict=True):
+        if mean > 0:
+            total += values * np.float32(part / mean)
+    mean = float(total.mean(dtype=np.float64))
+    return total / np.float32(mean) if mean > 0 else np.ones_like(total)
 
 
-def _smooth(values: F64 | F32, sigma_px: float) -> F64:
-    """Smooth the last two axes."""
-    along = (0.0,) * (values.ndim - 2) + (sigma_px, sigma_px)
-    found: F64 = gaussian_filter(values.astype(np.float64), along, mode="nearest")
+def _smooth(values: F64 | F32, sigma_px: float) -> F64 | F32:
+    """Smooth the last two axes, in float64; a stack of maps map by map, and kept in float32."""
+    if values.ndim == 2:
+        smooth: F64 = gaussian_filter(values.astype(np.float64), sigma_px, mode="nearest")
+        return smooth
+    found = np.empty(values.shape, np.float32)
+    for one, target in zip(values, found, strict=True):
+        target[:] = _smooth(one, sigma_px)
     return found

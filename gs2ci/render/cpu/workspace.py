@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 CACHE_LINE_BYTES: Final = 64
-_GROWTH: Final = 1.25
+_GROWTH: Final = 1.1
 
 
 class Workspace:

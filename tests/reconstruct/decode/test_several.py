@@ -44,6 +44,34 @@ def test_equations_stand_at_right_angles_and_say_the_same(views):
     assert (np.diff(energy, axis=0) <= 1e-5).all()
 
 
+def test_more_measurements_than_views_become_as_many_equations_that_say_the_same(views):
+    shots = repeats(views, 7, noise=0.1)
+    masks, read = turned(shots)
+    assert masks.shape == (VIEWS, VIEWS, *SIZE)
+    assert read.shape == (VIEWS, 1, *SIZE)
+    phi, y = (np.stack([getattr(shot, name) for shot in shots]) for name in ("masks", "measurement"))
+    np.testing.assert_allclose(
+        np.einsum("knhw,kmhw->nmhw", masks, masks), np.einsum("knhw,kmhw->nmhw", phi, phi), atol=1e-4
+    )
+    np.testing.assert_allclose(
+        np.einsum("knhw,kchw->nchw", masks, read), np.einsum("knhw,khwc->nchw", phi, y), atol=1e-4
+    )
+    energy = np.einsum("knhw->khw", masks**2)
+    assert (np.diff(energy, axis=0) <= 1e-5).all()
+
+
+def test_of_many_equal_measurements_and_closed_pixels_little_is_left(views):
+    (shot,) = repeats(views, 1)
+    closed = shot.masks.copy()
+    closed[:, 0] = 0
+    masks, read = turned([replace(shot, masks=closed)] * 6)
+    assert np.isfinite(masks).all()
+    assert np.isfinite(read).all()
+    assert not masks[:, :, 0].any()
+    assert not masks[1:].any()
+    np.testing.assert_allclose(masks[0] ** 2, 6 * closed**2, atol=1e-5)
+
+
 def test_one_step_goes_towards_the_nearest_views_that_explain_all_readings(views):
     shots, start = repeats(views, 3), np.full_like(views, 0.3)
     found = plug_and_play(shots, same, PlugAndPlaySettings(sigmas=(0.1,), iterations=1), start=start)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gs2ci.reconstruct.exposures.agreement import disagreeing, displacements_px
+from gs2ci.reconstruct.exposures.agreement import confirmed, disagreeing, displacements_px
 from gs2ci.reconstruct.exposures.similarity import Similarity
 from gs2ci.reconstruct.exposures.tie import Ties
-from tests.reconstruct.exposures.rooms import PLACES, UNITS, truly
+from tests.reconstruct.exposures.rooms import PLACES, UNITS, exposure, truly
 
 # In coordinates and a unit of the stage's own.
 STAGE = Similarity(40.0, truly(PLACES, UNITS)[3].rotation, np.array([100.0, -30.0, 7.0]))
@@ -43,3 +43,16 @@ def test_exposures_that_are_not_given_or_see_nothing_of_others_are_not_judged(fo
     assert list(displacements_px(four_tied, given)) == [1, 2, 3]
     assert displacements_px(four_tied, {1: given[1]}) == {}
     assert displacements_px(Ties((), None), given) == {}
+
+
+def test_places_that_neighbours_see_are_confirmed_and_a_wrong_one_is_not(four):
+    assert confirmed(four, reported())
+    given = reported()
+    given[2] = replace(given[2], translation=given[2].translation + np.array([10.0, 0, 0]))
+    assert not confirmed(four, given)
+
+
+def test_what_sees_nothing_of_the_others_confirms_nothing(four):
+    stray = exposure("stray", PLACES[0], seed=5, noise=0.02)
+    assert not confirmed([four[0], stray], {0: Similarity.identity(), 1: Similarity.identity()})
+    assert confirmed(four[:1], {0: Similarity.identity()})

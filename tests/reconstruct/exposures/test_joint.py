@@ -14,6 +14,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.exposures.joint import reconstruct_together
+from gs2ci.reconstruct.paper.fine import FineSettings
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.registration.register import RegistrationSettings
 from tests.exposed_rooms import adjacent, room
@@ -102,6 +103,19 @@ def test_an_exposure_of_another_room_is_left_out_by_name_and_changes_nothing(sho
 
 
 @pytest.mark.slow
+def test_without_a_camera_matrix_that_of_the_first_is_taken_for_all_and_measurements_stay_as_given(shots):
+    unknown = [replace(shot, intrinsics=None) for shot in shots[:2]]
+    moved = [replace(one, masks=np.ascontiguousarray(np.roll(one.masks, 2, axis=2))) for one in unknown]
+    found = reconstruct_together(moved, replace(SETTINGS, registration=RegistrationSettings()))
+    assert found.shot.intrinsics is None
+    assert np.array_equal(found.shot.masks, np.concatenate([one.masks for one in moved]))
+    assert found.result.registered is not None
+    right = np.concatenate([shot.masks for shot in shots[:2]])
+    off, left = (np.mean(np.abs(one.masks - right)) for one in (found.shot, found.result.registered))
+    assert left < 0.1 * off
+
+
+@pytest.mark.slow
 def test_exposures_that_nothing_ties_are_refused():
     untold = [adjacent(room(seed, SIZE), SIZE, seed, 1, staged=False)[0] for seed in (1, 2)]
     with pytest.raises(GeometryError, match="nothing ties"):
@@ -148,7 +162,7 @@ def test_exposures_of_different_cameras_are_refused(shots):
 
 @pytest.mark.parametrize(
     ("changes", "said"),
-    [({"motion": "on"}, "things move"), ({"fine": preset("fine").fine}, "fine stage")],
+    [({"motion": "on"}, "things move"), ({"fine": FineSettings()}, "fine stage")],
 )
 def test_what_several_exposures_cannot_have_is_refused(shots, changes, said):
     with pytest.raises(InputError, match=said):

@@ -269,8 +269,8 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
     # (docs/decisions/steps.md).
     fit = replace(WHOLE.fit, steps=replace(WHOLE.fit.steps, in_view=None))
     found, still = (reconstruct(shot, replace(WHOLE, fit=fit, motion=mode)).result for mode in ("auto", "off"))
-    assert found.motion["tried"]
-    assert found.motion["patch_gain"] > LEAST_PATCH_GAIN
+    assert found.motion.tried
+    assert found.motion.patch_gain > LEAST_PATCH_GAIN
     found_db, decode_db, still_db, still_decode_db = (
         np.mean(psnr_per_view(views, shot.truth.views))
         for views in (found.views, found.decode, still.views, still.decode)

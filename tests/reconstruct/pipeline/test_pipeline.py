@@ -159,8 +159,8 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
 
 def test_one_curve_leads_to_the_mean_of_two_fits(shot, found):
     two = reconstruct(shot, SHORT, score=lambda views: float(np.mean(views))).result
-    assert two.ensemble["fits"] == two.ensemble["averaged"] == 2
-    assert 0 < two.ensemble["spread"] < 0.1
+    assert two.ensemble.fits == two.ensemble.averaged == 2
+    assert 0 < two.ensemble.spread < 0.1
     assert found.result.ensemble == EnsembleSection(1, 1, None)
     # Its last point is what is handed over.
     *course, last = two.curve

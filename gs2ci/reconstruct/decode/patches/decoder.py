@@ -6,7 +6,7 @@ patches of a group are searched for in windows that follow the optical flow, and
 groups.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
 
@@ -123,7 +123,7 @@ class PatchSettings(Bounded):
 
 
 def patch_decode_from(
-    shot: Shot,
+    shot: Shot | Sequence[Shot],
     start: F32,
     settings: PatchSettings,
     progress: Progress | None = None,
@@ -133,7 +133,8 @@ def patch_decode_from(
     """Decode one coded measurement by groups of similar patches, starting from given views.
 
     Args:
-        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored.
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels are ignored. Several are
+            measurements of the same views.
         start: The first views, in which similar patches are first searched for, [N, H, W, C] float32.
         settings: How long, and which patches; their own start is not used.
         progress: Receives each iteration and its relative residual.

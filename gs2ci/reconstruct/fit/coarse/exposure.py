@@ -119,6 +119,7 @@ class ExposureState:
         added = self.exposure.decode(self.exposure.holdout.coded(views))
         if added is not None:
             views += added
+        del added  # as large as the views, and the search takes much itself
         found = find_surfaces(self.renderer, scene, poses, views, settings.surfaces, seed, search)
         self.surfaces = found or self.surfaces
         return None if found is None else views

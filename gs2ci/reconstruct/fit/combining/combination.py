@@ -212,7 +212,8 @@ def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float)
     """Return the share of each candidate in the combination with the smallest expected error.
 
     Args:
-        holdout: The measurement, and its held-out pixels.
+        holdout: The measurement, and its held-out pixels; those of its repeats judge as well, as none of the candidates
+            has seen them.
         candidates: By name; those that are not finite get share 0. If no pixel was held out, the first gets share 1.
         noise: Mean power of the measurement's noise (`measurement.noise`).
 
@@ -224,7 +225,9 @@ def shares(holdout: Holdout, candidates: Mapping[Name, Candidate], noise: float)
     found = dict.fromkeys(names, 0.0)
     if not holdout.pixels.any() or not usable:
         return {**found, names[0]: 1.0}
-    least = least_on_simplex(expected_products(holdout, [candidates[name] for name in usable], noise))
+    every = [one for one in (holdout, *holdout.beside) if one.pixels.any()]
+    products = [expected_products(one, [candidates[name] for name in usable], noise) for one in every]
+    least = least_on_simplex(np.mean(products, axis=0))
     least[least < _LEAST_SHARE] = 0.0
     return {**found, **dict(zip(usable, (least / least.sum()).tolist(), strict=True))}
 

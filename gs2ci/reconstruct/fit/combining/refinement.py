@@ -21,7 +21,7 @@ class Refinement:
     """Adds the decoded residual of views to them.
 
     Args:
-        holdout: The measurement, and its pixels that no decode may see.
+        holdout: The measurement, and its pixels that no decode may see; its repeats are decoded with it.
         settings: How the residual is decoded; None: nothing is added.
         noise: Power of the noise in each reading, [H, W, C] as the measurement, which is not decoded; None: unknown.
 
@@ -49,13 +49,14 @@ class Refinement:
         """Refine views, [N, H, W, C] float32; also return the share that was added, from 0 to 1."""
         if self._settings is None:
             return views, 0.0
-        added = decode_residual(self._seen, views, self._settings, self._noise)
+        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
         share = self.share(views, added)
         return _plus(views, share, added), share
 
     def decode(self, coded: F32) -> F32 | None:
         """Decode the whole residual of a coded image, [H, W, C], without the held-out pixels; None: nothing is added.
 
+        Repeats do not contribute: a fit is judged by what each exposure's own reading tells of it.
         Running fits are judged by their views with all of it. With a fitted share, which compensates for what an early
         scene lacks, the looks would hide how the scene improves; this ended a fit of photographs (`fern_photos_wide`)
         at its first look.
@@ -66,7 +67,7 @@ class Refinement:
         """Refine views, [N, H, W, C] float32, by their whole residual and as a call does, with one decode."""
         if self._settings is None:
             return views, views
-        added = decode_residual(self._seen, views, self._settings, self._noise)
+        added = decode_residual(self._holdout.every_seen, views, self._settings, self._noise)
         in_full = views + added
         return in_full, _plus(views, self.share(views, added), added)
 
@@ -77,7 +78,7 @@ class Refinement:
         """
         if self._settings is None:
             return views
-        return _plus(views, share, decode_residual(self._holdout.shot, views, self._settings, self._noise))
+        return _plus(views, share, decode_residual(self._holdout.every_shot, views, self._settings, self._noise))
 
     def share(self, views: F32, added: F32) -> float:
         """Return the share of `added` to add to `views`, [N, H, W, C], from 0 to 1; 1 if no pixel is held out."""

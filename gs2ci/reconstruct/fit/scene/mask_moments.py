@@ -29,6 +29,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_figures import MaskMomentsSection
 from gs2ci.reconstruct.choices import WithinMask
+from gs2ci.reconstruct.fit.scene.moment_gradient import MomentsOfPath
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render import se3
 
@@ -169,6 +170,12 @@ class MaskMoments:
         moved = se3.exp(along) @ world_to_camera[here]
         alone = torch.tensor(self.moments)[here] == 1
         return torch.where(alone[:, None, None], world_to_camera[here], moved)
+
+    def along(self, world_to_camera: Tensor) -> MomentsOfPath:
+        """Return the same poses with a gradient by a call, for a fit; a mask more than one moment has somewhere."""
+        here = self.of_mask().numpy()
+        alone = np.asarray(self.moments)[here] == 1
+        return MomentsOfPath(world_to_camera.detach().numpy(), self.offsets().numpy(), here, alone)
 
     @property
     def note(self) -> Finding:

@@ -13,7 +13,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
-from gs2ci.render.adjoint import Image, Pull, coded_with_pull, pull_back
+from gs2ci.render.adjoint import Image, Pull, coded_with_pull
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -125,25 +125,20 @@ class ShotRenderer:
         `measurement`. Images and gradients are arrays, or tensors on the device of a scene that lies on one.
         """
         moments, times = world_to_camera.detach(), self.times
+        along = None
         if self._one_picture:
             moments, times = self._moments(moments)
         elif self._mask_moments is not None:
-            own = moments.requires_grad_()
-            with torch.enable_grad():
-                moments, times = self._moments(own)
-        there = moments.detach().to(scene.means.device)
+            along, times = self._mask_moments.along(moments), self._mask_moments.times()
+            moments = torch.from_numpy(along.poses)
+        there = moments.to(scene.means.device)
         image, pull = coded_with_pull(
             self._backend, scene, there, self.intrinsics, self._mask_set, screen, reuse, times
         )
 
         def pull_channels(gradient: Image) -> Image:
             by_moments: Image = pull(self._to_colours(gradient))
-            if self._mask_moments is None:
-                return by_moments
-            pull_back([moments], [torch.as_tensor(by_moments).cpu()])
-            assert own.grad is not None
-            found: F32 = own.grad.float().numpy()
-            return found
+            return by_moments if along is None else along.by_path(torch.as_tensor(by_moments).cpu().numpy())
 
         def pull_picture(gradient: Image) -> Image:
             pull(self._to_colours(gradient))

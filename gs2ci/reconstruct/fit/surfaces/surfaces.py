@@ -260,15 +260,15 @@ def find_surfaces(
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
         return None
-    straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32, copy=False)
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
-    chosen = _spread(count, settings.views)
+    chosen, beside = _spread(count, settings.views), _spread(count, settings.others + 1)
+    straight = {view: _straightened(views[view], lens) for view in {*chosen, *beside}}
     maps = []
     for view in chosen:
-        others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
-        order = [view, *others]
+        order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        found = surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep)
+        compared = np.stack([straight[i] for i in order])
+        found = surface_map(compared, from_view, intrinsics, 0, span, settings.sweep)
         maps.append(snapped(found, straight[view]) if settings.snap else found)
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
@@ -301,6 +301,12 @@ def _span(depth: F32) -> tuple[float, float] | None:
         return None
     low, high = np.quantile(1 / seen.astype(np.float64), _SCENE_QUANTILES)
     return float(low * _BEYOND[0]), float(high * _BEYOND[1])
+
+
+def _straightened(view: F32, lens: Lens | None) -> F32:
+    """Return one view, [H, W, C], as a pinhole sees it, from black to white."""
+    straight: F32 = view if lens is None else lens.straightened(view[None])[0]
+    return np.clip(straight, 0, 1).astype(np.float32, copy=False)
 
 
 def _spread(count: int, wanted: int) -> tuple[int, ...]:

@@ -1,0 +1,36 @@
+"""Poses at moments and their gradient by a call, against the same by torch's graph."""
+
+import pytest
+import torch
+
+from gs2ci.reconstruct.fit.scene.mask_moments import MaskMoments
+from gs2ci.render import se3
+
+
+def _turning(masks, by):
+    twists = by * torch.randn(masks, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    return se3.exp(torch.cumsum(twists, dim=0)).float()
+
+
+@pytest.mark.parametrize(
+    ("moments", "by"),
+    [((3,) * 8, 0.05), ((1, 2, 3, 1, 4), 0.3), ((2, 2), 0.2), ((2, 3, 2), 0.8), ((1, 3), 0.0)],
+    ids=["little", "some alone", "two masks", "much", "at rest"],
+)
+def test_poses_at_moments_and_their_gradient_are_those_of_the_graph(moments, by):
+    path, shared = _turning(len(moments), by), MaskMoments(moments, (0.8,) * len(moments))
+    found = shared.along(path)
+    twists = torch.zeros(len(moments), 6, dtype=torch.float64, requires_grad=True)
+    expected = shared.poses(se3.exp(twists) @ path.double())
+    torch.testing.assert_close(torch.from_numpy(found.poses), expected.detach().float(), rtol=0, atol=1e-6)
+    weights = torch.randn(expected.shape, generator=torch.Generator().manual_seed(2))
+    weights[:, 3] = 0
+    wanted = torch.autograd.grad((expected * weights).sum(), twists)[0]
+    by_path = torch.from_numpy(found.by_path(weights.numpy())).double()
+    reached = torch.autograd.grad((se3.exp(twists) @ path.double() * by_path).sum(), twists)[0]
+    torch.testing.assert_close(reached, wanted, rtol=1e-5, atol=1e-5)
+
+
+def test_a_mask_of_one_moment_keeps_its_pose_to_the_bit():
+    path = _turning(3, 0.1)
+    assert torch.equal(torch.from_numpy(MaskMoments((1, 2, 1), (0.8,) * 3).along(path).poses[[0, 3]]), path[[0, 2]])
