@@ -47,6 +47,7 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import working_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,16 +125,17 @@ def reconstruct_together(
         clock = Stopwatch.after({"total": kept.before_s})
     tools = Tools.load(settings)
     keeping = None if kept is None else observations(kept, tools, progress)
-    alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
-    observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
-    where = places(observed) if kept is None else kept_places(kept, observed)
-    for note in (*where.left_out, *where.notes):
-        progress.say(note.sentence)
-    clock.lap("geometry")
-    halt.begin()
-    fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept)
-    clock.lap("fit")
-    joint = _handed_over(where, fit, settings, progress, clock, None if halt.asked else kept)
+    with working_on(tools.backend.device):
+        alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots), keeping))
+        observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
+        where = places(observed) if kept is None else kept_places(kept, observed)
+        for note in (*where.left_out, *where.notes):
+            progress.say(note.sentence)
+        clock.lap("geometry")
+        halt.begin()
+        fit = _fitted(where.placed, settings, Monitoring(progress, clock.began_s, halt), kept)
+        clock.lap("fit")
+        joint = _handed_over(where, fit, settings, progress, clock, None if halt.asked else kept)
     notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 
