@@ -1,6 +1,6 @@
 """What other people's newest programs make of a run's exports: `python -m tests.clients RUN`, a table of figures.
 
-Not part of the tests: it installs the newest releases from npm into a temporary folder, and what they do changes
+Not part of the tests: it installs the newest releases by npm and pip into a temporary folder, and what they do changes
 without us. Each row has a figure and a limit; a row beyond its limit makes the exit status 1, a program that cannot be
 had here is said to be absent. `-o FILE` writes the table as a page (docs/clients.md).
 """
@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import venv
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -28,6 +29,7 @@ from gs2ci.core.colmap import pycolmap
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.half_turn import half_turned
 from gs2ci.render.ply import read_ply
 from tests.clients.spark import browser, drawn
 from tests.render.scenes_in_units import psnr_db, scaled
@@ -131,6 +133,32 @@ def splat_transform(bench: Bench) -> Iterator[Row]:
     yield _db(client, "SPZ of version 2", found, ROUND_TRIP_DB)
 
 
+READERS = {
+    "open3d": "import open3d, sys; files = open3d.t.io; "
+    "files.write_point_cloud(sys.argv[2], files.read_point_cloud(sys.argv[1]))",
+    "gsply": "import gsply, sys; read = gsply.read_spz if sys.argv[1].endswith('spz') else gsply.plyread; "
+    "gsply.plywrite(sys.argv[2], read(sys.argv[1]))",
+}
+"""Libraries of Python that read Gaussians, and what each runs to write a file as PLY."""
+
+
+def libraries(bench: Bench) -> Iterator[Row]:
+    """Read files of Gaussians by libraries of Python, and compare what they write as PLY with our PLY."""
+    wanted, scale = bench.shown(read_ply(bench.export("ply", "scene.ply"))), bench.spz_scale()
+    place = bench.work / "libraries"
+    venv.create(place, with_pip=True)
+    for name, script in READERS.items():
+        bench.command(place / "bin/pip", "install", "--quiet", name)
+        client = f"{name} {bench.command(place / 'bin/pip', 'show', name).partition('Version: ')[2].split()[0]}"
+        for to in ("ply", "spz"):
+            back = bench.work / f"back-{name}-{to}.ply"
+            bench.command(place / "bin/python", "-c", script, bench.export(to, f"scene.{to}"), back)
+            # Both hand out the numbers of SPZ as they are, y up, also into a PLY file; splat-transform turns them.
+            read = read_ply(back) if to == "ply" else half_turned(scaled(read_ply(back), 1 / scale))
+            what = "rendered as the PLY file is" if to == "ply" else "turned from y up, rendered as the PLY file is"
+            yield _db(client, f"scene.{to}, {what}", psnr_db(bench.shown(read), wanted), ROUND_TRIP_DB)
+
+
 def spark(bench: Bench) -> Iterator[Row]:
     """Draw every file in Spark with its defaults, against what the run's scene shows."""
     client = f"{bench.version('@sparkjsdev/spark')} in Chromium"
@@ -223,6 +251,7 @@ def axe(bench: Bench) -> Iterator[Row]:
 
 CLIENTS: tuple[Callable[[Bench], Iterator[Row]], ...] = (
     splat_transform,
+    libraries,
     spark,
     gltf_validator,
     colmap,
@@ -253,9 +282,9 @@ def as_page(rows: list[Row]) -> str:
     lines += [f"| {row.client} | {row.file} | {row.figure} | {row.limit} | {words[row.met]} |" for row in rows]
     return (
         "# Clients\n\nWhat other people's newest programs make of the demonstration's exports, in figures. Written on "
-        f"{datetime.now(UTC):%Y-%m-%d} by `make clients RUN=runs/demo/run` (`tests/clients`), which installs them from "
-        "npm into a temporary folder and is no part of the tests, because what they do changes without us. Programs "
-        "that this machine did not have are said to be absent.\n\n" + "\n".join(lines) + "\n"
+        f"{datetime.now(UTC):%Y-%m-%d} by `make clients RUN=runs/demo/run` (`tests/clients`), which installs them by "
+        "npm and pip into a temporary folder and is no part of the tests, because what they do changes without us. "
+        "Programs that this machine did not have are said to be absent.\n\n" + "\n".join(lines) + "\n"
     )
 
 
@@ -269,7 +298,7 @@ def main() -> int:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         node = given.node or Path(folder) / "node"
-        if given.node is None:
+        if given.node is None and given.only != ["libraries"]:
             node.mkdir()
             (node / "package.json").write_text('{"private": true}')
             wanted = [f"{name}@latest" for name in NPM]

@@ -14,7 +14,7 @@ leaves some 1e-7 of them. The readable definition they are held to is in `tests/
 the losses around it (`objective`, `paper.perceptual`).
 """
 
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -71,7 +71,9 @@ def _filter_row(image: F32, y: int, height: int, taps: F32, channels: int, scrat
 
 
 @helper()
-def _compare_16(at: int, fe, ee, eb, mean: F32, centred: F32, variance: F32, partial: F32, apart: F32) -> None:
+def _compare_16(
+    at: int, fe: Any, ee: Any, eb: Any, mean: F32, centred: F32, variance: F32, partial: F32, apart: F32
+) -> None:
     """Turn filtered e, e² and eb of 16 values into 1 - similarity and the similarity's derivatives by them."""
     plane = len(apart)
     mb, cb = load(mean, at), load(centred, at)

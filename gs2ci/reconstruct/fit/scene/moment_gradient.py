@@ -68,7 +68,7 @@ class MomentsOfPath:
         np.add.at(by_speed, self._of_mask, when * along)
         np.add.at(by_change, self._of_mask, when**2 * along)
         by_steps = _by_steps((by_speed - by_change) / 2, (by_speed + by_change) / 2)
-        both = np.linalg.inv(_series(np.concatenate([self._steps, -self._steps]))[0])
+        both = np.linalg.inv(_series(np.concatenate([self._steps, -self._steps]))[0]).astype(np.float64, copy=False)
         by_pose[1:] += _transposed(both[: count - 1], by_steps)
         by_pose[:-1] -= _transposed(both[count - 1 :], by_steps)
         return _by_poses(self._path, by_pose)
@@ -76,7 +76,8 @@ class MomentsOfPath:
 
 def _log(motions: F64) -> F64:
     """Return the twists of rigid motions, [K, 4, 4], [K, 6]."""
-    turns = np.concatenate([np.zeros((len(motions), 3)), Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()], axis=1)
+    turns: F64 = np.zeros((len(motions), 6))
+    turns[:, 3:] = Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()
     turns[:, :3] = np.linalg.solve(_series(turns)[0][:, :3, :3], motions[:, :3, 3:])[..., 0]
     return turns
 
@@ -89,7 +90,8 @@ def _by_steps(by_before: F64, by_after: F64) -> F64:
     found: F64 = by_before[1:] + by_after[:-1]
     first, last = by_before[0], by_after[-1]
     if len(found) == 1:
-        return found + first + last
+        found += first + last
+        return found
     found[0] += 2 * first
     found[1] -= first
     found[-1] += 2 * last

@@ -5,7 +5,7 @@ get some pixels too wide. Here: the filter. Not here: the sweep (`sweep`). OpenC
 at random, so that its results are not reproducible.
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -50,7 +50,7 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
 
 
 @helper(fastmath=EXACT)
-def _weigh(colours, plane, at, stride, weights):
+def _weigh(colours: F32, plane: int, at: int, stride: int, weights: F32) -> Any:
     """Store how alike 16 pixels from `at` on are to those of each offset of their windows; return half of the sums."""
     corner, half = at - _REACH_PX * (stride + 1), broadcast(_ZERO)
     for n in range(_OFFSETS):
@@ -65,7 +65,7 @@ def _weigh(colours, plane, at, stride, weights):
 
 
 @helper(fastmath=EXACT)
-def _median(levels, at, stride, weights, half):
+def _median(levels: F32, at: int, stride: int, weights: F32, half: Any) -> Any:
     """Return the lowest level up to which windows have half of their weight, by halving the levels."""
     corner, low, high = at - _REACH_PX * (stride + 1), broadcast(_ZERO), broadcast(_HIGHEST)
     for _ in range(_LEVEL_BITS):
@@ -79,7 +79,17 @@ def _median(levels, at, stride, weights, half):
 
 
 @kernel(i64, i64, i64, i64, f32_1, f32_1, f32_1, f32_1, f32_1, fastmath=EXACT)
-def _snap(from_task, to_task, height, width, inverse_depth, levels, colours, median, mean):
+def _snap(
+    from_task: int,
+    to_task: int,
+    height: int,
+    width: int,
+    inverse_depth: F32,
+    levels: F32,
+    colours: F32,
+    median: F32,
+    mean: F32,
+) -> None:
     """Write the weighted median of the levels around each pixel, and the mean of what shares it.
 
     Args:
