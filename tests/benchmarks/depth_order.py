@@ -101,7 +101,7 @@ def judge(number: int) -> tuple[str, str]:
         after = depth_rank(1 / geometry.inverse_depth, trial.scene.depth) if verdict == "full" else None
     else:
         found = reconstruct(trial.shot).result
-        verdict, errors, notes = str(found.geometry["verdict"]), found.geometry["order_errors"], found.notes
+        verdict, errors, notes = str(found.geometry.verdict), found.geometry.order_errors, found.notes
         after = None if found.depth is None else depth_rank(found.depth[trial.shot.views // 2], trial.scene.depth)
     outcome = _outcome(after, said_open=any(note.code in SAID_OPEN for note in notes))
     what = f"{trial.kind}, {trial.field_of_view_deg:.0f}°, {trial.parallax_px:.1f} px"

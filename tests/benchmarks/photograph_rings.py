@@ -93,7 +93,7 @@ def judge(name: str) -> str:
     )
     doubts = sorted(note.code for note in found.notes if note.code in ("path_unconfirmed", "path_uncertain"))
     return (
-        f"{name:16} {found.geometry['method']:8} nATE {path.nate:.3f} {path.rotation_deg:6.1f}°  views {views:.2f}  "
+        f"{name:16} {found.geometry.method:8} nATE {path.nate:.3f} {path.rotation_deg:6.1f}°  views {views:.2f}  "
         f"scene {scene:.2f}  decode {decode:.2f} dB  {seconds:.0f} s  {', '.join(doubts)}"
     )
 

@@ -38,7 +38,7 @@ def test_a_known_distortion_of_a_fifth_costs_next_to_nothing(bent):
     shot, found = bent
     straight = Bench("boxes", parallax_px=6.0).expose(SIZE)
     without = reconstruct(straight, SETTINGS).result
-    assert found.result.geometry.verdict == without.geometry["verdict"] == "full"
+    assert found.result.geometry.verdict == without.geometry.verdict == "full"
     loss_db = mean_psnr(without.views, straight.truth.views) - mean_psnr(found.result.views, shot.truth.views)
     assert loss_db < 1.8
     assert np.array_equal(found.result.distortion, shot.distortion)

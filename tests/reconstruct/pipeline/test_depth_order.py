@@ -24,4 +24,4 @@ def test_what_hides_what_tells_near_from_far_where_nothing_else_does(monkeypatch
     assert Code.DEPTH_ORDER_SHOWN in codes
     assert Code.DEPTH_ORDER_OPEN not in codes
     assert len(told) == 1
-    assert found.geometry["order_errors"] == told[0].errors > 2
+    assert found.geometry.order_errors == told[0].errors > 2
