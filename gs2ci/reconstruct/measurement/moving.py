@@ -20,8 +20,8 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.measurement.blocks import in_blocks
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A picture of one row or column has no gradient across it.
@@ -49,6 +49,12 @@ class LeftByMotion:
     explained: float
     surely: float
     velocity_px: F64
+
+    def pixels(self, size: tuple[int, int]) -> Bool:
+        """Return the pixels, [H, W], of blocks with a significant motion."""
+        moves = self.velocity_px.any(axis=-1)
+        found: Bool = np.repeat(np.repeat(moves, BLOCK_PX, axis=0), BLOCK_PX, axis=1)[: size[0], : size[1]]
+        return found
 
 
 def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
