@@ -109,7 +109,9 @@ def test_a_position_that_is_counted_late_is_known_to_its_standard_error(known):
 
 def test_the_standard_error_of_a_scatter_is_that_of_as_many_returns(known):
     camera, stage = known
-    found = estimate_stage(stage(repeatability_mm=0.02, noise_px=0.002).pictures(visits=3), [], camera)["x"].repeatability_mm
+    found = estimate_stage(stage(repeatability_mm=0.02, noise_px=0.002).pictures(visits=3), [], camera)[
+        "x"
+    ].repeatability_mm
     # Of each of seven targets from two sides, three visits have two degrees of freedom.
     assert found.standard_error == pytest.approx(found.value / np.sqrt(2 * 28), rel=0.1)
 
