@@ -18,7 +18,7 @@ from gs2ci.evaluate.report import SurenessSection
 from gs2ci.reconstruct.uncertainty.factors import UNKNOWN_DEPTH
 from gs2ci.render.gaussians import Gaussians
 
-ORDER_OPEN: Final = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED)
+ORDER_OPEN: Final = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_LIKELY, Code.DEPTH_ORDER_UNTRIED)
 """Findings that say that near and far may be exchanged."""
 VIEWS_ERROR: Final = "views_error.npy"
 DEPTH_ERROR: Final = "depth_error.npy"

@@ -28,6 +28,8 @@ def order_findings(order: OrderFound, geometry: Geometry) -> tuple[Finding, ...]
         return (finding(Code.POSES_SIGN_CONTRADICTED, source=geometry.source, less=order.less),)
     if order.state == DepthOrder.SHOWN:
         return (finding(Code.DEPTH_ORDER_SHOWN, errors=errors, times=order.times),)
+    if order.state == DepthOrder.LIKELY:
+        return (finding(Code.DEPTH_ORDER_LIKELY, times=order.times),)
     return ()
 
 

@@ -136,14 +136,14 @@ class Fits:
         """Get whether both orders of depth may be tried."""
         return self.settings.try_orders and self.settings.fit.iterations >= LEAST_SCHEDULE
 
-    def occlusion(self, fit: CoarseFit, views: F32) -> Occlusion:
-        """Find what views, [N, H, W, C], show where surfaces of a fit hide one another."""
+    def occlusion(self, fit: CoarseFit, shown: Sequence[F32]) -> list[Occlusion]:
+        """Find what each of several stacks of views, [N, H, W, C], shows where surfaces of a fit hide one another."""
         shot = self.fitted.shot
         backend = load_backend(self.settings.backend, self.settings.raster)
         renderer = ShotRenderer(shot, fit.intrinsics, backend, self.lens, self.mask_moments)
         depth = renderer.depths(fit.scene, fit.world_to_camera)
         distortion = None if self.lens is None else shot.distortion
-        return occlusion(views, depth, fit.world_to_camera, fit.intrinsics, distortion)
+        return [occlusion(views, depth, fit.world_to_camera, fit.intrinsics, distortion) for views in shown]
 
     def _begun(self, first: FirstLook, geometry: Geometry) -> tuple[Geometry, Gaussians]:
         return self.beginning(replace(first, geometry=geometry), first.decoded)

@@ -34,6 +34,8 @@ class DepthOrder(StrEnum):
     """Short fits are sure of the order opposite to that of a file."""
     SHOWN = "shown"
     """Two whole fits, one of each order, show which surfaces hide which."""
+    LIKELY = "likely"
+    """They do, but only in the views of one of them, or by a single thing that may have moved."""
     OPEN = "open"
     UNTRIED = "untried"
     """It is open, and nothing was done about it."""

@@ -94,12 +94,16 @@ class Jury:
         return (leader, *(one for one in field if one.number != leader.number)), order
 
     def _told(self, one: Entrant, other: Entrant) -> tuple[bool, OrderFound] | None:
-        """Tell whether the first of two fits hides what its refined views do not show; None if that is not clear."""
-        results = [entrant.run.result() for entrant in (one, other)]
-        refined = [self._fits.refine(result.views) for result in results]
-        if not explain_alike(*(self._fits.holdout.residual_rms(views) for views in refined)):
+        """Tell whether the first of two fits hides what refined views do not show; None if that is not clear."""
+        fits, results = self._fits, [entrant.run.result() for entrant in (one, other)]
+        refined = [fits.refine(result.views) for result in results]
+        if not explain_alike(*(fits.holdout.residual_rms(views) for views in refined)):
             return None
-        return shown_by(*(self._fits.occlusion(result, views) for result, views in zip(results, refined, strict=True)))
+        one_fit, other_fit = (fits.occlusion(result, refined) for result in results)
+        if not self._settings.may_move:
+            return shown_by(one_fit, other_fit)
+        moves = [ask(fits.holdout, result.views).pixels(fits.holdout.shot.size) for result in results]
+        return shown_by(one_fit, other_fit, moves[0] | moves[1])
 
     def counting(self, field: Sequence[Entrant]) -> list[Entrant]:
         """Return those whose views count in the mean: other hypotheses unless they surely raise its residual.

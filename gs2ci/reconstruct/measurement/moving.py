@@ -20,8 +20,8 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
-from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.measurement.blocks import in_blocks
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.measurement.blocks import BLOCK_PX, CHANCE, in_blocks
 from gs2ci.reconstruct.measurement.holdout import Holdout
 
 # A picture of one row or column has no gradient across it.
@@ -31,8 +31,6 @@ _LEAST_PIXELS: Final = 32
 # What is added to second moments, as a share of their trace, to invert those of a picture without gradient in some
 # direction.
 _LEAST_SHARE: Final = 1e-9
-# Significance level of a block: the probability of such a result if nothing moves.
-_CHANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,12 @@ class LeftByMotion:
     explained: float
     surely: float
     velocity_px: F64
+
+    def pixels(self, size: tuple[int, int]) -> Bool:
+        """Return the pixels, [H, W], of blocks with a significant motion."""
+        moves = self.velocity_px.any(axis=-1)
+        found: Bool = np.repeat(np.repeat(moves, BLOCK_PX, axis=0), BLOCK_PX, axis=1)[: size[0], : size[1]]
+        return found
 
 
 def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
@@ -83,7 +87,7 @@ def left_by_motion(holdout: Holdout, views: F32, times: F64) -> LeftByMotion:
     by_chance = np.trace(np.linalg.solve(gram, spread), axis1=2, axis2=3)
     gained = (velocity * moment).sum(axis=-1)
     ratio = (moment * np.linalg.solve(_invertible(spread), moment[..., None])[..., 0]).sum(axis=-1) / 2
-    sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < _CHANCE)
+    sure = testable & (fdtrc(2, freedom, np.where(testable, ratio, 0)) < CHANCE)
     explained = (gained - by_chance)[testable].sum() / power[testable].sum()
     return LeftByMotion(
         explained=max(float(explained), 0.0),

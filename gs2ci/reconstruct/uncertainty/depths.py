@@ -1,9 +1,9 @@
 """Standard errors of depths, pixel by pixel.
 
-A depth errs with the path, by which all depths shift together; by the error of a point's place in each view, the more
-the less the point moves through the views; by the thickness of the light that it is the median of; and where near and
-far meet, because an edge may lie a pixel off. Here: these together. Not here: the covariance
-(`information`), the factors (`factors`).
+A depth errs with the path, by which all depths shift together, not least as far as a turn in step with the travel may
+take the travel's place; by the error of a point's place in each view, the more the less the point moves through the
+views; by the thickness of the light that it is the median of; and where near and far meet, because an edge may lie a
+pixel off. Here: these together. Not here: the covariance (`information`), that turn (`poses`), the factors (`factors`).
 """
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.uncertainty import factors
 from gs2ci.reconstruct.uncertainty.information import Information, ReadingsSeen
+from gs2ci.reconstruct.uncertainty.poses import relief, travel_across
 from gs2ci.reconstruct.uncertainty.slopes import slopes
 
 
@@ -31,6 +32,7 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
         return np.zeros_like(depth)
     variance = (1.0 if given else factors.DEPTH_BY_POSES**2) * _by_poses(known, given=given)
     middle, found = float(np.median(depth[there])), np.zeros_like(depth)
+    shift = 0.0 if given else relief(travel_across(seen.world_to_camera, middle), seen.focal_px)
     # View by view, since the float64 maps of all views of a large exposure may not fit into memory at once.
     for view in range(len(depth)):
         own, cells = depth[view].astype(np.float64), known.cells[view]
@@ -38,7 +40,8 @@ def errors_of_depths(known: Information, seen: ReadingsSeen, spread: F32, path_e
         moved = movement(seen.world_to_camera, seen.focal_px, view, ray_ends)
         jump = np.hypot(*slopes(np.log(np.where(there[view], own, np.nan))))
         jump = np.minimum(np.nan_to_num(jump, nan=factors.MOST_OF_JUMP), factors.MOST_OF_JUMP)
-        by_path = factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + np.abs(own / middle - 1))
+        off_middle = np.abs(own / middle - 1)
+        by_path = np.hypot(factors.DEPTH_BY_PATH * path_error * (factors.AT_MIDDLE + off_middle), shift * off_middle)
         by_light = np.hypot(factors.DEPTH_BY_SPREAD * spread[view], factors.DEPTH_BY_JUMP * jump)
         by_poses = np.where(cells >= 0, variance[cells], variance[-1])
         relative = np.sqrt(by_poses + (factors.PLACE_PX / moved) ** 2 + by_light**2 + by_path**2)

@@ -94,7 +94,7 @@ def standard_errors(of: ExposureFound, path: PathKnown | None) -> Uncertainty:
     known = information(seen, path.reference, path.given)
     there = depth[depth > 0]
     middle = float(np.median(there)) if there.size else 1.0
-    positions, rotations = errors_of_poses(known.poses, of.world_to_camera, middle, given=given)
+    positions, rotations = errors_of_poses(known.poses, of.world_to_camera, middle, seen.focal_px, given=given)
     spread = of.light.spread.numpy()
     return Uncertainty(views, errors_of_depths(known, seen, spread, path.error, given=given), positions, rotations)
 

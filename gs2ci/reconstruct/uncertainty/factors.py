@@ -40,6 +40,10 @@ readings tell by so much less."""
 TURN: Final = 3.84
 TURN_PER_TRAVEL: Final = 0.38
 """The same for turns; and the share of the angle that travel moves the scene by, which turns may take its place."""
+RELIEF_PX: Final = 0.5
+"""A turn in step with the travel and a shift of all inverse depths leave the picture as it is (bas-relief): readings do
+not see a turn that moves it by this, px, from the middle of the path to an end. It shifts inverse depths by as much as
+that part of the travel moves the middle depth."""
 DEPTH_BY_POSES: Final = 2.05
 """The same for the part of depths' errors that is due to the path."""
 DEPTH_BY_SPREAD: Final = 0.56

@@ -16,13 +16,42 @@ from gs2ci.reconstruct.uncertainty import factors
 _TURN_COUNTS = 0.02
 
 
-def errors_of_poses(covariance: F64, world_to_camera: F64, middle_depth: float, *, given: bool) -> tuple[F64, F64]:
+def travel_across(world_to_camera: F64, middle_depth: float) -> F64:
+    """Return the angles by which travel across the line of sight moves the middle depth, from the mean place, rad, [N].
+
+    Args:
+        world_to_camera: [N, 4, 4].
+        middle_depth: Of the scene, in the unit of the path.
+    """
+    centres = camera_centres(world_to_camera)
+    across = (centres - centres.mean(axis=0)) @ world_to_camera[len(centres) // 2, :2, :3].T
+    angles: F64 = np.hypot(*across.T) / middle_depth
+    return angles
+
+
+def relief(across: F64, focal_px: F64) -> float:
+    """Return the standard error of all inverse depths' common shift, as a share of the middle one; at most 1.
+
+    As much of each camera's travel across the line of sight may be a turn instead.
+
+    Args:
+        across: Of each camera, rad, [N].
+        focal_px: Focal lengths, [2].
+    """
+    seen_px = float(across.max() * focal_px.mean())
+    return factors.RELIEF_PX / max(seen_px, factors.RELIEF_PX)
+
+
+def errors_of_poses(
+    covariance: F64, world_to_camera: F64, middle_depth: float, focal_px: F64, *, given: bool
+) -> tuple[F64, F64]:
     """Return the standard errors of positions, in the unit of the path, and of rotations, rad; [N] each.
 
     Args:
         covariance: Of the poses' twists (translation first, in the cameras' axes), [6 N, 6 N].
         world_to_camera: [N, 4, 4].
         middle_depth: Of the scene, in the unit of the path.
+        focal_px: Focal lengths, [2].
         given: Whether a stage or a file gave the poses, with standard errors that the covariance contains.
     """
     count = len(world_to_camera)
@@ -34,8 +63,9 @@ def errors_of_poses(covariance: F64, world_to_camera: F64, middle_depth: float, 
     rotation = np.sqrt(_squares(apart @ covariance @ apart.T).reshape(count, 3).sum(axis=1))
     if given:
         return position, rotation
-    across = np.hypot(*(moved @ world_to_camera[count // 2, :2, :3].T).T) / middle_depth
-    return factors.POSITION * position, np.hypot(factors.TURN * rotation, factors.TURN_PER_TRAVEL * across)
+    across = travel_across(world_to_camera, middle_depth)
+    per_travel = np.hypot(factors.TURN_PER_TRAVEL, relief(across, focal_px))
+    return factors.POSITION * position, np.hypot(factors.TURN * rotation, per_travel * across)
 
 
 def _squares(matrix: F64) -> F64:

@@ -434,3 +434,11 @@ def test_even_wall_that_slides_along_itself_is_not_seen_to_move():
     assert (seen.pixels_share, seen.most_px) == (0, 0)
     assert seen.gaussians_share == pytest.approx(1)
     assert moving.speeds(renderer, one.at(0.0), np.tile(np.eye(4), (VIEWS, 1, 1))) is None
+
+
+def test_pixels_that_move_are_those_of_blocks_with_a_motion():
+    velocity = np.zeros((2, 3, 2))
+    velocity[1, 2] = (0.5, 0)
+    expected = np.zeros((24, 40), bool)
+    expected[16:, 32:] = True
+    np.testing.assert_array_equal(LeftByMotion(0.1, 0.2, velocity).pixels((24, 40)), expected)

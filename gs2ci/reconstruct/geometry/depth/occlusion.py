@@ -10,14 +10,14 @@ Here: this evidence in one fit, and the comparison of two. Not here: the fits an
 (`hypotheses/turned.py`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import label, map_coordinates
 
-from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.arrays import F32, F64, I64, Bool
 from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
 from gs2ci.reconstruct.measurement.lens import pixel_centres
 from gs2ci.render.conventions import NEAR
@@ -36,6 +36,8 @@ _TIMES: Final = 2.0
 # And its blocks agree by so many standard errors. In pictures of 72 × 96 px reversed orders had five times as much by
 # 1.6 to 1.8 errors.
 _ERRORS: Final = 2.0
+# Neighbouring blocks belong to one thing if each has at least this share of the most evidence of any.
+_OF_A_THING: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,10 @@ class Occlusion:
     def total(self) -> float:
         """Get the evidence of all blocks."""
         return float(self.evidence.sum())
+
+    def without(self, blocks: Bool) -> "Occlusion":
+        """Return it without the evidence of some blocks, [Bh, Bw]."""
+        return replace(self, evidence=np.where(blocks, 0.0, self.evidence))
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,34 @@ def preferred(one: Occlusion, other: Occlusion) -> Preference | None:
     roots = np.sign(more) * np.sqrt(np.abs(more))
     errors = float(roots.sum() / np.sqrt(np.sum(roots**2)))
     return Preference(first, times, errors) if errors >= _ERRORS else None
+
+
+def things(one: Occlusion, other: Occlusion) -> I64:
+    """Number the things that two fits disagree on, from 1 in the blocks, [Bh, Bw], of each; 0 elsewhere.
+
+    A thing is what has evidence for one of the fits in neighbouring blocks: what hides, and what it hides, on all of
+    its sides. The views err alike in all of it, and if it moves by itself, all of it does.
+    """
+    differs = np.abs(one.evidence - other.evidence)
+    found: I64 = label(differs > _OF_A_THING * differs.max(), np.ones((3, 3)))[0].astype(np.int64)
+    return found
+
+
+def doubted_things(things: I64, doubted: Bool) -> Bool:
+    """Return the blocks, [Bh, Bw], of those things of which a part is doubted, pixels [H, W]."""
+    found: Bool = np.isin(things, things[_by_block(doubted.astype(np.float64)) > 0]) & (things > 0)
+    return found
+
+
+def is_one_things_word(one: Occlusion, other: Occlusion, things: I64) -> bool:
+    """Tell whether the first of two fits has twice the evidence of the other one only by the thing that has most.
+
+    A single thing may have moved by itself, and an edge may belong to the plain surface on either side of it.
+    """
+    more = np.bincount(things.ravel(), (one.evidence - other.evidence).ravel())
+    most = things == 1 + int(np.argmax(more[1:])) if len(more) > 1 else things > 0
+    rest, others = one.without(most).total, other.without(most).total
+    return not rest > max(_TIMES * others, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,14 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gs2ci.core.lens import slopes_of, undistorted
-from gs2ci.reconstruct.geometry.depth.occlusion import Occlusion, occlusion, preferred
+from gs2ci.reconstruct.geometry.depth.occlusion import (
+    Occlusion,
+    doubted_things,
+    is_one_things_word,
+    occlusion,
+    preferred,
+    things,
+)
 from gs2ci.reconstruct.geometry.reversal import reversed_poses
 
 SIZE = (48, 64)
@@ -146,3 +153,35 @@ def test_one_block_does_not_outvote_all_others():
     alone = np.zeros((6, 8))
     alone[2, 3] = 3.0
     assert preferred(CLEAR, replace(CLEAR, evidence=alone)) is None
+
+
+TWO_THINGS = np.zeros((6, 8))
+TWO_THINGS[1:3, 1:3] = TWO_THINGS[3, 3] = TWO_THINGS[1:5, 6] = 1.0
+SHOWS_TWO, SHOWS_NONE = replace(CLEAR, evidence=TWO_THINGS), replace(CLEAR, evidence=0 * TWO_THINGS)
+LEFT = np.where(np.arange(8) < 5, TWO_THINGS, 0) > 0
+
+
+def test_neighbouring_blocks_are_one_thing_across_corners_too():
+    found = things(SHOWS_TWO, SHOWS_NONE)
+    assert found.max() == 2
+    np.testing.assert_array_equal(found == 1, LEFT)
+    np.testing.assert_array_equal(things(SHOWS_NONE, SHOWS_TWO), found)
+    assert not things(SHOWS_TWO, SHOWS_TWO).any()
+
+
+def test_a_thing_of_which_a_part_is_doubted_is_doubted_as_a_whole():
+    doubted = np.zeros((48, 64), bool)
+    assert not doubted_things(things(SHOWS_TWO, SHOWS_NONE), doubted).any()
+    doubted[8:12, 8:12] = doubted[40:] = True
+    found = doubted_things(things(SHOWS_TWO, SHOWS_NONE), doubted)
+    np.testing.assert_array_equal(found, LEFT)
+    assert SHOWS_TWO.without(found).total == 4
+    assert SHOWS_TWO.without(found).variance == SHOWS_TWO.variance
+
+
+def test_one_of_two_things_does_not_have_the_only_word():
+    apart = things(SHOWS_TWO, SHOWS_NONE)
+    assert not is_one_things_word(SHOWS_TWO, SHOWS_NONE, apart)
+    assert is_one_things_word(SHOWS_TWO.without(LEFT), SHOWS_NONE, apart)
+    assert is_one_things_word(SHOWS_TWO, SHOWS_TWO.without(LEFT), apart)  # only the left one speaks for the first
+    assert is_one_things_word(SHOWS_NONE, SHOWS_NONE, np.zeros_like(apart))
