@@ -29,6 +29,7 @@ from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import working_on
 
 
 @dataclass(frozen=True)
@@ -76,25 +77,26 @@ def reconstruct(
     settings, placement = placed(shot, settings)
     settings, tools = settings if budget is None else budget.beforehand(settings), Tools.load(settings)
     _said(placement.notes, progress)
-    seen = observe(shot, settings, tools, progress, score, halt, registered)
-    halt.begin()
-    fits = seen.fits.within(budget, seen.first)
-    raced = Race(fits).run(seen.first, seen.order)
-    ensemble, geometry = raced.ensemble, raced.geometry
-    renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
-    if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
-        ensemble = fits.fine(ensemble, renderer, tools.fine)
-    progress.stage("views")
-    recovered = hand_over(raced.first, ensemble, fits.refine, fits.settings, raced.motion.polishing)
-    recovered = recovered.in_the_middle(ensemble, renderer)
-    geometry, ensemble = in_given_unit(geometry, ensemble)
-    light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
-    moved = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
-    fits.clock.lap("fit")
-    look, sure = raced.look.with_decode_of(raced.first), None
-    if settings.uncertainty:
-        sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
-        fits.clock.lap("uncertainty")
+    with working_on(tools.backend.device):
+        seen = observe(shot, settings, tools, progress, score, halt, registered)
+        halt.begin()
+        fits = seen.fits.within(budget, seen.first)
+        raced = Race(fits).run(seen.first, seen.order)
+        ensemble, geometry = raced.ensemble, raced.geometry
+        renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, fits.lens, fits.mask_moments)
+        if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
+            ensemble = fits.fine(ensemble, renderer, tools.fine)
+        progress.stage("views")
+        recovered = hand_over(raced.first, ensemble, fits.refine, fits.settings, raced.motion.polishing)
+        recovered = recovered.in_the_middle(ensemble, renderer)
+        geometry, ensemble = in_given_unit(geometry, ensemble)
+        light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
+        moved = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
+        fits.clock.lap("fit")
+        look, sure = raced.look.with_decode_of(raced.first), None
+        if settings.uncertainty:
+            sure = how_sure(look, geometry, ensemble, recovered, renderer, light)
+            fits.clock.lap("uncertainty")
     doubts = (*seen.doubts, *_said((finding(Code.INTERRUPTED),) if halt.asked else (), progress))
     stages = (seen.registered, doubts, look, raced, geometry, ensemble, light, recovered, moved)
     left = Left(*stages, fits.mask_moments, sure, placement)
@@ -109,8 +111,10 @@ def plan(shot: Shot, settings: Settings | None = None, progress: Progress | None
     Arguments and errors as for `reconstruct`.
     """
     (settings, _), progress = placed(shot, (settings or Settings()).check()), progress or Silent()
-    seen = observe(shot, settings, Tools.load(settings), progress, None, Halt(), None)
-    return planned(seen.fits, seen.first, seen.order)
+    tools = Tools.load(settings)
+    with working_on(tools.backend.device):
+        seen = observe(shot, settings, tools, progress, None, Halt(), None)
+        return planned(seen.fits, seen.first, seen.order)
 
 
 def _said(notes: tuple[Finding, ...], progress: Progress) -> tuple[Finding, ...]:

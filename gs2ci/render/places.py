@@ -1,10 +1,19 @@
 """Whether numbers lie on a device, from which reading them back means waiting for it.
 
-Here: the question, for renderers and fits alike. Not here: the choice of a device (`devices.py`).
+Here: the question, for renderers and fits alike, and the device on which work with arrays of the host is to be done.
+Not here: the choice of a device (`devices.py`).
 """
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Final
 
 import torch
 from torch import Tensor
+
+_HOST: Final = torch.device("cpu")
+_working: ContextVar[torch.device | None] = ContextVar("device for work with arrays of the host", default=None)
 
 _everywhere = False
 """Whether the host counts as a device: tests and counts switch it, since no other device can be had everywhere."""
@@ -24,3 +33,22 @@ def is_apart(device: torch.device) -> bool:
 def on_device(tensor: Tensor) -> bool:
     """Tell whether a tensor's numbers lie on a device."""
     return _everywhere or not tensor.is_cpu
+
+
+@contextmanager
+def working_on(device: torch.device) -> Iterator[None]:
+    """Let work with arrays of the host that has a version for devices be done on one, in this thread.
+
+    Other threads, unless they run in a copy of this one's context, go on on the host.
+    """
+    before = _working.set(device)
+    try:
+        yield
+    finally:
+        _working.reset(before)
+
+
+def working_device() -> torch.device | None:
+    """Return the device on which such work is to be done; None: on the host."""
+    device = _working.get() or _HOST
+    return device if is_apart(device) else None

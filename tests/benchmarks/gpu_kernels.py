@@ -47,11 +47,12 @@ def compiled(arch: int) -> list[Kernel]:
 
     from gs2ci.reconstruct.fit.kernels.device import kernels  # noqa: PLC0415
     from gs2ci.reconstruct.fit.losses import device_loss_kernels  # noqa: PLC0415
+    from gs2ci.reconstruct.geometry.depth import device_paths  # noqa: PLC0415
     from gs2ci.render.warp import blend, lists, project, stopping  # noqa: PLC0415
     from gs2ci.render.warp.types import BLOCK  # noqa: PLC0415
 
     tiled = [(blend.blend, BLOCK), (blend.blend_backward, BLOCK), (project.sum_poses, 256)]
-    whole = (blend, lists, project, stopping, kernels, device_loss_kernels)
+    whole = (blend, lists, project, stopping, kernels, device_loss_kernels, device_paths)
     plain = [wp.get_module(one.__name__) for one in whole]
     own = [one for one in (*kernels.ALL, *device_loss_kernels.ALL) if one.module not in plain]
     tiled += [(one, int(kernels.SUMMED)) for one in own]

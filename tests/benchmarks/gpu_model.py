@@ -35,7 +35,7 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import places
 from gs2ci.render.backend import load_backend
 from gs2ci.render.interface import Backend
-from tests.benchmarks.gpu import SIZES
+from tests.benchmarks.gpu_parts import SIZES
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 
 # Memory, GB/s, and arithmetic in float32, TFLOP/s: the makers' data sheets.

@@ -8,16 +8,13 @@ implementation for a device means that it runs there where a device is used, not
 """
 
 import os
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 from unittest.mock import patch
 
 import numba
 
 from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.decode import denoisers, pnp
 from gs2ci.reconstruct.fit.surfaces import surfaces
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthField, FieldStep
 from gs2ci.reconstruct.geometry.depth import sweep
@@ -31,8 +28,11 @@ MORE = (
     ("iteration: field of depth", DepthField, "step"),
     ("iteration: field of depth", FieldStep, "of_scene"),
     ("rendering: code of masks", backend.CpuBackend, "code"),
+    ("sweeps: views compared, and smoothed", sweep, "_best_planes"),
+    ("sweeps: jumps moved to edges", surfaces, "snapped"),
+    ("decode: GAP's projections", pnp, "project_onto_measurement"),
+    ("decode: total variation", denoisers, "denoise_planes"),
 )
-SWEPT = "fit: views compared, and smoothed"
 ON_DEVICE = (
     "iteration: loss",
     "iteration: opacity term",
@@ -42,30 +42,10 @@ ON_DEVICE = (
     "iteration: exchange of turning",
     "iteration: field of depth",
     "fit: error blended back",
-    SWEPT,
+    *("sweeps: ", "decode: "),
     "kernel: ",
     "depth of each Gaussian",
 )
-
-
-@contextmanager
-def _sweeps(clock: profile.Clock) -> Iterator[None]:
-    """Tell the sweeps for surfaces, whose inner loops a device has, from those before the fit."""
-    mapped, planes, inside = surfaces.surface_map, sweep._best_planes, threading.local()
-
-    def map_of_surfaces(*given: Any) -> Any:
-        inside.fit = True
-        try:
-            return mapped(*given)
-        finally:
-            inside.fit = False
-
-    def best_planes(*given: Any) -> Any:
-        name = SWEPT if getattr(inside, "fit", False) else "first look: views compared, and smoothed"
-        return clock.counted(name, planes)(*given)
-
-    with patch.object(surfaces, "surface_map", map_of_surfaces), patch.object(sweep, "_best_planes", best_planes):
-        yield
 
 
 def run() -> None:
@@ -76,7 +56,7 @@ def run() -> None:
     threads, clock = numba.get_num_threads(), profile.Clock()
     try:
         numba.set_num_threads(1)
-        with patch.object(profile, "PARTS", (*profile.PARTS, *MORE)), profile.counting(clock), _sweeps(clock):
+        with patch.object(profile, "PARTS", (*profile.PARTS, *MORE)), profile.counting(clock):
             began_s = time.process_time()
             found = pipeline.reconstruct(shot, settings)
             total_s = time.process_time() - began_s
@@ -84,7 +64,9 @@ def run() -> None:
         numba.set_num_threads(threads)
     there_s = sum(seconds for name, seconds in clock.seconds.items() if name.startswith(ON_DEVICE))
     fit_s = sum(
-        seconds for name, seconds in clock.seconds.items() if name.startswith(("fit: ", "iteration: ", "kernel: "))
+        seconds
+        for name, seconds in clock.seconds.items()
+        if name.startswith(("fit: ", "iteration: ", "kernel: ", "sweeps: "))
     )
     print(
         f"{profile.SCENE}, {SIZE[0]} x {SIZE[1]} x {shot.views}, draft: CPU {total_s:.1f} s, "

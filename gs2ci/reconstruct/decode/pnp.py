@@ -11,6 +11,7 @@ from typing import Annotated, Final, Literal
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
@@ -21,11 +22,13 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
-from gs2ci.reconstruct.decode.denoisers import Denoiser
+from gs2ci.reconstruct.decode.denoisers import Denoiser, TotalVariation
+from gs2ci.reconstruct.decode.device_gap import gap_on_device
 from gs2ci.reconstruct.decode.kernels import are_finite, project_onto_measurement
 from gs2ci.reconstruct.decode.planes import interleaved, planar, repeated
 from gs2ci.reconstruct.decode.several import turned
 from gs2ci.reconstruct.measurement.coding import cfa_channels
+from gs2ci.render.places import working_device
 
 Scheme = Literal["gap", "admm"]
 Beginning = Literal["average", "transpose"]
@@ -142,6 +145,11 @@ def plug_and_play(
         views = _average_exposure(equations.masks, equations.measured, equations.counts, channels)
     else:
         views = np.sum([one.masks[:, None] * one.measured for one in equations.each], axis=0, dtype=np.float32)
+    device = working_device()
+    if device is not None and gamma == 0 and channels is None and enough is None and len(targets) == 1:
+        smooth = _total_variation(denoise)
+        if smooth is not None:
+            return _on_device(views, equations, targets[0], levels.tolist(), smooth, noise, progress, device)
     # ADMM carries the difference between projected and denoised views along; accelerated GAP does so in the target.
     multiplier = np.zeros_like(views) if settings.scheme == "admm" else None
     seen = views
@@ -162,6 +170,36 @@ def plug_and_play(
         if enough is not None and enough(seen):
             break
     return interleaved(seen)
+
+
+def _total_variation(denoise: Denoiser) -> tuple[float, int] | None:
+    """Return weight per level and steps of a denoiser that a device has too; None: it is another one."""
+    if not isinstance(denoise, TotalVariation) or denoise.coupling:
+        return None
+    return denoise.weight_per_sigma, denoise.inner
+
+
+def _on_device(
+    views: F32,
+    equations: "_Equations",
+    target: F32,
+    sigmas: list[float],
+    smooth: tuple[float, int],
+    noise: ReadingNoise | None,
+    progress: Progress,
+    device: torch.device,
+) -> F32:
+    """Make all steps of accelerated GAP on a device."""
+    (one,) = equations.each
+    weighed = None if noise is None else noise.per_energy(one.inverse_energy)
+    levels = [(sigma, weighed, 1.0 if noise is None else noise.error_power(sigma)) for sigma in sigmas]
+    progress.stage("decode", len(levels))
+
+    def told(step: int, left: float) -> None:
+        progress.step(step, residual=_relative(left, equations.each))
+
+    given = (one.masks, one.measured, one.inverse_energy)
+    return interleaved(gap_on_device(views, given, target, levels, smooth, told, device))
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.reconstruct.uncertainty.of_run import how_sure
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.places import working_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,16 +107,17 @@ def reconstruct_together(
         progress.say(note.sentence)
     settings, clock = replace(settings, motion="off"), Stopwatch()
     tools = Tools.load(settings)
-    alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
-    observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
-    where = places(observed)
-    for note in (*where.left_out, *where.notes):
-        progress.say(note.sentence)
-    clock.lap("geometry")
-    halt.begin()
-    fits = _fitted(where.placed, settings, progress, halt, clock)
-    clock.lap("fit")
-    joint = _handed_over(where, fits, settings, progress, clock)
+    with working_on(tools.backend.device):
+        alone = list(observe_all(shots, settings, tools, progress, scores or [None] * len(shots)))
+        observed, repeating = decoded_together(alone, settings, tools.geometry_prior, progress)
+        where = places(observed)
+        for note in (*where.left_out, *where.notes):
+            progress.say(note.sentence)
+        clock.lap("geometry")
+        halt.begin()
+        fits = _fitted(where.placed, settings, progress, halt, clock)
+        clock.lap("fit")
+        joint = _handed_over(where, fits, settings, progress, clock)
     notes = (*where_rendered.notes, *repeating, *joint.result.notes)
     return replace(joint, result=replace(joint.result, device=where_rendered.device, notes=notes))
 

@@ -56,6 +56,11 @@ class WarpReuse(Reuse):
         self.listings += 1
         return self._lists
 
+    @property
+    def entries(self) -> int:
+        """Get how many entries the lists have that serve now."""
+        return 0 if self._lists is None else self._lists.total
+
     def used_by(self, rendering: object) -> None:
         """Let what a rendering was given stay as it is, until it is differentiated or forgotten."""
         self._users.add(rendering)

@@ -74,23 +74,35 @@ def test_a_few_iterations_on_a_card_are_those_of_the_cpu(draft):
     assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1)
 
 
+MOVED = (0.0, 1e-7, 2e-7, 3e-7)
+
+
 @NIGHTLY
-def test_a_draft_on_a_card_differs_no_more_than_drafts_of_the_cpu_that_begin_almost_alike(draft, monkeypatch):
-    """First positions are moved by 1e-7 and 2e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it."""
-    shot = Bench("planes").expose((48, 64))
-    (there, stages), (here, same) = draft(shot, "auto"), draft(shot, "cpu")
-    assert stages == same
-    assert there.verdict == here.verdict
-    assert there.gaussians == pytest.approx(here.gaussians, rel=0.1)
-    plain, of_the_cpu = fitting.first_gaussians, [psnr_db(shot, here)]
-    for moved in (1e-7, 2e-7):
+def test_drafts_on_a_card_are_in_the_mean_as_good_as_the_cpus(draft, monkeypatch):
+    """First positions are moved by up to 3e-7 of theirs: a fit that adds Gaussians makes tenths of a dB of it.
 
-        def shaken(*given, moved=moved):
-            start = plain(*given)
+    So the means of several drafts are compared: to 0.1 dB, and twice the standard error of their difference.
+    """
+    shot, plain = Bench("planes").expose((48, 64)), fitting.first_gaussians
+
+    def shaken(moved):
+        def start(*given):
+            first = plain(*given)
             draws = torch.Generator().manual_seed(int(moved * 1e9))
-            start.means = start.means * (1 + moved * torch.randn(start.means.shape, generator=draws))
-            return start
+            first.means = first.means * (1 + moved * torch.randn(first.means.shape, generator=draws))
+            return first
 
-        monkeypatch.setattr(fitting, "first_gaussians", shaken)
-        of_the_cpu.append(psnr_db(shot, draft(shot, "cpu")[0]))
-    assert psnr_db(shot, there) == pytest.approx(psnr_db(shot, here), abs=0.1 + np.ptp(of_the_cpu))
+        return start
+
+    found = {"auto": [], "cpu": []}
+    for moved in MOVED:
+        monkeypatch.setattr(fitting, "first_gaussians", shaken(moved))
+        (there, stages), (here, same) = draft(shot, "auto"), draft(shot, "cpu")
+        assert stages == same
+        assert there.verdict == here.verdict
+        assert there.gaussians == pytest.approx(here.gaussians, rel=0.1)
+        found["auto"].append(psnr_db(shot, there))
+        found["cpu"].append(psnr_db(shot, here))
+    print(found)  # docs/gpu.md has these figures
+    error_db = np.sqrt(sum(np.var(one, ddof=1) / len(one) for one in found.values()))
+    assert np.mean(found["auto"]) == pytest.approx(np.mean(found["cpu"]), abs=0.1 + 2 * error_db)

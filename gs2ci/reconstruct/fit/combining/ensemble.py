@@ -12,6 +12,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -134,7 +135,7 @@ def advance_together(
         run.advance(share, _Until(stop))
 
     with ThreadPoolExecutor(len(others), "companion fit") as pool:
-        running = [pool.submit(accompany, run) for run in others]
+        running = [pool.submit(copy_context().run, accompany, run) for run in others]
         try:
             numba.set_num_threads(max(1, threads - each * len(others)))
             leader.advance(share, progress)

@@ -11,7 +11,6 @@ agreement of several (`geometry.depth.map_agreement`).
 """
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Annotated, Self
 
 import cv2
@@ -37,7 +36,6 @@ from gs2ci.reconstruct.fit.optimiser.relief import WIDEST, Exchange
 from gs2ci.reconstruct.fit.scene.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.surfaces.depth_field import DepthFieldSettings, FieldStep
 from gs2ci.reconstruct.fit.surfaces.margin import MarginSettings
-from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.map_agreement import agreement
 from gs2ci.reconstruct.geometry.depth.snapping import snapped
 from gs2ci.reconstruct.geometry.depth.surface_map import surface_map
@@ -47,7 +45,6 @@ from gs2ci.render.adjoint import as_image, pull_back
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import MaskSet
-from gs2ci.render.places import is_apart
 
 # The planes' range: that of the scene between these quantiles of inverse depth, widened at both ends.
 _SCENE_QUANTILES = (0.005, 0.995)
@@ -266,14 +263,12 @@ def find_surfaces(
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen, beside = _spread(count, settings.views), _spread(count, settings.others + 1)
     straight = {view: _straightened(views[view], lens) for view in {*chosen, *beside}}
-    device = renderer.device
-    best_planes = partial(best_planes_on_device, device=device) if is_apart(device) else None
     maps = []
     for view in chosen:
         order = [view, *[i for i in beside if i != view][: settings.others]]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         compared = np.stack([straight[i] for i in order])
-        found = surface_map(compared, from_view, intrinsics, 0, span, settings.sweep, best_planes)
+        found = surface_map(compared, from_view, intrinsics, 0, span, settings.sweep)
         maps.append(snapped(found, straight[view]) if settings.snap else found)
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)

@@ -24,10 +24,10 @@ LARGE_JUMP = 0.08
 _STRIP_ROWS = 32
 _STRIP_COLUMNS = 32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
-_LEAST_DEPTH = np.float32(1e-3)
+LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
 # Below the rounding of path costs of order 1: it decides nothing but a division by 0.
-_LEAST_BEND = np.float32(1e-9)
+LEAST_BEND = np.float32(1e-9)
 
 
 @kernel(i64, i64, f32_3, f32_2, f32_2, f32, f32, f32_3, fastmath=EXACT)
@@ -70,9 +70,9 @@ def _aim_pixel(
 ) -> None:
     """Find the four pixels around (u, v) / z in a view of this height and width, and their weights; see `_aim_row`."""
     right, down = np.float32(size[1] - 1), np.float32(size[0] - 1)
-    inverse_z = _ONE / max(z, _LEAST_DEPTH)
+    inverse_z = _ONE / max(z, LEAST_DEPTH)
     u, v = u * inverse_z, v * inverse_z
-    lost = (u < 0) | (u > right) | (v < 0) | (v > down) | (z < _LEAST_DEPTH)
+    lost = (u < 0) | (u > right) | (v < 0) | (v > down) | (z < LEAST_DEPTH)
     u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), down)
     col, row = min(np.int32(u), np.int32(size[1] - 2)), min(np.int32(v), np.int32(size[0] - 2))
     corner[c] = row * np.int32(size[1]) + col
@@ -293,7 +293,7 @@ def _lowest(total: F32) -> float:
     k = min(max(k, 1), planes - 2)
     before, here, after = total[k - 1], total[k], total[k + 1]
     # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
-    bend = max(before - 2 * here + after, _LEAST_BEND)
+    bend = max(before - 2 * here + after, LEAST_BEND)
     return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
 
 

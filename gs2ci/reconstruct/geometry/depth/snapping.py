@@ -8,9 +8,12 @@ at random, so that its results are not reproducible.
 from typing import Any, Final
 
 import numpy as np
+import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.kernels import EXACT, f32_1, helper, i64, in_parts, kernel
+from gs2ci.reconstruct.geometry.depth.device_sweep import AT_ONCE
+from gs2ci.render.places import working_device
 from gs2ci.render.simd.elementary import exponential
 from gs2ci.render.simd.vector import LANES, broadcast, floor, load, maximum, minimum, store, where_ge
 
@@ -41,12 +44,49 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
     across = -(-width // LANES) * LANES
     rims = ((_REACH_PX, _REACH_PX), (_REACH_PX, _REACH_PX + across - width))
     colours = np.pad(view.astype(np.float32).transpose(2, 0, 1), ((0, 0), *rims), constant_values=_OUTSIDE)
-    median, mean = np.empty((2, height, across), np.float32)
-    given = (np.pad(depths, rims).reshape(-1), np.pad(levels, rims).reshape(-1), colours.reshape(-1))
-    in_parts(_snap, height, height, across, *given, median.reshape(-1), mean.reshape(-1))
+    given, device = (np.pad(depths, rims), np.pad(levels, rims), colours), working_device()
+    if device is not None:
+        median, mean = _snap_on_device(*given, device)
+    else:
+        median, mean = np.empty((2, height, across), np.float32)
+        flat = (one.reshape(-1) for one in given)
+        in_parts(_snap, height, height, across, *flat, median.reshape(-1), mean.reshape(-1))
     moves = np.abs(median[:, :width] - levels) > _KEPT_LEVELS
     found: F32 = np.where(moves, mean[:, :width], depths)
     return found
+
+
+def _snap_on_device(inverse_depth: F32, levels: F32, colours: F32, device: torch.device) -> tuple[F32, F32]:
+    """Do as `_snap`, in torch on a device, some rows at once; never run on a GPU so far.
+
+    Args:
+        inverse_depth: With rims, [H, W].
+        levels: Likewise.
+        colours: Likewise, [C, H, W].
+        device: Where.
+
+    Returns:
+        The medians and means, without rims.
+    """
+    depths, level, colour = (
+        torch.from_numpy(one).to(device).unfold(-2, _SIDE, 1).unfold(-2, _SIDE, 1)
+        for one in (inverse_depth, levels, colours)
+    )
+    found = []
+    some = max(1, AT_ONCE // depths[0].numel())
+    for depth, here, near in zip(*(torch.split(one, some, dim=-4) for one in (depths, level, colour)), strict=True):
+        own = near[..., _REACH_PX, _REACH_PX, None, None]
+        weights = ((near - own).square().sum(dim=0) * float(_LOG_PER_SQUARE)).exp()
+        half = 0.5 * weights.sum(dim=(-2, -1))
+        low, high = torch.zeros_like(half), torch.full_like(half, float(_HIGHEST))
+        for _ in range(_LEVEL_BITS):
+            middle = ((low + high) / 2).floor()
+            met = torch.where(here <= middle[..., None, None], weights, 0.0).sum(dim=(-2, -1)) >= half
+            low, high = torch.where(met, low, torch.minimum(middle + 1, high)), torch.where(met, middle, high)
+        same = torch.where(here == high[..., None, None], weights, 0.0)
+        found.append(torch.stack([high, (same * depth).sum(dim=(-2, -1)) / same.sum(dim=(-2, -1))]))
+    median, mean = torch.cat(found, dim=1).cpu().numpy()
+    return median, mean
 
 
 @helper(fastmath=EXACT)

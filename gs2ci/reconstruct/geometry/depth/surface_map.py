@@ -4,7 +4,7 @@ Here: this. Not here: the sweep (`sweep`).
 """
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.reconstruct.geometry.depth.sweep import BestPlanes, SweepSettings, sweep
+from gs2ci.reconstruct.geometry.depth.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.geometry.tracks.brightened import brightened
 
 
@@ -15,7 +15,6 @@ def surface_map(
     reference: int,
     span: tuple[float, float],
     settings: SweepSettings,
-    best_planes: BestPlanes | None = None,
 ) -> F32:
     """Estimate the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
 
@@ -23,4 +22,4 @@ def surface_map(
     """
     # Penalties are in full scales.
     views = brightened(views)
-    return sweep(views, world_to_camera, intrinsics, reference, span, settings, best_planes)
+    return sweep(views, world_to_camera, intrinsics, reference, span, settings)

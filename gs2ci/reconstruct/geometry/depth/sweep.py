@@ -4,7 +4,7 @@ Here: the range of planes, features, homographies, image size; the cost of a map
 loops (`kernels`). Semi-global matching: Hirschmüller 2008, four directions.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -16,13 +16,11 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.bounds import LARGEST_WINDOW_PX, Bounded, odd
 from gs2ci.core.config import Positive
 from gs2ci.core.kernels import in_parts
+from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.eight import FEATURES
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, describe, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks.tracks import RESIDUE_BLUR_PX
-
-BestPlanes = Callable[[F32, F64, int, int], F32]
-"""Finds the plane of each pixel of the first view, with its fraction, [H, W], from features [N, H, W, 8], homographies
-[D, N - 1, 3, 3], how many views count and the window's side."""
+from gs2ci.render.places import working_device
 
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
@@ -67,7 +65,6 @@ def sweep(
     reference: int,
     span: tuple[float, float],
     settings: SweepSettings,
-    best_planes: BestPlanes | None = None,
 ) -> F32:
     """Estimate the inverse depth at which the views agree, for every pixel of the reference view.
 
@@ -78,7 +75,6 @@ def sweep(
         reference: Index of the reference view.
         span: Farthest and nearest inverse depth.
         settings: How finely to sweep.
-        best_planes: Compares the views and smooths; None: by the CPU's kernels.
 
     Returns:
         Inverse depth, [H, W] float32, within `span`.
@@ -91,7 +87,7 @@ def sweep(
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = plane_homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     best = max(min(_LEAST_VIEWS_KEPT, len(others)), _seen_by(len(others)))
-    index = (best_planes or _best_planes)(features, homographies, best, settings.window_px)
+    index = _best_planes(features, homographies, best, settings.window_px)
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
     if small.shape != views.shape:
@@ -100,6 +96,10 @@ def sweep(
 
 
 def _best_planes(features: F32, homographies: F64, best: int, window: int) -> F32:
+    """Compare the views, [N, H, W, 8], on planes, [D, N - 1, 3, 3]; return the best plane with its fraction, [H, W]."""
+    device = working_device()
+    if device is not None:
+        return best_planes_on_device(features, homographies, best, window, device)
     cost = matching_cost(features[0], features[1:], homographies, best, window)
     return best_plane(cost, sum_along_rows(cost))
 

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import torch
+
+pytest.importorskip("warp", reason="Warp is not installed")
 from scipy.ndimage import gaussian_filter
 
+from gs2ci.reconstruct.geometry.depth import device_sweep
 from gs2ci.reconstruct.geometry.depth.device_sweep import best_planes_on_device
 from gs2ci.reconstruct.geometry.depth.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.depth.sweep import plane_homographies
@@ -33,7 +36,9 @@ def near_and_far(views):
 
 @pytest.mark.parametrize(("window", "best", "views"), [(1, 1, 1), (5, 2, 3), (7, 3, 4)])
 @pytest.mark.parametrize("forward", [0.0, -0.4])
-def test_planes_are_those_of_the_kernels(window, best, views, forward):
+@pytest.mark.parametrize("at_once", [1, 10**9])
+def test_planes_are_those_of_the_kernels(window, best, views, forward, at_once, monkeypatch):
+    monkeypatch.setattr(device_sweep, "AT_ONCE", at_once)
     features = near_and_far(views)
     twists = torch.zeros(views, 6, dtype=torch.float64)
     twists[:, 0] = torch.arange(1, views + 1) / FOCAL_PX

@@ -4,7 +4,9 @@ import numba
 import numpy as np
 import pytest
 
+from gs2ci.reconstruct.geometry.depth import snapping
 from gs2ci.reconstruct.geometry.depth.snapping import snapped
+from gs2ci.render import places
 
 
 def test_jumps_of_depth_move_to_the_edges_of_the_view():
@@ -40,8 +42,17 @@ def by_definition(inverse_depth, view):
     return found
 
 
+@pytest.fixture(params=[False, True], ids=["host", "device"])
+def somewhere(request, monkeypatch):
+    """Let the filter run on the host, or on a device for which the host stands in, a few windows at once."""
+    monkeypatch.setattr(snapping, "AT_ONCE", 50_000)
+    places.count_host_as_device(yes=request.param)
+    yield
+    places.count_host_as_device(yes=False)
+
+
 @pytest.mark.parametrize(("size", "channels"), [((13, 150), 3), ((30, 7), 1), ((1, 40), 3), ((40, 1), 1)])
-def test_the_kernel_does_what_the_definition_says(size, channels):
+def test_both_forms_do_what_the_definition_says(size, channels, somewhere):
     rng = np.random.default_rng(size[1])
     view = rng.random((*size, channels), dtype=np.float32) * np.float32(0.2)
     # Two surfaces with a little noise, a sloping part, and pixels by themselves.

@@ -1,0 +1,77 @@
+"""Paths of semi-global smoothing in Warp, one thread for each row or column. Never run on a GPU so far.
+
+Here: one direction of them. Not here: what they compute and why (`kernels._walk`), the sweep (`device_sweep.py`).
+"""
+
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from gs2ci.reconstruct.geometry.depth import kernels
+
+wp.set_module_options({"enable_backward": False})
+wp.init()
+
+SMALL_JUMP = wp.constant(wp.float32(kernels.SMALL_JUMP))
+LARGE_JUMP = wp.constant(wp.float32(kernels.LARGE_JUMP))
+FAR = wp.constant(wp.float32(1e9))
+
+
+@wp.kernel
+def walk(
+    cost: wp.array(dtype=wp.float32),
+    length: int,
+    planes: int,
+    apart: int,
+    step: int,
+    backwards: int,
+    paths: wp.array(dtype=wp.float32),
+    total: wp.array(dtype=wp.float32),
+):
+    """Walk along one line, and add the cheapest way to each plane of each pixel to the total."""
+    line = wp.tid()
+    for i in range(length):
+        at = line * apart + i * step
+        if backwards > 0:
+            at = line * apart + (length - 1 - i) * step
+        own = (2 * line + i % 2) * planes
+        before = (2 * line + (i + 1) % 2) * planes
+        least = FAR
+        if i > 0:
+            for d in range(planes):
+                least = wp.min(least, paths[before + d])
+        for d in range(planes):
+            way = cost[at + d]
+            if i > 0:
+                beside = FAR
+                if d > 0:
+                    beside = paths[before + d - 1]
+                if d < planes - 1:
+                    beside = wp.min(beside, paths[before + d + 1])
+                cheapest = wp.min(wp.min(paths[before + d], beside + SMALL_JUMP), least + LARGE_JUMP)
+                way = way + (cheapest - least)
+            paths[own + d] = way
+            total[at + d] = total[at + d] + way
+
+
+ALL: tuple[Any, ...] = (walk,)
+"""For counts and for compiling in advance."""
+
+
+def add_paths(cost: Tensor, total: Tensor, lines: tuple[int, int, int, int], *, backwards: bool) -> None:
+    """Add the path costs of one direction.
+
+    Args:
+        cost: [H, W, D], in one piece of memory.
+        total: Added to, likewise.
+        lines: How many lines there are, how many pixels each has, and how many numbers are between the first pixels of
+            two lines and between two pixels of one.
+        backwards: Whether from the last pixel to the first.
+    """
+    (count, length, apart, step), planes = lines, cost.shape[2]
+    paths = torch.empty(2 * count * planes, device=cost.device)
+    arrays = [wp.from_torch(one.view(-1)) for one in (cost, paths, total)]
+    numbers = [length, planes, apart, step, int(backwards)]
+    wp.launch(walk, dim=count, inputs=[arrays[0], *numbers], outputs=arrays[1:], device=arrays[0].device)

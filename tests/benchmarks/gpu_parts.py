@@ -1,0 +1,329 @@
+"""What `gpu` asks of a GPU, part by part; each prints its figures. Not here: their order and their time (`gpu`).
+
+Everything takes the renderer's device from `WarpBackend.place`, so that the flow of each part runs by fibers too.
+"""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.presets.named import preset
+from gs2ci.render import recording
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.settings import RasterSettings
+from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
+from tests.render.reference import ReferenceBackend
+from tests.stability.benches import Bench
+
+SIZES = [(2000, (96, 128), 8), (12000, (192, 256), 8), (48000, (512, 512), 8), (48000, (512, 512), 32)]
+ROUNDS = 20
+SANITIZERS = (Path("/usr/local/cuda/bin/compute-sanitizer"), Path("/opt/cuda/bin/compute-sanitizer"))
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What parts are given.
+
+    Args:
+        backend: The renderer `warp` on the device.
+        small: Whether only the flow is run.
+    """
+
+    backend: Any
+    small: bool
+
+    @property
+    def place(self) -> str:
+        """Get the device, as Warp names it."""
+        return str(self.backend.place)
+
+    @property
+    def is_cuda(self) -> bool:
+        """Get whether it is one."""
+        return self.place != "cpu"
+
+    @property
+    def rounds(self) -> int:
+        """Get how often a short measurement is repeated."""
+        return 2 if self.small else ROUNDS
+
+
+# --------------------------------------------------------------------------------------------------------- errors
+
+
+def errors(asked: Asked) -> None:
+    """Errors against the definition, of a rendering that is called and of one that is replayed; the same bits twice."""
+    size = (40, 48)
+    scene, intrinsics = fitted_like(60 if asked.small else 300, size, 2)
+    poses, masks, weights = small_motion(3), random_masks(3, size, 0.25), torch.randn(*size, 3)
+    exact = type(asked.backend)(RasterSettings(termination_transmittance=0.0), asked.place)
+    given = (scene, poses, intrinsics, masks, weights)
+    (truth,) = _outcomes(ReferenceBackend(), *given, times=1)
+    captured = recording.captured()
+    called, *others = _outcomes(exact, *given, times=4)
+    for name, wanted in truth.items():
+        error = float(torch.linalg.vector_norm(called[name].double() - wanted) / torch.linalg.vector_norm(wanted))
+        print(f"error of {name}, relative in the 2-norm: {error:.1e}")
+    same = all(torch.equal(one[name], called[name]) for one in others for name in truth)
+    print(f"graphs captured: {recording.captured() - captured}; refused: {recording.refusal() or 'no'}")
+    print(f"three replayed renderings have the bits of the one that was called: {'yes' if same else 'NO'}")
+
+
+def _outcomes(
+    backend: Any, scene: Gaussians, poses: Any, intrinsics: Any, masks: Any, weights: Any, times: int
+) -> list[dict[str, torch.Tensor]]:
+    kind = torch.float64 if backend.name == "reference" else torch.float32
+    mask_set, reuse, found = backend.code(masks), backend.reuse(), []
+    leaves = scene.map(lambda one: one.to(backend.device, kind, copy=True).requires_grad_())
+    for _ in range(times):
+        own = poses.to(backend.device, kind, copy=True).requires_grad_()
+        image = backend.coded(leaves, own, intrinsics, mask_set, reuse=reuse)
+        (image * weights.to(image)).sum().backward()
+        gradients = {name: one.grad.cpu() for name, one in leaves.parameters().items() if one.grad is not None}
+        found.append({"image": image.detach().cpu(), **gradients, "poses": own.grad.cpu()})
+        for one in leaves.parameters().values():
+            one.grad = None
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------------- times
+
+
+def iterations(asked: Asked) -> None:
+    """Milliseconds of an iteration at four sizes: rendering and gradient, and a whole iteration of a fit."""
+    print(
+        "| Gaussians | size | views | ms of kernels | ms, rendering and gradient | ms, fit's iteration | "
+        "ms, CPU's rendering and gradient |\n|---:|---|---:|---:|---:|---:|---:|"
+    )
+    for count, size, views in [(200, (24, 32), 3)] if asked.small else SIZES:
+        scene, intrinsics = fitted_like(count, size)
+        poses, masks = small_motion(views), random_masks(views, size, 0.25)
+        call = _rendering(asked.backend, scene, poses, intrinsics, masks)
+        here = _rendering(load_backend("cpu"), scene, poses, intrinsics, masks)
+        kernels, _ = _kernels_ms(asked, call)
+        print(
+            f"| {count} | {size[0]} × {size[1]} | {views} | {kernels} | {_least_ms(asked, call, asked.rounds):.2f} | "
+            f"{_fit_ms(asked, count, size, views):.2f} | {_least_ms(asked, here, max(2, asked.rounds // 4)):.1f} |",
+            flush=True,
+        )
+
+
+def _rendering(backend: Any, scene: Gaussians, poses: Any, intrinsics: Any, masks: Any) -> Callable[[], object]:
+    mask_set, reuse = backend.code(masks), backend.reuse()
+    there = scene.map(lambda one: one.to(backend.device))
+    height, width = mask_set.size
+    weights = torch.from_numpy(np.random.default_rng(0).normal(size=(height, width, 3)).astype(np.float32))
+    pulled: Any = weights.to(backend.device) if backend.device.type != "cpu" else weights.numpy()
+    placed = poses.to(backend.device)
+
+    def call() -> object:
+        for one in there.parameters().values():
+            one.grad = None
+        return backend.coded_with_pull(there, placed, intrinsics, mask_set, reuse=reuse)[1](pulled)
+
+    return call
+
+
+def _fit_ms(asked: Asked, count: int, size: tuple[int, int], views: int) -> float:
+    """Return the time of an iteration of a fit, before there are surfaces; the numbers that it waits for end it."""
+    from tests.benchmarks.gpu_model import iteration, state  # noqa: PLC0415  it takes its sizes from here
+
+    fit = state(count, size, views, asked.backend)
+    return _least_ms(asked, lambda: iteration(fit), asked.rounds)
+
+
+def _least_ms(asked: Asked, call: Callable[[], object], rounds: int) -> float:
+    """Return the least time of a call, what it queued included; the first ones compile and capture."""
+    times = []
+    for _ in range(rounds + 3):
+        began = time.perf_counter()
+        call()
+        _wait(asked)
+        times.append(time.perf_counter() - began)
+    return 1e3 * min(times[3:])
+
+
+def _wait(asked: Asked) -> None:
+    if asked.is_cuda:
+        import warp as wp  # noqa: PLC0415  an extra
+
+        wp.synchronize_device(asked.place)
+
+
+def _kernels_ms(asked: Asked, call: Callable[[], object]) -> tuple[str, Counter[str]]:
+    """Return the least time of the kernels of a call, and of each kernel, by the device's own events; of the CPU none.
+
+    Events are not recorded in graphs, so that launches are made one by one here.
+    """
+    import warp as wp  # noqa: PLC0415  an extra
+
+    if not asked.is_cuda:
+        call()
+        return "–", Counter()
+    best: Counter[str] = Counter()
+    may_capture, recording._may_capture = recording._may_capture, lambda _: False
+    try:
+        for _ in range(asked.rounds):
+            wanted = wp.TIMING_KERNEL | wp.TIMING_KERNEL_BUILTIN | wp.TIMING_MEMSET
+            wp.timing_begin(cuda_filter=wanted, synchronize=True)
+            call()
+            found: Counter[str] = Counter()
+            for one in wp.timing_end(synchronize=True):
+                found[one.name] += one.elapsed
+            if not best or found.total() < best.total():
+                best = found
+    finally:
+        recording._may_capture = may_capture
+    return f"{best.total():.2f}", best
+
+
+def worst_kernel(asked: Asked) -> None:
+    """Time of each kernel at the third size, and the worst one's bytes and operations a second, as modelled."""
+    from tests.benchmarks.gpu_model import BLEND_OPERATIONS, BLOCK, GRADIENT_OPERATIONS  # noqa: PLC0415
+
+    count, size, views = (200, (24, 32), 3) if asked.small else SIZES[2]
+    scene, intrinsics = fitted_like(count, size)
+    poses, masks = small_motion(views), random_masks(views, size, 0.25)
+    _, each = _kernels_ms(asked, _rendering(asked.backend, scene, poses, intrinsics, masks))
+    if not each:
+        print("no events on this device")
+        return
+    for name, ms in each.most_common():
+        print(f"{ms:8.3f} ms {ms / each.total():6.1%}  {name}")
+    reuse = asked.backend.reuse()
+    asked.backend.coded_with_pull(
+        scene.map(lambda one: one.to(asked.backend.device)),
+        poses.to(asked.backend.device),
+        intrinsics,
+        asked.backend.code(masks),
+        reuse=reuse,
+    )
+    pairs = reuse.entries * BLOCK
+    name, ms = each.most_common(1)[0]
+    operations = GRADIENT_OPERATIONS if "backward" in name else BLEND_OPERATIONS
+    print(
+        f"{name}: {reuse.entries} entries of lists; if it blends, {pairs * operations / ms / 1e9:.2f} TFLOP/s of "
+        "those that the model counts"
+    )
+
+
+# ------------------------------------------------------------------------------------------------- races, gsplat
+
+
+def races(asked: Asked) -> None:
+    """Races and accesses out of bounds, by NVIDIA's compute-sanitizer in a process of its own, where it is there."""
+    tool = shutil.which("compute-sanitizer") or next((str(path) for path in SANITIZERS if path.exists()), None)
+    if tool is None or not asked.is_cuda:
+        print("compute-sanitizer is not there: races were not looked for" if tool is None else "no CUDA device")
+        return
+    for kind in ("racecheck", "memcheck"):
+        command = [tool, "--tool", kind, "--error-exitcode", "9", sys.executable, "-m", "tests.benchmarks", "gpu"]
+        surroundings = {**os.environ, "GS2CI_PARTS": "errors", "GS2CI_SMALL": "1", "GS2CI_DEVICE": asked.place}
+        try:
+            done = subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=100, check=False)
+        except subprocess.TimeoutExpired:
+            print(f"{kind}: not done within 100 s")
+            continue
+        summary = [line for line in done.stdout.splitlines() if line.startswith("=========")][-1:]
+        print(f"{kind}: exit {done.returncode}; {' '.join(summary) or done.stderr.strip()[-300:]}")
+
+
+def beside_gsplat(asked: Asked) -> None:
+    """Forward and backward of the same views, unmasked, by gsplat, where it is installed and its kernels compile."""
+    if importlib.util.find_spec("gsplat") is None or not asked.is_cuda:
+        print("gsplat is not installed: nothing is compared with it")
+        return
+    from gsplat import rasterization  # type: ignore[import-not-found]  # noqa: PLC0415  not a dependency
+
+    for count, size, views in SIZES[2:3]:
+        scene, intrinsics = fitted_like(count, size)
+        place, poses = asked.backend.device, small_motion(views)
+        leaves = scene.map(lambda one, place=place: one.to(place).requires_grad_())
+        whole = torch.ones(views, *size)
+        ours = _rendering(asked.backend, scene, poses, intrinsics, whole)
+        matrices, cameras = poses.to(place), intrinsics.to(place).expand(views, 3, 3).contiguous()
+
+        def theirs(leaves=leaves, matrices=matrices, cameras=cameras, size=size) -> None:
+            images, _, _ = rasterization(
+                leaves.means,
+                leaves.quaternions,
+                leaves.log_scales.exp(),
+                torch.sigmoid(leaves.opacity_logits),
+                leaves.colours,
+                matrices,
+                cameras,
+                size[1],
+                size[0],
+            )
+            images.sum().backward()
+            for one in leaves.parameters().values():
+                one.grad = None
+
+        try:
+            took = _least_ms(asked, theirs, asked.rounds)
+        except Exception as error:
+            print(f"gsplat fails: {str(error).splitlines()[0][:200]}")
+            return
+        quarter = _rendering(asked.backend, scene, poses, intrinsics, random_masks(views, size, 0.25))
+        print(
+            f"{count} Gaussians, {size[0]} × {size[1]} × {views}: gsplat {took:.2f} ms; ours, all open, "
+            f"{_least_ms(asked, ours, asked.rounds):.2f} ms, and a quarter open, "
+            f"{_least_ms(asked, quarter, asked.rounds):.2f} ms"
+        )
+
+
+# --------------------------------------------------------------------------------------------------- whole shots
+
+
+def draft(asked: Asked) -> None:
+    """A whole draft on the device and on the CPU of the same machine, by stage."""
+    _whole_on_both(asked, "draft", (24, 32) if asked.small else (264, 353))
+
+
+def standard(asked: Asked) -> None:
+    """A whole standard on both."""
+    _whole_on_both(asked, "draft" if asked.small else "standard", (24, 32) if asked.small else (264, 353))
+
+
+def large_draft(asked: Asked) -> None:
+    """A draft of 1920 × 1080 px and 16 views, on the device alone."""
+    _whole("draft", f"warp:{asked.place}", (24, 32) if asked.small else (1080, 1920), 4 if asked.small else 16)
+
+
+def exponent(asked: Asked) -> None:
+    """Seconds of whole drafts from 256² to 2048² px, and the exponent of their growth in pixels."""
+    sides = (16, 24) if asked.small else (256, 512, 1024, 2048)
+    took = [_whole("draft", f"warp:{asked.place}", (side, side), 8)[0] for side in sides]
+    slope = float(np.polyfit(np.log(np.square(sides)), np.log(took), 1)[0])
+    print(f"exponent in pixels, {sides[0]}² to {sides[-1]}²: {slope:.2f}")
+
+
+def _whole_on_both(asked: Asked, name: str, size: tuple[int, int]) -> None:
+    there, _ = _whole(name, f"warp:{asked.place}", size, 8)
+    here, _ = _whole(name, "cpu", size, 8)
+    print(f"{name}: {here / there:.1f} times as fast as this machine's CPU ({os.cpu_count()} cores)")
+
+
+def _whole(name: str, backend: str, size: tuple[int, int], views: int) -> tuple[float, float]:
+    shot = Bench("motorcycle", views=views).expose(size)
+    began = time.perf_counter()
+    found = pipeline.reconstruct(shot, replace(preset(name), backend=backend)).result
+    took = time.perf_counter() - began
+    psnr_db = float(np.mean(psnr_per_view(found.views, shot.truth.views)))
+    stages = ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in found.seconds.items())
+    print(f"{name}, {size[0]} × {size[1]} × {views}, {backend}: {took:.1f} s ({stages}), {psnr_db:.2f} dB", flush=True)
+    return took, psnr_db
